@@ -1,0 +1,1 @@
+"""torchbeam: batched, differentiable, geometrically exact beam dynamics in PyTorch."""

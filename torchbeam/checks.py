@@ -1,0 +1,92 @@
+"""What the public doors share: turning input into tensors, and saying in one sentence what is wrong with it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+
+Value = Any  # a tensor, a Python number or a (nested) sequence of them
+
+
+def common_dtype(*values: Value) -> tuple[torch.dtype, torch.device]:
+    """dtype and device of the floating tensors among `values`; the default dtype on the CPU if there is none.
+
+    Raises ValueError where tensors of different floating dtypes or devices meet.
+    """
+    dtype, device = None, None
+    for value in values:
+        for tensor in value if isinstance(value, (list, tuple)) else (value,):
+            if not isinstance(tensor, Tensor):
+                continue
+            if tensor.is_floating_point():
+                if dtype not in (None, tensor.dtype):
+                    raise ValueError(f"tensors of dtype {dtype} and {tensor.dtype} were given; one dtype is wanted")
+                dtype = tensor.dtype
+            if device not in (None, tensor.device):
+                raise ValueError(f"tensors on {device} and {tensor.device} were given; one device is wanted")
+            device = tensor.device
+    return dtype or torch.get_default_dtype(), device or torch.device("cpu")
+
+
+def as_tensor(value: Value, dtype: torch.dtype, device: torch.device | None = None) -> Tensor:
+    """`value` as a tensor of the given dtype; a sequence that holds tensors is stacked, so that gradients survive."""
+    if isinstance(value, (list, tuple)) and any(isinstance(v, Tensor) for v in value):
+        parts = [as_tensor(v, dtype, device) for v in value]
+        return torch.stack(torch.broadcast_tensors(*parts), -1)
+    return torch.as_tensor(value, dtype=dtype, device=device)
+
+
+def axis_last(name: str, value: Any, size: int) -> Any:
+    """`value` if its last axis has `size` entries; ValueError otherwise."""
+    if value.ndim == 0 or value.shape[-1] != size:
+        raise ValueError(f"{name} of shape {tuple(value.shape)} was given; (..., {size}) is wanted")
+    return value
+
+
+def positive(name: str, value: Tensor, *, infinite: bool = False, zero: bool = False) -> Tensor:
+    """`value` if every entry is positive (or zero, or infinite, where allowed); ValueError otherwise."""
+    bad = ~(value >= 0) if zero else ~(value > 0)
+    if not infinite:
+        bad = bad | torch.isinf(value)
+    if bad.any():
+        wanted = ("a non-negative" if zero else "a positive") + (" or infinite" if infinite else " finite") + " number"
+        raise ValueError(f"{name} = {value[bad].flatten()[0].item():g} was given; {wanted} is wanted")
+    return value
+
+
+def finite(name: str, value: Tensor) -> Tensor:
+    """`value` if every entry is finite; ValueError otherwise."""
+    if not torch.isfinite(value).all():
+        raise ValueError(f"{name} holds {value[~torch.isfinite(value)].flatten()[0].item()}; finite numbers are wanted")
+    return value
+
+
+def count(name: str, value: int, least: int = 1) -> int:
+    """`value` if it is a whole number of at least `least`; ValueError otherwise."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise ValueError(f"{name} = {value!r} was given; a whole number of at least {least} is wanted")
+    return value
+
+
+def increasing(name: str, value: Tensor) -> Tensor:
+    """`value` if it is a strictly increasing series of at least two finite numbers; ValueError otherwise."""
+    if value.ndim != 1 or value.numel() < 2:
+        raise ValueError(f"{name} of shape {tuple(value.shape)} was given; a series of two or more instants is wanted")
+    finite(name, value)
+    step = value.diff()
+    if not (step > 0).all():
+        k = int((step <= 0).nonzero()[0, 0])
+        raise ValueError(
+            f"{name} goes from {value[k].item():g} to {value[k + 1].item():g}; strictly increasing instants are wanted"
+        )
+    return value
+
+
+def step_size(name: str, value: float) -> float:
+    """`value` if it is a positive finite Python number; ValueError otherwise."""
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or not (0 < value < math.inf):
+        raise ValueError(f"{name} = {value!r} was given; a positive finite number of seconds is wanted")
+    return float(value)

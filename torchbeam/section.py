@@ -1,0 +1,153 @@
+"""Section: the compliance and the mass of a beam's cross-section, per unit length."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from .checks import Value, as_tensor, axis_last, common_dtype, finite, positive
+
+SHEAR_FACTOR_RECTANGLE = 5 / 6  # Timoshenko's, Poisson's ratio neglected
+SHEAR_FACTOR_CIRCLE = 9 / 10  # solid circle, Poisson's ratio neglected (Cowper 1966 at nu = 0 gives 6/7)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A cross-section, per unit length, in its own axes: x along the beam, y and z across.
+
+    compliance  (..., 6, 6) S, symmetric: [gamma; kappa] = S [F; M]. Rows and columns [F1 F2 F3 M1 M2 M3];
+                units 1/N, 1/(N m), 1/(N m^2). A zero row and column declares that strain impossible.
+    mass        (..., 6, 6) symmetric: [P; H] = mass [V; Omega]. Units kg/m, kg, kg m.
+
+    Leading axes are batch axes. `rigid` tells which strains are impossible, `offset` whether the centre of mass may
+    lie off the reference axis (mass couples V and Omega) and `rotary` whether the section resists rotation; all three
+    are found once, here.
+
+    Raises ValueError for a wrong shape, an asymmetric matrix, a negative diagonal, NaN or infinity.
+    """
+
+    compliance: Tensor
+    mass: Tensor
+    rigid: tuple[bool, ...] = field(init=False)
+    offset: bool = field(init=False)
+    rotary: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        dtype, device = common_dtype(self.compliance, self.mass)
+        S = _symmetric("compliance", as_tensor(self.compliance, dtype, device))
+        mass = _symmetric("mass", as_tensor(self.mass, dtype, device))
+        S_diagonal = positive("a diagonal entry of the compliance", S.diagonal(dim1=-2, dim2=-1), zero=True)
+        positive("mass per length", mass[..., 0, 0])
+        positive("rotary inertia", mass.diagonal(dim1=-2, dim2=-1)[..., 3:], zero=True)
+        for name, matrix in (("compliance", S), ("mass", mass)):
+            least, largest = torch.linalg.eigvalsh(matrix.detach()).aminmax(dim=-1)
+            if (least < -1e-6 * largest.abs()).any():
+                raise ValueError(f"{name} with the eigenvalue {least.min().item():g} was given; none may be negative")
+        zero = (S_diagonal == 0).flatten(0, -2) if S.ndim > 2 else (S_diagonal == 0)[None]
+        set_ = object.__setattr__  # the dataclass is frozen
+        set_(self, "compliance", S)
+        set_(self, "mass", mass)
+        set_(self, "rigid", tuple(zero.any(0).tolist()))
+        set_(self, "offset", bool((mass[..., :3, 3:] != 0).any()))
+        set_(self, "rotary", bool((mass[..., 3:, 3:] != 0).any()))
+
+    @property
+    def batch_shape(self) -> torch.Size:
+        return torch.broadcast_shapes(self.compliance.shape[:-2], self.mass.shape[:-2])
+
+    @classmethod
+    def from_stiffness(
+        cls, EA: Value, GA: Value, GJ: Value, EI: Value, mass: Value, inertia: Value = 0.0
+    ) -> Section:
+        """Section with uncoupled stiffness.
+
+        EA       (...) N, axial stiffness
+        GA       (...) N, shear stiffness kGA along y and z; or a pair (along y, along z)
+        GJ       (...) N m^2, torsional stiffness
+        EI       (...) N m^2, bending stiffness; or a pair (about y: bending in the x-z plane, about z)
+        mass     (...) kg/m
+        inertia  (...) kg m, rotary inertia per length; or a pair (about y, about z). The polar one is their sum.
+
+        math.inf makes a strain impossible. A pair is a Python sequence of two; a tensor is one value with batch axes.
+        Raises ValueError for a stiffness that is not positive or a mass or inertia that is negative.
+        """
+        given = dict(EA=EA, GA=GA, GJ=GJ, EI=EI, mass=mass, inertia=inertia)
+        dtype, device = common_dtype(*given.values())
+        pair = {name: _pair(name, value, dtype, device) for name, value in given.items()}
+        for name in ("EA", "GJ", "mass"):
+            if isinstance(given[name], (list, tuple)):
+                raise ValueError(f"{name} = {given[name]!r} was given; one value is wanted (a batch is a tensor)")
+        for name in ("EA", "GA", "GJ", "EI"):
+            for value in pair[name]:
+                positive(name, value, infinite=True)
+        for name in ("mass", "inertia"):
+            for value in pair[name]:
+                positive(name, value, zero=name == "inertia")
+        stiffness = (pair["EA"][0], *pair["GA"], pair["GJ"][0], *pair["EI"])
+        m, (i_y, i_z) = pair["mass"][0], pair["inertia"]
+        return cls(_diagonal([1 / k for k in stiffness]), _diagonal([m, m, m, i_y + i_z, i_y, i_z]))
+
+    @classmethod
+    def rectangle(cls, width: Value, height: Value, E: Value, nu: Value, rho: Value) -> Section:
+        """Solid rectangle, `width` along y and `height` along z (m); Young's modulus E (Pa), Poisson's ratio nu,
+        density rho (kg/m^3). Shear factor 5/6; the torsion constant is Saint-Venant's series (Timoshenko and Goodier,
+        Theory of Elasticity, art. 109).
+        """
+        width, height, E, nu, rho = _positive_all(width=width, height=height, E=E, nu=nu, rho=rho)
+        G = E / (2 * (1 + nu))
+        A = width * height
+        I_y, I_z = width * height**3 / 12, height * width**3 / 12
+        long, short = torch.maximum(width, height), torch.minimum(width, height)
+        odd = torch.arange(1, 20, 2, dtype=A.dtype, device=A.device)
+        series = (torch.tanh(odd * math.pi * (long / short)[..., None] / 2) / odd**5).sum(-1)
+        J = long * short**3 * (1 / 3 - 64 / math.pi**5 * (short / long) * series)
+        return cls._solid(E, G, rho, A, SHEAR_FACTOR_RECTANGLE, I_y, I_z, J)
+
+    @classmethod
+    def circle(cls, radius: Value, E: Value, nu: Value, rho: Value) -> Section:
+        """Solid circle of the given radius (m); E (Pa), Poisson's ratio nu, density rho (kg/m^3). Shear factor 9/10."""
+        radius, E, nu, rho = _positive_all(radius=radius, E=E, nu=nu, rho=rho)
+        G = E / (2 * (1 + nu))
+        I = math.pi * radius**4 / 4
+        return cls._solid(E, G, rho, math.pi * radius**2, SHEAR_FACTOR_CIRCLE, I, I, 2 * I)
+
+    @classmethod
+    def _solid(cls, E, G, rho, A, shear_factor, I_y, I_z, J) -> Section:
+        kGA = shear_factor * G * A
+        return cls.from_stiffness(E * A, kGA, G * J, (E * I_y, E * I_z), rho * A, (rho * I_y, rho * I_z))
+
+
+def _positive_all(nu: Value, **values: Value) -> list[Tensor]:
+    """The given values as tensors in the order of the caller's keywords, nu among them, each checked for its sign."""
+    dtype, device = common_dtype(nu, *values.values())
+    values = {name: positive(name, as_tensor(value, dtype, device)) for name, value in values.items()}
+    nu = finite("nu", as_tensor(nu, dtype, device))
+    if not ((nu > -1) & (nu <= 0.5)).all():
+        raise ValueError(f"nu = {nu.flatten()[0].item():g} was given; Poisson's ratio lies above -1 and up to 0.5")
+    *before, rho = values.values()
+    return [*before, nu, rho]
+
+
+def _pair(name: str, value: Value, dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor]:
+    if isinstance(value, (list, tuple)):
+        if len(value) != 2:
+            raise ValueError(f"{name} with {len(value)} entries was given; one value or a pair (y, z) is wanted")
+        return as_tensor(value[0], dtype, device), as_tensor(value[1], dtype, device)
+    one = as_tensor(value, dtype, device)
+    return one, one
+
+
+def _diagonal(entries: list[Tensor]) -> Tensor:
+    return torch.diag_embed(torch.stack(torch.broadcast_tensors(*entries), -1))
+
+
+def _symmetric(name: str, matrix: Tensor) -> Tensor:
+    if matrix.ndim < 2 or matrix.shape[-2:] != (6, 6):
+        raise ValueError(f"a {name} of shape {tuple(matrix.shape)} was given; (..., 6, 6) is wanted")
+    finite(name, matrix)
+    if not torch.allclose(matrix, matrix.mT, rtol=1e-6, atol=0.0):
+        raise ValueError(f"a {name} that is not symmetric was given; a symmetric one is wanted")
+    return axis_last(name, matrix, 6)
