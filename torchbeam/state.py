@@ -1,0 +1,130 @@
+"""State: the beam at one instant (nodal form), and the views through which every form is read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from . import quaternions as quat
+
+
+class Point(NamedTuple):
+    """One node. All in frame a: position (..., 3) m, velocity (..., 3) m/s, rotation (..., 3, 3) section axes -> a,
+    spin (..., 3) rad/s.
+    """
+
+    position: Tensor
+    velocity: Tensor
+    rotation: Tensor
+    spin: Tensor
+
+
+class Support(NamedTuple):
+    """Load of the support on the beam at node 0, frame a: force (..., 3) N, moment (..., 3) N m."""
+
+    force: Tensor
+    moment: Tensor
+
+
+class TensorFields:
+    """What a frozen dataclass of tensors can do as a whole: every field is treated alike."""
+
+    def map(self, function: Any, *others: Any) -> Any:
+        """The same kind of object with `function` applied field by field."""
+        values = {f.name: function(*(getattr(x, f.name) for x in (self, *others))) for f in fields(self)}
+        return replace(self, **values)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Index the first axes of every field: `states[-1]` of a trajectory is its last state."""
+        return self.map(lambda x: x[index])
+
+    def clone(self) -> Any:
+        return self.map(torch.clone)
+
+    def detach(self) -> Any:
+        return self.map(torch.detach)
+
+    def to(self, *args: Any, **kwargs: Any) -> Any:
+        return self.map(lambda x: x.to(*args, **kwargs))
+
+    @classmethod
+    def stack(cls, states: list) -> Any:
+        """States in time order -> one object whose fields have time as their first axis."""
+        return states[0].map(lambda *x: torch.stack(torch.broadcast_tensors(*x)), *states[1:])
+
+
+@dataclass(frozen=True)
+class State(TensorFields):
+    """The beam at one instant. Leading axes are batch axes (time first in a trajectory).
+
+    position  (..., N+1, 3) m, frame a
+    rotation  (..., N+1, 4) unit quaternion, section axes -> frame a
+    velocity  (..., N+1, 3) m/s, absolute, frame a
+    spin      (..., N+1, 3) rad/s, absolute angular velocity Omega in section axes (frame B)
+    stress    (..., N, 6) [F1 F2 F3 M1 M2 M3] N and N m, frame B: of an equilibrium; after an implicit step its mean over
+              that step
+    reaction  (..., 6) load of the support on the beam, force N and moment N m, frame a: of an equilibrium; after an
+              implicit step its mean over that step
+    work      (...) J, done by the loads since the start
+    t         (...) s
+    status    (...) int: 0 = success; anything else names the failure, see `torchbeam.integrate.STATUS`. A failed sample
+              keeps its last good state.
+    """
+
+    position: Tensor
+    rotation: Tensor
+    velocity: Tensor
+    spin: Tensor
+    stress: Tensor
+    reaction: Tensor
+    work: Tensor
+    t: Tensor
+    status: Tensor
+
+    def node(self, index: int) -> Point:
+        """One node's motion, in frame a."""
+        q = self.rotation[..., index, :]
+        return Point(self.position[..., index, :], self.velocity[..., index, :], quat.matrix(q),
+                     quat.rotate(q, self.spin[..., index, :]))
+
+    @property
+    def tip(self) -> Point:
+        return self.node(-1)
+
+    @property
+    def nodes(self) -> Tensor:
+        """(..., N+1, 3) m, frame a."""
+        return self.position
+
+    @property
+    def root(self) -> Support:
+        return Support(self.reaction[..., :3], self.reaction[..., 3:])
+
+    @property
+    def batch_shape(self) -> torch.Size:
+        return torch.broadcast_shapes(*(getattr(self, n).shape[:-2] for n in ("position", "rotation", "velocity", "spin")))
+
+
+def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float = 0.0) -> State:
+    """The scene's beam undeformed and at rest, with the scene's batch axes (or those given)."""
+    shape = torch.Size(scene.batch_shape if batch_shape is None else batch_shape)
+    beam = scene.beam
+    nodes = beam.count + 1
+    zero = beam.nodes.new_zeros(())
+    return State(
+        position=beam.nodes.expand(*shape, nodes, 3),
+        rotation=beam.frames.expand(*shape, nodes, 4),
+        velocity=zero.expand(*shape, nodes, 3),
+        spin=zero.expand(*shape, nodes, 3),
+        stress=zero.expand(*shape, nodes - 1, 6),
+        reaction=zero.expand(*shape, 6),
+        work=zero.expand(*shape),
+        t=torch.full_like(zero, t).expand(*shape),
+        status=torch.zeros(shape, dtype=torch.long, device=zero.device),
+    )
+
+
+torch.serialization.add_safe_globals([State])
