@@ -121,8 +121,8 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float = 0.0)
         spin=zero.expand(*shape, nodes, 3),
         stress=zero.expand(*shape, nodes - 1, 6),
         reaction=zero.expand(*shape, 6),
-        work=zero.expand(*shape),
-        t=torch.full_like(zero, t).expand(*shape),
+        work=zero.expand(shape),
+        t=torch.full_like(zero, t).expand(shape),
         status=torch.zeros(shape, dtype=torch.long, device=zero.device),
     )
 

@@ -1,0 +1,1 @@
+"""Time integration: one file a method."""

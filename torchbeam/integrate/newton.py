@@ -1,0 +1,79 @@
+"""Newton's method, controlled by convergence, per sample; and its gradient by the implicit function theorem."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+TOLERANCE = {torch.float64: 1e-7, torch.float32: 2e-4}  # of the scaled residual *before* the last update, which squares it
+LIMIT = 25  # iterations
+
+STATUS = {
+    0: "success",
+    1: "Newton's method did not converge; a smaller step may help",
+    2: "a parameter, a load or the state became infinite or not a number",
+}
+
+
+class Outcome(NamedTuple):
+    """x: the solution (or the last iterate); reaction (..., 6); status (...) int, see `STATUS`; iterations (...) int."""
+
+    x: Any
+    reaction: Tensor
+    status: Tensor
+    iterations: Tensor
+
+
+def newton(problem: Any, x: Any, tolerance: float | None = None, limit: int = LIMIT) -> Outcome:
+    """Solve problem.residual(x) = 0. Samples that have converged stop changing, so that none depends on its neighbours.
+
+    A sample has converged once its scaled residual is below `tolerance`; the update that this residual asks for is still
+    made (it is at hand, and squares the error). A sample whose residual is not finite has failed and is left alone.
+    """
+    with torch.no_grad():
+        done = None
+        for _ in range(limit):
+            residual, *about = problem.residual(x)
+            size = residual.measure()
+            *change, root = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
+            moved = problem.moved(x, *change)
+            if done is None:
+                done = torch.zeros_like(size, dtype=torch.bool)
+                iterations, reaction = torch.zeros_like(size, dtype=torch.long), root
+            keep = done[..., None, None]
+            x = type(x)(*(torch.where(keep, old, new) for old, new in zip(x, moved, strict=True)))
+            reaction = torch.where(done[..., None], reaction, root)
+            iterations = iterations + ~done
+            done = done | (size <= (tolerance or TOLERANCE[size.dtype]))
+            broken = ~torch.isfinite(size)
+            if (done | broken).all():
+                break
+        return Outcome(x, reaction, torch.where(done, 0, torch.where(broken, 2, 1)), iterations)
+
+
+def attach(problem: Any, x: Any) -> tuple[Any, Tensor]:
+    """The solution x and the reaction there, with their derivatives.
+
+    By the implicit function theorem dx = -K^-1 dg: one residual with gradient and one linear solve, whatever the number of
+    iterations. First derivatives only.
+    """
+    residual, *about = problem.residual(x)
+    with torch.no_grad():
+        tangent = problem.linearise(x, *(_detached(a) for a in about))
+    *change, reaction = tangent.solve(residual.nodes, residual.strain)
+    return problem.moved(x, *(c - c.detach() for c in change)), reaction
+
+
+def wants_gradient(*tensors: Any) -> bool:
+    """Whether any derivative, backward or forward, is being recorded for these."""
+    return any(
+        isinstance(x, Tensor) and (x.requires_grad and torch.is_grad_enabled()
+                                   or torch.autograd.forward_ad.unpack_dual(x).tangent is not None)
+        for x in tensors
+    )
+
+
+def _detached(x: Any) -> Any:
+    return x.detach() if isinstance(x, Tensor) else type(x)(*(v.detach() for v in x))

@@ -1,0 +1,1 @@
+"""The energy-consistent element between nodes that carry position and rotation."""

@@ -1,0 +1,69 @@
+"""Linear solves of the chain: block tridiagonal systems, batched, differentiable in the right-hand side."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def block_tridiagonal(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
+    """x of D_i x_i + L_{i-1} x_{i-1} + U_i x_{i+1} = b_i by block elimination: O(n), pivoting inside the blocks.
+
+    D (..., n, k, k), L and U (..., n-1, k, k), b (..., n, k); leading axes broadcast. A singular pivot block gives
+    infinities or NaN in that sample alone.
+    """
+    n, k = b.shape[-2:]
+    ahead, y = [], []  # D'_i^-1 U_i and D'_i^-1 b'_i
+    for i in range(n):
+        diagonal, right = D[..., i, :, :], b[..., i, :, None]
+        if i > 0:
+            below = L[..., i - 1, :, :]
+            diagonal = diagonal - below @ ahead[-1]
+            right = right - below @ y[-1]
+        if i < n - 1:
+            solved = _solve(diagonal, U[..., i, :, :], right)
+            ahead.append(solved[..., :k])
+            y.append(solved[..., k:])
+        else:
+            y.append(_solve(diagonal, right))
+    x = [y[-1]]
+    for i in range(n - 2, -1, -1):
+        x.append(y[i] - ahead[i] @ x[-1])
+    return torch.cat(torch.broadcast_tensors(*x[::-1]), -1).mT
+
+
+def _solve(A: Tensor, *right: Tensor) -> Tensor:
+    """A^-1 [right ...]"""
+    shape = torch.broadcast_shapes(A.shape[:-2], *(r.shape[:-2] for r in right))
+    return torch.linalg.solve_ex(A, torch.cat([r.expand(*shape, *r.shape[-2:]) for r in right], -1))[0]
+
+
+class ChainSolve(torch.autograd.Function):
+    """`block_tridiagonal` with a matrix that is a constant: forward mode and backward (the transposed system) in b.
+
+    The matrix carries no gradient: this is the linear solve of the implicit function theorem, where the residual in b
+    carries it all. Second derivatives through it would be wrong and are refused.
+    """
+
+    @staticmethod
+    def forward(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
+        return block_tridiagonal(D, L, U, b)
+
+    @staticmethod
+    def setup_context(ctx, inputs, output) -> None:
+        D, L, U, b = inputs
+        ctx.save_for_backward(D, L, U)
+        ctx.save_for_forward(D, L, U)
+        ctx.shape = b.shape
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, grad: Tensor):
+        D, L, U = ctx.saved_tensors
+        g = block_tridiagonal(D.mT, U.mT, L.mT, grad)
+        return None, None, None, g.sum_to_size(ctx.shape)
+
+    @staticmethod
+    def jvp(ctx, _D, _L, _U, b_t: Tensor) -> Tensor:
+        D, L, U = ctx.saved_tensors
+        return block_tridiagonal(D, L, U, b_t)
