@@ -22,7 +22,7 @@ class Beam:
     elements    (..., N, 4) unit quaternions: section axes of the elements (C^ab) -> frame a
     length      (..., N) m, of each element along the reference axis
     compliance  (..., N or 1, 6, 6) and mass (..., N or 1, 6, 6): as in `Section`, per element
-    rigid, offset, rotary: as in `Section`; curved: whether node and element axes differ
+    rigid, coupled, offset, rotary: as in `Section`; curved: whether node and element axes differ
     """
 
     nodes: Tensor
@@ -32,6 +32,7 @@ class Beam:
     compliance: Tensor
     mass: Tensor
     rigid: tuple[bool, ...]
+    coupled: bool
     offset: bool
     rotary: bool
     curved: bool
@@ -162,7 +163,8 @@ class Beam:
         return cls(
             nodes, frames, elements, length, *stack,
             rigid=tuple(any(r) for r in zip(*(s.rigid for s in sections), strict=True)),
-            offset=any(s.offset for s in sections), rotary=any(s.rotary for s in sections), curved=curved,
+            coupled=any(s.coupled for s in sections), offset=any(s.offset for s in sections),
+            rotary=any(s.rotary for s in sections), curved=curved,
         )
 
 

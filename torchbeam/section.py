@@ -22,9 +22,9 @@ class Section:
                 units 1/N, 1/(N m), 1/(N m^2). A zero row and column declares that strain impossible.
     mass        (..., 6, 6) symmetric: [P; H] = mass [V; Omega]. Units kg/m, kg, kg m.
 
-    Leading axes are batch axes. `rigid` tells which strains are impossible, `offset` whether the centre of mass may
-    lie off the reference axis (mass couples V and Omega) and `rotary` whether the section resists rotation; all three
-    are found once, here.
+    Leading axes are batch axes. `rigid` tells which strains are impossible, `coupled` whether the compliance has more than
+    its diagonal, `offset` whether the centre of mass lies off the reference axis (mass couples V and Omega) and `rotary`
+    whether the section resists rotation; all are found once, here.
 
     Raises ValueError for a wrong shape, an asymmetric matrix, a negative diagonal, NaN or infinity.
     """
@@ -32,6 +32,7 @@ class Section:
     compliance: Tensor
     mass: Tensor
     rigid: tuple[bool, ...] = field(init=False)
+    coupled: bool = field(init=False)
     offset: bool = field(init=False)
     rotary: bool = field(init=False)
 
@@ -51,6 +52,7 @@ class Section:
         set_(self, "compliance", S)
         set_(self, "mass", mass)
         set_(self, "rigid", tuple(zero.any(0).tolist()))
+        set_(self, "coupled", bool((S != torch.diag_embed(S_diagonal)).any()))
         set_(self, "offset", bool((mass[..., :3, 3:] != 0).any()))
         set_(self, "rotary", bool((mass[..., 3:, 3:] != 0).any()))
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-TOLERANCE = {torch.float64: 1e-7, torch.float32: 2e-4}  # of the scaled residual *before* the last update, which squares it
+TOLERANCE = {torch.float64: 1e-8, torch.float32: 1e-4}  # of the scaled residual after the last update
 LIMIT = 25  # iterations
 
 STATUS = {
@@ -29,11 +29,13 @@ class Outcome(NamedTuple):
 def newton(problem: Any, x: Any, tolerance: float | None = None, limit: int = LIMIT) -> Outcome:
     """Solve problem.residual(x) = 0. Samples that have converged stop changing, so that none depends on its neighbours.
 
-    A sample has converged once its scaled residual is below `tolerance`; the update that this residual asks for is still
-    made (it is at hand, and squares the error). A sample whose residual is not finite has failed and is left alone.
+    A sample has converged once its scaled residual is below `tolerance`, or sure to be after the update that is at hand:
+    from r to s, the next is s (s/r)^2 where convergence is quadratic, and this is trusted once s < r/100. The update is made
+    either way. A sample whose residual is not finite has failed and is left alone.
     """
     with torch.no_grad():
-        done = None
+        done, before = None, 0.0
+        tolerance = tolerance or TOLERANCE[problem.model.S.dtype]
         for _ in range(limit):
             residual, *about = problem.residual(x)
             size = residual.measure()
@@ -46,7 +48,9 @@ def newton(problem: Any, x: Any, tolerance: float | None = None, limit: int = LI
             x = type(x)(*(torch.where(keep, old, new) for old, new in zip(x, moved, strict=True)))
             reaction = torch.where(done[..., None], reaction, root)
             iterations = iterations + ~done
-            done = done | (size <= (tolerance or TOLERANCE[size.dtype]))
+            drop = size / before
+            done = done | (size <= tolerance) | ((drop < 0.01) & (size * drop**2 <= tolerance))
+            before = size
             broken = ~torch.isfinite(size)
             if (done | broken).all():
                 break

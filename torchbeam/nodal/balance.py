@@ -21,6 +21,7 @@ from torch import Tensor
 
 from ..solve import ChainSolve
 from .element import to_blocks, to_nodes
+from .model import times
 
 
 class Residual(NamedTuple):
@@ -72,7 +73,7 @@ class Linearisation(NamedTuple):
         """rest (..., N, 9, 9) of elements at fixed stress; diagonal (..., N+1, 6, 6) of nodes; coupling (..., N, 6, 6)
         between neighbours: what is left of the mass matrix.
         """
-        D, U, L = to_blocks(rest + hB.mT @ (C @ E))
+        D, U, L = to_blocks(rest + hB.mT @ times(C, E))
         D = D + diagonal
         if coupling is not None:
             U, L = U + coupling, L + coupling
@@ -82,10 +83,10 @@ class Linearisation(NamedTuple):
         """What a residual asks for: move (..., N+1, 6) with a row of zeros for the root, d[F; M] (..., N, 6); and the root's
         balance after it, the reaction (..., 6).
         """
-        pushed = to_nodes((self.hB.mT @ (self.C @ g_strain[..., None]))[..., 0])
+        pushed = to_nodes((self.hB.mT @ times(self.C, g_strain[..., None]))[..., 0])
         free = ChainSolve.apply(self.D, self.L, self.U, -(g + pushed)[..., 1:, :])
         move = torch.nn.functional.pad(free, (0, 0, 1, 0))
         nine = torch.cat((move[..., :3].diff(dim=-2), move[..., :-1, 3:], move[..., 1:, 3:]), -1)
-        dstress = (self.C @ (g_strain[..., None] + self.E @ nine[..., None]))[..., 0]
+        dstress = times(self.C, g_strain[..., None] + self.E @ nine[..., None])[..., 0]
         reaction = g[..., 0, :] + pushed[..., 0, :] + (self.root @ free[..., 0, :, None])[..., 0]
         return move, dstress, reaction

@@ -24,8 +24,9 @@ class Model:
 
     length     (..., N, 1) m
     reference  (..., N, 6) strain of the undeformed beam
-    S          (..., N or 1, 6, 6) compliance, exact;  C its inverse, regularised where a strain is impossible
-    rate       S [F; M] = strain + rate (strain rate): a tensor (..., 1, 1) or (..., 1, 6, 6), s; None without damping
+    S          (..., N or 1, 6, 6) compliance, exact;  C its inverse, regularised where a strain is impossible; both are
+               (..., N or 1, 6, 1), their diagonals, for an uncoupled section: see `times`
+    rate       S [F; M] = strain + rate (strain rate), s: (..., 1, 1, 1), or a matrix like S; None without damping
     mass       (..., N+1, 1) kg of nodes;  inertia (..., N+1, 3, 3) kg m^2, section axes, None without rotary inertia
     coupling   (..., N, 1) kg between neighbours; None = lumped
     """
@@ -65,7 +66,8 @@ class Model:
         node_mass = pad(ends[0], (0, 0, 0, 0, 0, 1)) + pad(ends[1], (0, 0, 0, 0, 1, 0))
         share = pad(h / 2, (0, 0, 0, 1)) + pad(h / 2, (0, 0, 1, 0))
         return cls(
-            scene=scene, length=h, reference=reference, S=beam.compliance, C=_stiffness(beam), rate=_rate(scene),
+            scene=scene, length=h, reference=reference, S=_slim(beam.compliance, beam), C=_slim(_stiffness(beam), beam),
+            rate=_rate(scene),
             mass=node_mass[..., 0, :1], inertia=node_mass[..., 3:, 3:] if beam.rotary else None,
             coupling=None if lumped else COUPLING * m * h,
             section_mass=node_mass / share[..., None], share=share,
@@ -108,7 +110,16 @@ class Model:
     def strain_energy(self, position: Tensor, rotation: Tensor) -> Tensor:
         """(...) J"""
         e = strain(kinematics(position, rotation, self.length), self.length, self.reference)
-        return (self.length * e * (self.C @ e[..., None])[..., 0]).sum((-1, -2)) / 2
+        return (self.length * e * times(self.C, e[..., None])[..., 0]).sum((-1, -2)) / 2
+
+
+def times(matrix: Tensor, x: Tensor) -> Tensor:
+    """matrix @ x for x (..., 6, n), where the matrix may be given as (..., 6, 1), its diagonal, or (..., 1, 1), a factor."""
+    return matrix * x if matrix.shape[-1] == 1 else matrix @ x
+
+
+def _slim(matrix: Tensor, beam: Any) -> Tensor:
+    return matrix if beam.coupled else matrix.diagonal(dim1=-2, dim2=-1)[..., None]
 
 
 def _turned(mass: Tensor, q: Tensor) -> Tensor:
@@ -139,9 +150,11 @@ def _rate(scene: Scene) -> Tensor | None:
         return None
     tau = torch.as_tensor(scene.damping.tau, dtype=scene.dtype, device=scene.device)
     if not scene.damping.six:
-        return tau[..., None, None]
+        return tau[..., None, None, None]
     if any(scene.beam.rigid):
         raise ValueError("six-valued tau was given for a section with an impossible strain; one value is wanted there")
+    if not scene.beam.coupled:
+        return tau[..., None, :, None]
     root = torch.diag_embed(tau.sqrt())[..., None, :, :]
     return scene.beam.compliance @ root @ torch.linalg.inv(scene.beam.compliance) @ root
 

@@ -28,7 +28,7 @@ from ..quaternions import hat
 from ..state import State
 from .balance import Linearisation, Residual
 from .element import Kinematics, forces, geometric_stiffness, kinematics, strain, strain_operator, to_nodes
-from .model import Model
+from .model import Model, times
 
 
 class Middle(NamedTuple):
@@ -132,8 +132,8 @@ class Step:
         rise = strain_end - self.strain
         followed = (self.strain + strain_end) / 2
         if model.rate is not None:
-            followed = followed + _times(model.rate, rise) / dt
-        gap = followed - _times(model.S, x.stress)
+            followed = followed + times(model.rate, rise[..., None])[..., 0] / dt
+        gap = followed - times(model.S, x.stress[..., None])[..., 0]
         nodes = inertia + to_nodes(element) - external
         sizes = _sizes(element, external, inertia, self.model.length)
         return Residual(nodes, gap, *sizes, followed.detach().abs().amax((-1, -2))), middle, end, q
@@ -148,7 +148,7 @@ class Step:
         B_end = strain_operator(end, model.length)
         E = torch.cat((B_end[..., :3], B_end[..., 3:6] @ half[..., :-1, :, :], B_end[..., 6:] @ half[..., 1:, :, :]), -1)
         if model.rate is not None:
-            E = E + 2 / dt * (model.rate @ E if model.rate.shape[-1] == 6 else model.rate[..., None] * E)
+            E = E + 2 / dt * times(model.rate, E)
         rest = geometric_stiffness(middle, x.stress, model.length)
         by_r = 4 / dt**2 * model.mass[..., None] * eye
         by_spin = 0.0
@@ -195,11 +195,6 @@ class Step:
             t=self.start.t + self.dt,
             status=self.start.status,
         )
-
-
-def _times(matrix: Tensor, v: Tensor) -> Tensor:
-    """matrix (..., 6, 6), or a factor (..., 1, 1), times v (..., 6)."""
-    return matrix[..., 0] * v if matrix.shape[-1] == 1 else (matrix @ v[..., None])[..., 0]
 
 
 def _sizes(element: Tensor, external: Tensor | float, inertia: Tensor, length: Tensor) -> tuple[Tensor, Tensor]:
