@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from .beam import Beam
-from .checks import Value, axis_last, finite
-from .effects import Damping, Effect, Input
+from .checks import Value, as_tensor, axis_last, finite
+from .effects import Damping, Effect, Input, Inputs
 
 
 @dataclass(frozen=True)
@@ -124,3 +124,14 @@ class Scene:
         loads = [v.shape[:-1] for e in self.loads for v in e.values if hasattr(v, "shape")]
         taus = [] if self.damping is None else [self.damping.tau.shape[:-1] if self.damping.six else self.damping.tau.shape]
         return torch.broadcast_shapes(self.beam.batch_shape, *loads, *taus)
+
+    def tensors(self, given: dict[str, Any]) -> Inputs:
+        """Inputs by name as tensors; ValueError where one is missing, unknown or of the wrong size."""
+        for name in given:
+            if name not in self.inputs:
+                raise ValueError(f"the input {name!r} was given; the scene has {', '.join(self.inputs) or 'none'}")
+        for name in self.inputs:
+            if name not in given:
+                raise ValueError(f"the input {name!r} is missing; the scene wants {', '.join(self.inputs)}")
+        return {name: axis_last(f"input {name!r}", as_tensor(value, self.dtype, self.device), self.inputs[name])
+                for name, value in given.items()}

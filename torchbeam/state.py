@@ -84,6 +84,11 @@ class State(TensorFields):
     t: Tensor
     status: Tensor
 
+    def at(self, t: Tensor) -> State:
+        """The same state at another time, its work counted from there and its failures forgotten."""
+        return replace(self, t=torch.zeros_like(self.t) + t, work=torch.zeros_like(self.work),
+                       status=torch.zeros_like(self.status))
+
     def node(self, index: int) -> Point:
         """One node's motion, in frame a."""
         q = self.rotation[..., index, :]

@@ -90,3 +90,18 @@ class Linearisation(NamedTuple):
         dstress = times(self.C, g_strain[..., None] + self.E @ nine[..., None])[..., 0]
         reaction = g[..., 0, :] + pushed[..., 0, :] + (self.root @ free[..., 0, :, None])[..., 0]
         return move, dstress, reaction
+
+
+def largest(length: Tensor, *terms: Tensor | float) -> tuple[Tensor, Tensor]:
+    """Largest force and moment (...) in the terms of a balance, of elements (..., N, 9) or of nodes (..., N+1, 6): what
+    its residual is measured against. A force is also a moment, over an element's length; a moment is also a force, over
+    the beam's.
+    """
+    sizes = []
+    for term in terms:
+        if isinstance(term, Tensor):
+            term = term.detach().abs()
+            sizes.append((term[..., :3].amax((-1, -2)), term[..., 3:].amax((-1, -2))))
+    force, moment = (torch.stack(torch.broadcast_tensors(*part)).amax(0) for part in zip(*sizes, strict=True))
+    length = length.detach()
+    return torch.maximum(force, moment / length.sum((-1, -2))), moment + force * length.amax((-1, -2))

@@ -26,7 +26,7 @@ from .. import quaternions as quat
 from ..effects import Inputs
 from ..quaternions import hat
 from ..state import State
-from .balance import Linearisation, Residual
+from .balance import Linearisation, Residual, largest
 from .element import Kinematics, forces, geometric_stiffness, kinematics, strain, strain_operator, to_nodes
 from .model import Model, times
 
@@ -135,7 +135,7 @@ class Step:
             followed = followed + times(model.rate, rise[..., None])[..., 0] / dt
         gap = followed - times(model.S, x.stress[..., None])[..., 0]
         nodes = inertia + to_nodes(element) - external
-        sizes = _sizes(element, external, inertia, self.model.length)
+        sizes = largest(h, element, external, inertia)
         return Residual(nodes, gap, *sizes, followed.detach().abs().amax((-1, -2))), middle, end, q
 
     def linearise(self, x: Middle, middle: Kinematics, end: Kinematics, q: Tensor) -> Linearisation:
@@ -195,13 +195,3 @@ class Step:
             t=self.start.t + self.dt,
             status=self.start.status,
         )
-
-
-def _sizes(element: Tensor, external: Tensor | float, inertia: Tensor, length: Tensor) -> tuple[Tensor, Tensor]:
-    """Largest force and moment in the balance, (...): what its residual is measured against."""
-    parts = [(element[..., :3], element[..., 3:]), (inertia[..., :3], inertia[..., 3:])]
-    if not isinstance(external, float):
-        parts.append((external[..., :3], external[..., 3:]))
-    force, moment = (torch.stack(torch.broadcast_tensors(*(p[k].detach().abs().amax((-1, -2)) for p in parts))).amax(0)
-                     for k in (0, 1))
-    return force, moment + force * length.detach().amax((-1, -2))

@@ -1,0 +1,152 @@
+"""simulate: a scene over time, by any form and method."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..checks import as_tensor, increasing, step_size
+from ..newton import STATUS
+from ..nodal.model import Model
+from ..nodal.rates import Rates
+from ..scene import Scene
+from ..solution import Energy, Solution, Stats
+from ..state import State, rest
+from .ode import METHODS as ODE_METHODS
+from .ode import integrate
+from .stepper import METHODS as IMPLICIT_METHODS
+from .stepper import Stepper
+
+FORMS = ("nodal", "minimal", "block_rate")
+STEPS = 200  # of the default step, over the whole of t
+
+
+def simulate(
+    scene: Scene,
+    t: Any,
+    initial: Any = None,
+    method: str | None = None,
+    *,
+    form: str = "nodal",
+    inputs: dict[str, Any] | None = None,
+    throw: bool = False,
+    **options: Any,
+) -> Solution:
+    """Motion of a scene at the instants t.
+
+    t        (time,) s, strictly increasing; the first is that of the initial state
+    initial  a state of the form; None = undeformed and at rest
+    method   "midpoint" (nodal form, its default: implicit, mean strain) with
+                 step=        s; each output interval is split into ceil(interval/step) equal steps. Default: the shortest
+                              interval or 1/200 of the whole, whichever is less
+                 lumped=, tolerance=, iterations=    see `Stepper`
+                 progress=    called with (steps done, steps in all) after each step
+             or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=
+    form     "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the index-reduced derivation)
+    inputs   by name: (..., size) held throughout, or a function of t (taken at mid step by the implicit method)
+    throw    raise RuntimeError where a sample fails; otherwise `sol.status` and a warning say so, and the sample keeps its
+             last good state
+
+    Everything is differentiable. An explicit method steps with the highest frequency of the mesh: stiff, long or batched
+    scenes want "midpoint".
+
+    Raises ValueError for a t that does not increase, an unknown form or method, an option the method does not have.
+    """
+    if form not in FORMS:
+        raise ValueError(f"form = {form!r} was given; {', '.join(map(repr, FORMS))} are there")
+    method = method or ("midpoint" if form == "nodal" else "dopri5")
+    if method not in (*IMPLICIT_METHODS, *ODE_METHODS):
+        raise ValueError(f"method = {method!r} was given; there are {', '.join((*IMPLICIT_METHODS, *ODE_METHODS))}")
+    t = increasing("t", as_tensor(t, scene.dtype, scene.device))
+    inputs = inputs or {}
+    if form != "nodal":
+        from .mixed import simulate_mixed
+
+        solution = simulate_mixed(scene, t, form, initial, method, inputs=inputs, **options)
+    elif method in IMPLICIT_METHODS:
+        solution = _implicit(scene, t, initial, method, inputs, **options)
+    else:
+        solution = _explicit(scene, t, initial, method, inputs, **options)
+    return _judged(solution, throw)
+
+
+def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
+              step: float | None = None, progress: Callable[[int, int], None] | None = None, **options: Any) -> Solution:
+    intervals = t.detach().diff()
+    step = step_size("step", step) if step is not None else min(intervals.min().item(), (t[-1] - t[0]).item() / STEPS)
+    counts = [max(1, math.ceil(gap / step - 1e-6)) for gap in intervals.tolist()]
+    stepper = Stepper(scene, step, method, **options)
+    state = _begin(scene, initial, t[0])
+    states, iterations, done = [state], [], 0
+    for k, count in enumerate(counts):
+        dt = (t[k + 1] - t[k]) / count
+        for i in range(count):
+            state = stepper(state, dt=dt, **_held(inputs, t[k] + (i + 0.5) * dt))
+            iterations.append(stepper.iterations)
+            done += 1
+            if progress is not None:
+                progress(done, sum(counts))
+        states.append(state)
+    trajectory = State.stack(states)
+    stats = Stats(steps=done, iterations=torch.stack(torch.broadcast_tensors(*iterations)))
+    return Solution(t, trajectory, _energy(stepper.model, trajectory), stats)
+
+
+def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
+              rtol: float = 1e-6, atol: float = 1e-8, options: dict[str, Any] | None = None, adjoint: bool = False) -> Solution:
+    held = {name: value for name, value in inputs.items() if not callable(value)}
+    moving = {name: value for name, value in inputs.items() if callable(value)}
+    rates = Rates.of(scene, scene.tensors({**held, **_held(moving, t[0])}))
+
+    def rhs(now: Tensor, y: Tensor) -> Tensor:
+        return (Rates(rates.model, scene.tensors({**held, **_held(moving, now)})) if moving else rates)(now, y)
+
+    y0 = rates.pack(_begin(scene, initial, t[0]))
+    parameters = tuple(x for x in vars(rates.model).values() if isinstance(x, Tensor) and x.requires_grad)
+    loads = tuple(v for load in scene.loads for v in load.values if isinstance(v, Tensor) and v.requires_grad)
+    ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
+                                        parameters=(*parameters, *loads))
+    trajectory = State.stack([rates.state(now, y, status) for now, y in zip(t, ys, strict=True)])
+    return Solution(t, trajectory, _energy(rates.model, trajectory), Stats(evaluations=evaluations))
+
+
+def _begin(scene: Scene, initial: State | None, t: Tensor) -> State:
+    state = rest(scene) if initial is None else initial
+    if not isinstance(state, State):
+        raise ValueError(f"initial of type {type(initial).__name__} was given; the nodal form wants a torchbeam.State")
+    if state.position.shape[-2] != scene.beam.count + 1:
+        raise ValueError(f"initial with {state.position.shape[-2]} nodes was given; the beam has {scene.beam.count + 1}")
+    if state.position.dtype != scene.dtype:
+        raise ValueError(f"initial of {state.position.dtype} meets a scene of {scene.dtype}; one dtype is wanted")
+    return state.at(t)
+
+
+def _held(inputs: dict[str, Any], t: Tensor) -> dict[str, Any]:
+    return {name: value(t) if callable(value) else value for name, value in inputs.items()}
+
+
+def _energy(model: Model, states: State) -> Energy:
+    return Energy(model.kinetic_energy(states.velocity, states.spin), model.strain_energy(states.position, states.rotation),
+                  states.work)
+
+
+def _judged(solution: Solution, throw: bool) -> Solution:
+    """The solution, with a sentence on every kind of failure in its stats."""
+    status = solution.status
+    for code in sorted(set(status.flatten().tolist()) - {0}):
+        failed = (status == code).nonzero().tolist()
+        moved = (solution.state.status == 0).sum(0).flatten()[(status == code).flatten().nonzero()[0, 0]]
+        when = solution.t[max(int(moved) - 1, 0)].item()
+        which = f"sample {failed[0][0] if len(failed[0]) == 1 else tuple(failed[0])}" if failed[0] else "the sample"
+        sentence = (f"{which} ({len(failed)} of {status.numel()}) stopped after t = {when:.6g} s: "
+                    f"{STATUS.get(code, 'failed')}")
+        solution.stats.reason[code] = sentence
+        if throw:
+            raise RuntimeError(sentence)
+        warnings.warn(sentence, RuntimeWarning, stacklevel=3)
+    return solution

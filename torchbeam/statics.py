@@ -1,0 +1,82 @@
+"""Equilibrium of a scene."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from .newton import STATUS, attach, newton, wants_gradient
+from .nodal.model import Model
+from .nodal.still import Shape, Still
+from .scene import Scene
+from .state import State, rest
+
+TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on another branch
+LEAST = 1e-4  # smallest load step, as a share of the whole load
+STATUS_STATIC = {**STATUS, 1: "no equilibrium was reached; the load may be past a limit point"}
+
+
+def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, tolerance: float | None = None,
+                throw: bool = True, **inputs: Any) -> State:
+    """Static equilibrium under the scene's loads at time t (s).
+
+    initial    where to start, at no load; None = the undeformed beam
+    tolerance  of the scaled residual; default 1e-8 in float64
+    throw      raise where a sample has no equilibrium; otherwise its `status` says so and it holds the last shape on the way
+    inputs     by name, (..., size)
+
+    The load is raised in steps, per sample, where Newton's method needs it: a step in which it fails, or a node turns by more
+    than 1 rad, is halved. Infinite stiffness is taken as it is. Differentiable by the implicit function theorem.
+
+    Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form does not take and
+    RuntimeError for a sample without equilibrium.
+    """
+    model = Model.of(scene)
+    given = scene.tensors(inputs)
+    start = initial if initial is not None else rest(scene)
+    time = torch.as_tensor(t, dtype=scene.dtype, device=scene.device)
+    x = Shape(start.position, start.rotation, start.stress)
+    x, reaction, status = _climb(model, time, given, x, tolerance)
+    problem = Still(model, time, given, torch.ones_like(status, dtype=scene.dtype))
+    good = status == 0
+    if wants_gradient(model.external(x.rotation, time, given, scene.loads), *vars(model).values()):
+        safe = Shape(start.position, start.rotation, torch.zeros_like(start.stress))
+        solved = Shape(*(torch.where(good[..., None, None], a, b) for a, b in zip(x, safe, strict=True)))
+        attached, reaction = attach(problem, solved)
+        x = Shape(*(torch.where(good[..., None, None], a, b) for a, b in zip(attached, x, strict=True)))
+    if throw and not good.all():
+        which = (~good).nonzero()[:3].tolist()
+        worst = int(status.amax())
+        raise RuntimeError(f"sample {which[0] if which[0] else 0} of {good.numel()} has no equilibrium: {STATUS_STATIC[worst]}")
+    still = torch.zeros_like(x.position)
+    return State(*x[:2], velocity=still, spin=still, stress=x.stress, reaction=reaction, work=torch.zeros_like(status, dtype=scene.dtype),
+                 t=time.expand(status.shape), status=status)
+
+
+def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, tolerance: float | None
+           ) -> tuple[Shape, Tensor, Tensor]:
+    """Raise the load from 0 to 1, each sample at its own pace: (shape, reaction, status)."""
+    with torch.no_grad():
+        probe, _ = Still(model, t, inputs, t.new_ones(())).residual(x)
+        shape = probe.measure().shape
+        x = Shape(*(v.expand(*shape, *v.shape[-2:]) for v in x))
+        reached, step = t.new_zeros(shape), t.new_ones(shape)
+        reaction = probe.nodes.new_zeros(*shape, 6)
+        status = torch.zeros(shape, dtype=torch.long, device=t.device)
+        while True:
+            climbing = (reached < 1) & (status == 0)
+            if not climbing.any():
+                return x, reaction, status
+            share = torch.where(climbing, (reached + step).clamp(max=1), reached)
+            outcome = newton(Still(model, t, inputs, share), x, tolerance)
+            cosine = (outcome.x.rotation * x.rotation).sum(-1).abs().amin(-1)
+            calm = cosine > torch.cos(torch.as_tensor(TURN / 2))
+            good = climbing & (outcome.status == 0) & calm
+            x = Shape(*(torch.where(good[..., None, None], a, b) for a, b in zip(outcome.x, x, strict=True)))
+            reaction = torch.where(good[..., None], outcome.reaction, reaction)
+            reached = torch.where(good, share, reached)
+            step = torch.where(good, 1.5 * step, step / 2)
+            stuck = climbing & ~good & (step < LEAST)
+            status = torch.where(stuck, torch.where(outcome.status == 0, 1, outcome.status), status)
