@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import torch
@@ -33,7 +35,7 @@ def newton(problem: Any, x: Any, tolerance: float | None = None, limit: int = LI
     from r to s, the next is s (s/r)^2 where convergence is quadratic, and this is trusted once s < r/100. The update is made
     either way. A sample whose residual is not finite has failed and is left alone.
     """
-    with torch.no_grad():
+    with no_derivatives():
         done, before = None, 0.0
         tolerance = tolerance or TOLERANCE[problem.model.S.dtype]
         for _ in range(limit):
@@ -64,10 +66,17 @@ def attach(problem: Any, x: Any) -> tuple[Any, Tensor]:
     iterations. First derivatives only.
     """
     residual, *about = problem.residual(x)
-    with torch.no_grad():
+    with no_derivatives():
         tangent = problem.linearise(x, *(_detached(a) for a in about))
     *change, reaction = tangent.solve(residual.nodes, residual.strain)
     return problem.moved(x, *(c - c.detach() for c in change)), reaction
+
+
+@contextmanager
+def no_derivatives() -> Iterator[None]:
+    """No backward graph and no forward tangents."""
+    with torch.no_grad(), torch.autograd.forward_ad._set_fwd_grad_enabled(False):
+        yield
 
 
 def wants_gradient(*tensors: Any) -> bool:

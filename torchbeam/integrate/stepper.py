@@ -62,6 +62,7 @@ class Stepper:
             moving = moving & active
         good = moving & (outcome.status == 0)
         x, reaction = outcome.x, outcome.reaction
+        problem = replace(problem)  # what it had cached carries no gradient
         if wants_gradient(*self._tensors(problem)):
             x = type(x)(*(torch.where(good[..., None, None], a, b) for a, b in zip(x, problem.still(), strict=True)))
             x, reaction = attach(problem, x)

@@ -1,7 +1,8 @@
 """One implicit step of the nodal form: mean strain, mid-step forces, Cayley rotations.
 
 Unknown at mid step: u = r_mid - r_n and the rotation from R_n to R_mid (quaternion m, so that R_{n+1} = R_n R(m)^2), and
-the stress, which is a mean over the step. With dt the step and Theta = 2 m_v / m_0 (Simo and Wong 1991):
+the stress, which is a mean over the step. With dt the step, tau = m_v/m_0 = tan(angle/4) n of the whole step's angle and
+Theta = 4 tau/(1 - |tau|^2) = 2 tan(angle/2) n (Simo and Wong 1991: the increment that keeps the energy of a free body):
 
     v_{n+1} = 4 u/dt - v_n                          Omega_{n+1} = 2 Theta/dt - Omega_n
     (p_{n+1} - p_n)/dt + to_nodes(h B_mid^T [F; M])_force - f = 0
@@ -97,7 +98,8 @@ class Step:
 
     def theta(self, x: Middle) -> Tensor:
         """Theta = 2 tan(angle/2) n of the whole step, section axes."""
-        return 2 * x.m[..., 1:] / x.m[..., :1]
+        tau = x.m[..., 1:] / x.m[..., :1]
+        return 4 * tau / (1 - tau.square().sum(-1, keepdim=True))
 
     def at_middle(self, x: Middle) -> tuple[Kinematics, Tensor]:
         q = quat.multiply(self.start.rotation, x.m)
@@ -154,11 +156,12 @@ class Step:
         by_spin = 0.0
         if model.inertia is not None:
             tau = x.m[..., 1:] / x.m[..., :1]
-            H = (model.inertia @ (4 / dt[..., 0] * tau - self.start.spin)[..., None])[..., 0]
+            t2 = tau.square().sum(-1)[..., None, None]
+            H = (model.inertia @ (2 / self.h * self.theta(x) - self.start.spin)[..., None])[..., 0]
             R_end = D @ R
             turned = (R_end @ H[..., None])[..., 0]
-            spread = eye + hat(tau) + tau[..., :, None] * tau[..., None, :]
-            by_spin = (2 / dt * R_end @ model.inertia @ spread @ R.mT - 2 * hat(turned) @ half) / dt
+            by_chi = eye + hat(tau) + (3 + t2) / (1 - t2) * tau[..., :, None] * tau[..., None, :]  # dTheta (1 - t2)/2
+            by_spin = (4 / dt / (1 - t2) * R_end @ model.inertia @ by_chi @ R.mT - 2 * hat(turned) @ half) / dt
         load = model.external_tangent(q, self.t, self.inputs, self._loads[0])
         coupling = None
         if model.coupling is not None:
