@@ -11,11 +11,13 @@ from torch import Tensor
 
 TOLERANCE = {torch.float64: 1e-8, torch.float32: 1e-4}  # of the scaled residual after the last update
 LIMIT = 25  # iterations
+QUADRATIC = 0.01  # a residual that falls by this factor falls quadratically
 
+SUCCESS, DIVERGED, BROKEN = range(3)
 STATUS = {
-    0: "success",
-    1: "Newton's method did not converge; a smaller step may help",
-    2: "a parameter, a load or the state became infinite or not a number",
+    SUCCESS: "success",
+    DIVERGED: "Newton's method did not converge; a smaller step may help",
+    BROKEN: "a parameter, a load or the state is infinite or not a number",
 }
 
 
@@ -28,35 +30,35 @@ class Outcome(NamedTuple):
     iterations: Tensor
 
 
-def newton(problem: Any, x: Any, tolerance: float | None = None, limit: int = LIMIT) -> Outcome:
-    """Solve problem.residual(x) = 0. Samples that have converged stop changing, so that none depends on its neighbours.
+def newton(problem: Any, x: Any, active: Tensor | None = None, tolerance: float | None = None, limit: int = LIMIT) -> Outcome:
+    """Solve problem.residual(x) = 0. Samples that have converged stop changing, so that none depends on its neighbours;
+    those outside of `active` (...) never start.
 
     A sample has converged once its scaled residual is below `tolerance`, or sure to be after the update that is at hand:
     from r to s, the next is s (s/r)^2 where convergence is quadratic, and this is trusted once s < r/100. The update is made
-    either way. A sample whose residual is not finite has failed and is left alone.
+    either way. A sample whose residual stops being finite has failed and is left alone.
     """
+    tolerance = tolerance or TOLERANCE[problem.model.S.dtype]
     with no_derivatives():
-        done, before = None, 0.0
-        tolerance = tolerance or TOLERANCE[problem.model.S.dtype]
-        for _ in range(limit):
+        for k in range(limit):
             residual, *about = problem.residual(x)
             size = residual.measure()
             *change, root = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
             moved = problem.moved(x, *change)
-            if done is None:
-                done = torch.zeros_like(size, dtype=torch.bool)
-                iterations, reaction = torch.zeros_like(size, dtype=torch.long), root
+            if k == 0:
+                done = torch.zeros_like(size, dtype=torch.bool) if active is None else ~active.expand(size.shape)
+                status = torch.where(torch.isfinite(size), DIVERGED, BROKEN)
+                reaction, iterations, before = root, torch.zeros_like(status), torch.zeros_like(size)
             keep = done[..., None, None]
             x = type(x)(*(torch.where(keep, old, new) for old, new in zip(x, moved, strict=True)))
             reaction = torch.where(done[..., None], reaction, root)
             iterations = iterations + ~done
             drop = size / before
-            done = done | (size <= tolerance) | ((drop < 0.01) & (size * drop**2 <= tolerance))
+            done = done | (size <= tolerance) | ((drop < QUADRATIC) & (size * drop**2 <= tolerance))
             before = size
-            broken = ~torch.isfinite(size)
-            if (done | broken).all():
+            if (done | ~torch.isfinite(size)).all():
                 break
-        return Outcome(x, reaction, torch.where(done, 0, torch.where(broken, 2, 1)), iterations)
+        return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
 
 
 def attach(problem: Any, x: Any) -> tuple[Any, Tensor]:
@@ -82,7 +84,7 @@ def no_derivatives() -> Iterator[None]:
 def wants_gradient(*tensors: Any) -> bool:
     """Whether any derivative, backward or forward, is being recorded for these."""
     return any(
-        isinstance(x, Tensor) and (x.requires_grad and torch.is_grad_enabled()
+        isinstance(x, Tensor) and ((x.requires_grad and torch.is_grad_enabled())
                                    or torch.autograd.forward_ad.unpack_dual(x).tangent is not None)
         for x in tensors
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-
 # Linear maps as small constant matrices: one matrix product each, whatever the batch.
 _HAT = torch.tensor((
     (0.0, 0, 0, 0, 0, -1, 0, 1, 0),
@@ -56,7 +55,7 @@ def matrix(q: Tensor) -> Tensor:
 
 def rotate(q: Tensor, v: Tensor) -> Tensor:
     """R(q) v."""
-    qv = q[..., 1:].expand(torch.broadcast_shapes(q.shape[:-1], v.shape[:-1]) + (3,))
+    qv = q[..., 1:].expand(*torch.broadcast_shapes(q.shape[:-1], v.shape[:-1]), 3)
     t = 2 * torch.linalg.cross(qv, v.expand_as(qv))
     return v + q[..., :1] * t + torch.linalg.cross(qv, t)
 

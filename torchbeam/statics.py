@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .newton import STATUS, attach, newton, wants_gradient
+from .newton import DIVERGED, STATUS, attach, newton, wants_gradient
 from .nodal.model import Model
 from .nodal.still import Shape, Still
 from .scene import Scene
@@ -15,7 +15,7 @@ from .state import State, rest
 
 TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on another branch
 LEAST = 1e-4  # smallest load step, as a share of the whole load
-STATUS_STATIC = {**STATUS, 1: "no equilibrium was reached; the load may be past a limit point"}
+REASON = {**STATUS, DIVERGED: "Newton's method found none; the load may be past a limit point"}
 
 
 def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, tolerance: float | None = None,
@@ -47,12 +47,12 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
         attached, reaction = attach(problem, solved)
         x = Shape(*(torch.where(good[..., None, None], a, b) for a, b in zip(attached, x, strict=True)))
     if throw and not good.all():
-        which = (~good).nonzero()[:3].tolist()
-        worst = int(status.amax())
-        raise RuntimeError(f"sample {which[0] if which[0] else 0} of {good.numel()} has no equilibrium: {STATUS_STATIC[worst]}")
+        first = (~good).nonzero()[0].tolist()
+        which = f"sample {first[0] if len(first) == 1 else tuple(first)} of {tuple(good.shape)}" if first else "the scene"
+        raise RuntimeError(f"{which} has no equilibrium: {REASON[int(status[~good][0])]}")
     still = torch.zeros_like(x.position)
-    return State(*x[:2], velocity=still, spin=still, stress=x.stress, reaction=reaction, work=torch.zeros_like(status, dtype=scene.dtype),
-                 t=time.expand(status.shape), status=status)
+    return State(*x[:2], velocity=still, spin=still, stress=x.stress, reaction=reaction,
+                 work=torch.zeros_like(status, dtype=scene.dtype), t=time.expand(status.shape), status=status)
 
 
 def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, tolerance: float | None
@@ -70,7 +70,7 @@ def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, toleran
             if not climbing.any():
                 return x, reaction, status
             share = torch.where(climbing, (reached + step).clamp(max=1), reached)
-            outcome = newton(Still(model, t, inputs, share), x, tolerance)
+            outcome = newton(Still(model, t, inputs, share), x, climbing, tolerance)
             cosine = (outcome.x.rotation * x.rotation).sum(-1).abs().amin(-1)
             calm = cosine > torch.cos(torch.as_tensor(TURN / 2))
             good = climbing & (outcome.status == 0) & calm
@@ -79,4 +79,4 @@ def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, toleran
             reached = torch.where(good, share, reached)
             step = torch.where(good, 1.5 * step, step / 2)
             stuck = climbing & ~good & (step < LEAST)
-            status = torch.where(stuck, torch.where(outcome.status == 0, 1, outcome.status), status)
+            status = torch.where(stuck, outcome.status.clamp(min=DIVERGED), status)

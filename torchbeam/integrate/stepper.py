@@ -9,11 +9,12 @@ import torch
 from torch import Tensor
 
 from ..checks import step_size
+from ..effects import Inputs
+from ..newton import DIVERGED, LIMIT, SUCCESS, attach, newton, wants_gradient
 from ..nodal.model import Model
 from ..nodal.step import Step
 from ..scene import Scene
 from ..state import State, rest
-from ..newton import LIMIT, attach, newton, wants_gradient
 
 METHODS = ("midpoint",)
 
@@ -26,19 +27,20 @@ class Stepper:
     method     "midpoint": the mean-strain step (second order, unconditionally stable in practice, keeps momentum)
     lumped     mass at the nodes alone, as the explicit form has it; by default neighbours are coupled, which makes the
                error of the translational inertia fourth order
-    tolerance  of the scaled residual, default 1e-8 in float64 and 1e-4 in float32; iterations: at most this many a step
+    tolerance  of the scaled residual, default 1e-8 in float64 and 1e-4 in float32
+    iterations at most this many in a Newton solve;  halvings: a failed step is made again in 2, 4, ... 2^halvings parts
 
     Raises ValueError for an unknown method, a step that is not positive, or a scene that the nodal form does not take.
     """
 
     def __init__(self, scene: Scene, dt: float, method: str = "midpoint", *, lumped: bool = False,
-                 tolerance: float | None = None, iterations: int = LIMIT) -> None:
+                 tolerance: float | None = None, iterations: int = LIMIT, halvings: int = 6) -> None:
         if method not in METHODS:
             raise ValueError(f"method = {method!r} was given; {' or '.join(map(repr, METHODS))} is wanted")
         self.scene = scene
         self.dt = torch.as_tensor(step_size("dt", dt), dtype=scene.dtype, device=scene.device)
         self.model = Model.of(scene, lumped)
-        self.tolerance, self.limit = tolerance, iterations
+        self.tolerance, self.limit, self.halvings = tolerance, iterations, halvings
         self.iterations: Tensor | None = None  # (...) of the last step
 
     def rest(self, batch_shape: tuple[int, ...] | None = None) -> State:
@@ -52,26 +54,49 @@ class Stepper:
         dt      0-dim, another length for this step
         inputs  by name, (..., size): held over the step
 
-        A sample whose step fails keeps its state and gets a status (see `STATUS`); its gradient is that of standing still.
+        Loads that are functions of time are taken at mid step of the latest sample. Where Newton's method fails, the step of
+        that sample is made again in 2, 4, ... smaller ones. If that fails too it keeps its state and gets a status (see
+        `torchbeam.newton.STATUS`); its derivatives are those of standing still.
         """
-        problem = Step(self.model, state, self.dt if dt is None else dt, self.scene.tensors(inputs))
-        outcome = newton(problem, problem.guess(), self.tolerance, self.limit)
-        self.iterations = outcome.iterations
-        moving = state.status == 0
-        if active is not None:
-            moving = moving & active
-        good = moving & (outcome.status == 0)
-        x, reaction = outcome.x, outcome.reaction
+        dt = self.dt if dt is None else dt
+        given = self.scene.tensors(inputs)
+        moving = state.status == SUCCESS if active is None else (state.status == SUCCESS) & active
+        t = state.t.detach().amax()
+        after, status, self.iterations = self._attempt(state, dt, t + dt / 2, given, moving)
+        failed = moving & (status == DIVERGED)
+        for level in range(1, self.halvings + 1):
+            if not failed.any():
+                break
+            parts, trial, left = 2**level, state, failed
+            for k in range(parts):
+                trial, again, iterations = self._attempt(trial, dt / parts, t + (k + 0.5) * dt / parts, given, left)
+                self.iterations = self.iterations + torch.where(left, iterations, 0)
+                left = left & (again == SUCCESS)
+                if not left.any():
+                    break
+            after = _choose(left, trial, after)
+            status = torch.where(left, SUCCESS, status)
+            failed = failed & ~left
+        return replace(after, status=torch.where(moving, status, state.status))
+
+    def _attempt(self, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor) -> tuple[State, Tensor, Tensor]:
+        """One Newton solve: (state after, of a failed sample before; status; iterations)."""
+        problem = Step(self.model, state, dt, t, inputs)
+        x, reaction, status, iterations = newton(problem, problem.guess(), moving, self.tolerance, self.limit)
+        good = moving & (status == SUCCESS)
         problem = replace(problem)  # what it had cached carries no gradient
         if wants_gradient(*self._tensors(problem)):
             x = type(x)(*(torch.where(good[..., None, None], a, b) for a, b in zip(x, problem.still(), strict=True)))
             x, reaction = attach(problem, x)
         after = problem.finish(x, reaction)
-        if not good.all():
-            after = after.map(lambda new, old: torch.where(good[(...,) + (None,) * (new.ndim - good.ndim)], new, old), state)
-        return replace(after, status=torch.where(moving, outcome.status, state.status))
+        return (after if good.all() else _choose(good, after, state)), status, iterations
 
     def _tensors(self, problem: Step) -> list[Any]:
         """Everything a step depends on, the loads as they come out of the users' functions."""
         model, state = self.model, problem.start
         return [problem.external(state.rotation), *(getattr(x, f.name) for x in (model, state) for f in fields(x))]
+
+
+def _choose(mask: Tensor, one: State, other: State) -> State:
+    """`one` where the mask (...) says so, `other` elsewhere."""
+    return one.map(lambda a, b: torch.where(mask[(...,) + (None,) * (a.ndim - mask.ndim)], a, b), other)

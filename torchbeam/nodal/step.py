@@ -42,22 +42,18 @@ class Middle(NamedTuple):
 
 @dataclass(frozen=True)
 class Step:
-    """A step of length dt (0-dim or (...,)) from `start` under the inputs held over it."""
+    """A step of length dt (0-dim or (...)) from `start`, with loads as at time t (0-dim) and inputs held over it."""
 
     model: Model
     start: State
     dt: Tensor
+    t: Tensor
     inputs: Inputs
 
     @cached_property
     def h(self) -> Tensor:
         """dt as (..., 1, 1)."""
         return self.dt[..., None, None]
-
-    @cached_property
-    def t(self) -> Tensor:
-        """The instant at which loads act: mid step, one for the whole batch."""
-        return (self.start.t + self.dt / 2).reshape(-1)[0]
 
     @cached_property
     def strain(self) -> Tensor:
