@@ -41,7 +41,8 @@ class Still:
         model, h = self.model, self.model.length
         kin = kinematics(x.position, x.rotation, h)
         element = forces(kin, x.stress, h)
-        external = self.share[..., None, None] * model.external(x.rotation, self.t, self.inputs, model.scene.loads)
+        external = model.external(x.rotation, self.t, self.inputs, model.scene.loads)
+        external = external if isinstance(external, float) else self.share[..., None, None] * external
         bent = strain(kin, h, model.reference)
         gap = bent - times(model.S, x.stress[..., None])[..., 0]
         return Residual(to_nodes(element) - external, gap, *largest(h, element, external),
