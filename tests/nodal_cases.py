@@ -16,9 +16,9 @@ def spd(*shape, size=6):
 
 def section(batch=(), coupled=True, rotary=True):
     """A section with every stiffness coupled to every other, and inertia about three axes that are not its own."""
-    stiffness = spd(*batch) if coupled else torch.diag_embed(1 + torch.rand(*batch, 6))
+    stiffness = spd(*batch) if coupled else torch.diag_embed(1 + torch.rand((*batch, 6)))
     mass = torch.zeros(*batch, 6, 6)
-    mass[..., :3, :3] = (1 + torch.rand(*batch))[..., None, None] * torch.eye(3)
+    mass[..., :3, :3] = (1 + torch.rand(batch))[..., None, None] * torch.eye(3)
     if rotary:
         mass[..., 3:, 3:] = 0.1 * spd(*batch, size=3)
     return tb.Section(torch.linalg.inv(stiffness), mass)
@@ -46,7 +46,7 @@ def scene(N=4, batch=(), seed=0, effects=None, damping=None, **options):
     nodes = torch.cat((torch.zeros(*batch, 1, 3), steps.cumsum(-2)), -2)
     effects = loads(batch) if effects is None else list(effects)
     if damping:
-        effects.append(tb.Damping(0.1 * torch.rand(*batch, 6) if damping == "six" else 0.1 * torch.rand(*batch)))
+        effects.append(tb.Damping(0.1 * torch.rand((*batch, 6)) if damping == "six" else 0.1 * torch.rand(batch)))
     return tb.Scene(tb.Beam.from_nodes(nodes, [section(batch, **options) for _ in range(N)]), effects)
 
 
