@@ -17,7 +17,7 @@ from ..checks import increasing
 
 METHODS = tuple(SOLVERS)
 ADAPTIVE = tuple(name for name, solver in SOLVERS.items() if issubclass(solver, AdaptiveStepsizeODESolver))
-FAILED = 1  # status of a sample whose explicit integration failed
+FAILED = 3  # status of a sample whose explicit integration failed
 ADVICE = "try the implicit method 'midpoint' of the nodal form, a shorter step, or other tolerances"
 TRUSTED = 1e-3  # largest relative error of the state reconstructed backwards that a continuous adjoint may carry
 
@@ -52,7 +52,7 @@ def integrate(
     after       (t, y) -> y, applied at each output before going on from it: rescaling, projection, normalising.
                 Steps then end at the outputs.
 
-    Returns ys (T, ..., n); status (...), 0 = success and 1 = failed: rates that are not finite or a step that shrank to
+    Returns ys (T, ..., n); status (...), 0 = success and 3 = failed: rates that are not finite or a step that shrank to
     nothing. A failed sample keeps its last good output, and the others are solved as if it were not there. evaluations:
     calls of rhs.
 

@@ -1,0 +1,101 @@
+"""block_rate: the block rate matrix and right-hand side at one state, to look at, print, plot or solve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from ..scene import Scene
+from .chain import Chain
+from .rates import Terms, block_rows, block_system, solve_scaled, sweep, terms
+from .residuals import residual
+from .state import Fields, MixedState, unpack
+
+
+@dataclass(frozen=True)
+class BlockRate:
+    """A(x) x' = b(x, t) of the index-reduced form at the state x.
+
+    A (..., n, n), b (..., n), n = 24 N + 12; for N = 1 rows and columns stand as the derivation prints them. `rows` and
+    `columns` name the 3x3 blocks' places, `blocks` holds those that exist: (row name, column name) -> (..., 3, 3).
+    """
+
+    chain: Chain
+    t: Tensor
+    x: Fields
+
+    @cached_property
+    def terms(self) -> Terms:
+        return terms(self.chain, self.t, self.x)
+
+    @cached_property
+    def system(self) -> tuple[Tensor, Tensor]:
+        return block_system(self.chain, self.x, self.terms)
+
+    @property
+    def A(self) -> Tensor:
+        return self.system[0]
+
+    @property
+    def b(self) -> Tensor:
+        return self.system[1]
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """f_u, f_psi, f_F, f_M of node 1, 2, ...; then u', theta', V', Omega' of the elements."""
+        N = self.chain.count
+        nodes = [f"{f} node {j}" for j in range(1, N + 2) for f in ("f_u", "f_psi", "f_F", "f_M")]
+        return (*nodes, *(f"{name}_{i}'" for name in ("u", "theta", "V", "Omega") for i in range(1, N + 1)))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The state by name; its rate is what the column multiplies."""
+        N = self.chain.count
+        elements = [f"{name}_{i}" for name in Fields._fields[:8] for i in range(1, N + 1)]
+        return (*elements, "F*_1", "M*_1", f"u^_{N + 1}", f"theta^_{N + 1}")
+
+    @property
+    def blocks(self) -> dict[tuple[str, str], Tensor]:
+        rows, columns = self.rows, self.columns
+        return {
+            (rows[r], columns[c]): block
+            for where, columns_, values in block_rows(self.chain, self.x, self.terms)
+            for r, c, block in zip(where, columns_, values.unbind(-3), strict=True)
+        }
+
+    def solve(self, method: str = "sweep") -> Tensor:
+        """x' (..., n): 'sweep', O(N), or 'dense', torch.linalg.solve on A with rows and columns scaled.
+
+        Raises ValueError for another method.
+        """
+        if method == "sweep":
+            return sweep(self.chain, self.x, self.terms)
+        if method == "dense":
+            return solve_scaled(self.A, self.b)
+        raise ValueError(f"method = {method!r} was given; 'sweep' or 'dense' is wanted")
+
+    @property
+    def drift(self) -> Tensor:
+        """Violation of the undifferentiated equations f_u, f_psi, f_F, f_M of each node (..., N+1, 4, 3)."""
+        return residual(self.chain, self.t, self.x)
+
+
+def block_rate(
+    scene: Scene, state: MixedState | Tensor, t: float | Tensor = 0.0, inputs: dict[str, Tensor] | None = None
+) -> BlockRate:
+    """The block rate system of a scene at a state: a `MixedState` (see `consistent_state`) or a vector (..., 24 N + 12).
+
+    Raises ValueError where the scene has no block rate form, or for a vector of another length.
+    """
+    chain = Chain(scene, "block_rate", dict(inputs or {}))
+    t = torch.as_tensor(t, dtype=scene.dtype, device=scene.device)
+    if isinstance(state, MixedState):
+        return BlockRate(chain, t, state.fields)
+    n = 24 * chain.count + 12
+    if not isinstance(state, Tensor) or state.ndim == 0 or state.shape[-1] != n:
+        shape = tuple(getattr(state, "shape", ())) or type(state).__name__
+        raise ValueError(f"a state of shape {shape} was given; a MixedState or (..., {n}) is wanted")
+    return BlockRate(chain, t, unpack(state, chain.count))

@@ -1,0 +1,175 @@
+"""Chain: what the mixed element takes from a scene, once: lengths, axes, sections; and what is prescribed at time t."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from .. import quaternions as quat
+from .. import rotations as rot
+from ..effects import Gravity, Input, Site, value_at
+from ..scene import Scene
+
+IMPLICIT = "the implicit method 'midpoint' of the nodal form takes it"
+STRAINS = ("axial", "shear y", "shear z", "torsion", "bending y", "bending z")
+
+
+@dataclass(frozen=True)
+class Chain:
+    """N elements in the derivation's letters. An element is the *chord* between its nodes, C^ab e1 along it: an arc of
+    N elements is a polygon, with the polygon's mass.
+
+    h (..., N, 1) m, half the length;  Cab (..., N, 3, 3);  middle (..., N, 3) m, the element's reference place, frame a
+    nodes (..., N+1, 3) m;  frames (..., N+1, 3, 3) section axes of the nodes -> a
+    S, K (..., N or 1, 6, 6) compliance and its inverse;  Mass, Mass_inverse likewise
+    inputs: the scene's inputs by name, each held (its rate is zero) or a function of t
+
+    Raises ValueError where S or Mass is singular, for gravity in a frame that turns, for damping in the block rate form,
+    and for missing or unknown inputs.
+    """
+
+    scene: Scene
+    form: str
+    inputs: dict[str, Any] = field(default_factory=dict)
+    h: Tensor = field(init=False)
+    Cab: Tensor = field(init=False)
+    middle: Tensor = field(init=False)
+    nodes: Tensor = field(init=False)
+    frames: Tensor = field(init=False)
+    S: Tensor = field(init=False)
+    K: Tensor = field(init=False)
+    Mass: Tensor = field(init=False)
+    Mass_inverse: Tensor = field(init=False)
+    changing: tuple[Any, ...] = field(init=False)  # loads with a rate
+    turning: bool = field(init=False)  # whether a node's rotation is asked for
+
+    def __post_init__(self) -> None:
+        _refuse(self.scene, self.form)
+        beam, moving = self.scene.beam, {n: v for n, v in self.inputs.items() if callable(v)}
+        sizes = {n: beam.nodes.new_zeros(self.scene.inputs.get(n, 0)) for n in moving}
+        held = self.scene.tensors({**self.inputs, **sizes})
+        chord = beam.nodes.diff(dim=-2)
+        values = dict(
+            h=torch.linalg.vector_norm(chord, dim=-1, keepdim=True) / 2,
+            Cab=quat.matrix(beam.elements),
+            middle=beam.nodes[..., :-1, :] + chord / 2,
+            nodes=beam.nodes,
+            frames=quat.matrix(beam.frames),
+            S=beam.compliance,
+            K=torch.linalg.inv(beam.compliance),
+            Mass=beam.mass,
+            Mass_inverse=torch.linalg.inv(beam.mass),
+            inputs={**held, **moving},
+            changing=tuple(e for e in self.scene.loads if e.moves(beam) or any(_of_time(v, moving) for v in e.values)),
+            turning=any(e.node is not None and e.moves(beam) for e in self.scene.loads),
+        )
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def count(self) -> int:
+        return self.scene.beam.count
+
+    def frame(self, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
+        """v, omega (..., 1, 3) of frame a; None = at rest."""
+        frame = self.scene.frame
+        given = (None, None) if frame is None else (frame.velocity, frame.angular_velocity)
+        return tuple(None if v is None else value_at(v, t, {}, self.nodes)[..., None, :] for v in given)
+
+    def root(self, t: Tensor) -> tuple[Tensor, Tensor]:
+        """u^_1, theta^_1 (..., 3): prescribed."""
+        motion, zero = self.scene.root, self.nodes.new_zeros(3)
+        if motion is None:
+            return zero, zero
+        u, phi = (zero if v is None else value_at(v, t, {}, zero) for v in (motion.displacement, motion.rotation))
+        return u, zero if motion.rotation is None else rot.from_rotation_vector(phi)
+
+    def root_rates(self, t: Tensor) -> tuple[Tensor, Tensor]:
+        """u^_1_dot, theta^_1_dot."""
+        return self.root(t) if self.scene.root is None else _jvp(self.root, t)[1]  # (a root at rest: zeros)
+
+    def node_axes(self, theta: Tensor) -> Tensor:
+        """R (..., N+1, 3, 3) of the nodes with the parameters theta (..., N+1, 3)."""
+        return rot.turn(theta) @ self.frames
+
+    def loads(self, t: Tensor, R: Tensor, R_nodes: Tensor, effects: tuple | None = None) -> tuple[Tensor, Tensor]:
+        """[force; moment] along the elements (..., N, 6), per length, and on the nodes (..., N+1, 6), frame a."""
+        N, zero = self.count, self.nodes.new_zeros(3)
+        inputs = {name: v(t) if callable(v) else v for name, v in self.inputs.items()}
+        line, nodal = self.nodes.new_zeros(N, 6), self.nodes.new_zeros(N + 1, 6)
+        for effect in self.scene.loads if effects is None else effects:
+            at, node = R, effect.node
+            if node is not None:
+                at = R_nodes[..., node, :, :]
+            wrench = effect.wrench(Site(at, self.Mass if node is None else None), t, inputs)
+            wrench = torch.cat(torch.broadcast_tensors(*(zero if w is None else w for w in wrench)), -1)
+            if node is None:
+                line = line + wrench
+            else:
+                here = torch.zeros(N + 1, 1, dtype=line.dtype, device=line.device)
+                here[node] = 1
+                nodal = nodal + here * wrench[..., None, :]
+        return line, nodal
+
+    def load_rates(
+        self, t: Tensor, R: Tensor, R_dot: Tensor, R_nodes: Tensor, R_nodes_dot: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """d/dt of `loads` along the motion, by forward mode: of their values in t, and of follower loads as they turn."""
+        if not self.changing:
+            return self.nodes.new_zeros(self.count, 6), self.nodes.new_zeros(self.count + 1, 6)
+        at = (t, R, R_nodes)
+        moving = (torch.ones_like(t), R_dot.expand_as(R), R_nodes_dot.expand_as(R_nodes))
+        return torch.func.jvp(lambda *x: self.loads(*x, effects=self.changing), at, moving)[1]
+
+
+def _of_time(value: Any, moving: dict[str, Any]) -> bool:
+    return callable(value) or (isinstance(value, Input) and value.name in moving)
+
+
+def _jvp(function: Any, t: Tensor) -> tuple[Any, Any]:
+    return torch.func.jvp(function, (t,), (torch.ones_like(t),))
+
+
+def _refuse(scene: Scene, form: str) -> None:
+    beam = scene.beam
+    if any(beam.rigid):
+        names = ", ".join(name for name, rigid in zip(STRAINS, beam.rigid, strict=True) if rigid)
+        raise ValueError(f"the compliance S must not be singular for form={form!r}, but is rigid in {names}; {IMPLICIT}")
+    for name, matrix in (("compliance S", beam.compliance), ("mass", beam.mass)):
+        scale = matrix.detach().diagonal(dim1=-2, dim2=-1).sqrt()
+        scaled = matrix.detach() / torch.where(scale == 0, torch.ones_like(scale), scale)[..., :, None]
+        scaled = scaled / torch.where(scale == 0, torch.ones_like(scale), scale)[..., None, :]
+        if (torch.linalg.eigvalsh(scaled)[..., 0] < 100 * torch.finfo(matrix.dtype).eps).any():
+            zero = " (no rotary inertia: its block of Omega)" if name == "mass" and (scale[..., 3:] == 0).any() else ""
+            raise ValueError(f"the {name} must not be singular for form={form!r}, but is{zero}; {IMPLICIT}")
+    if form == "block_rate" and scene.damping is not None:
+        raise ValueError(
+            "Damping makes F and M depend on V and Omega, for which the rows f_F and f_M of the block rate form have no "
+            "room; form='minimal' takes it, and so does the nodal form"
+        )
+    turns = scene.frame is not None and scene.frame.angular_velocity is not None
+    if turns and any(isinstance(e, Gravity) for e in scene.loads):
+        raise ValueError("Gravity in a frame with an angular velocity needs the frame's orientation, which the mixed forms "
+                         "do not carry; give the motion as RootMotion instead")
+
+
+def check_times(chain: Chain, t: Tensor) -> None:
+    """Refuse a function of t that changes where forward mode sees no rate: it left torch on the way, as math.sin does.
+
+    Raises ValueError.
+    """
+    scene = chain.scene
+    functions = [(type(e).__name__, v) for e in scene.loads for v in e.values]
+    functions += [(f"the input {name!r}", v) for name, v in chain.inputs.items()]
+    if scene.root is not None:
+        functions += [(f"RootMotion's {n}", getattr(scene.root, n)) for n in ("displacement", "rotation")]
+    for name, function in ((n, f) for n, f in functions if callable(f)):
+        instants = t[0] + (t[-1] - t[0]) * torch.linspace(0, 1, 13, dtype=t.dtype, device=t.device)
+        pairs = [_jvp(lambda s, f=function: torch.as_tensor(f(s), dtype=t.dtype, device=t.device), at) for at in instants]
+        values, rates = (torch.stack(parts) for parts in zip(*pairs, strict=True))
+        if (values != values[0]).any() and not rates.any():
+            raise ValueError(f"{name} changes in time but has no rate in torch; write its function of t with torch "
+                             "operations on t (torch.sin(t), not math.sin(t))")

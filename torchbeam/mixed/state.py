@@ -1,0 +1,123 @@
+"""States of the mixed forms: the letters of the block rate form, its flat vector, and what a simulation returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..state import Point, Support, TensorFields
+
+
+class Fields(NamedTuple):
+    """x of the block rate form, in the derivation's order.
+
+    of the elements (..., N, 3): u m, theta -, frame a; F N, M N m, V m/s, Omega rad/s and their accelerations, frame B
+    of the ends (..., 3), frame a: F_root N, M_root N m (all load on node 1: the reaction, and loads put there),
+    u_tip m, theta_tip
+    """
+
+    u: Tensor
+    theta: Tensor
+    F: Tensor
+    M: Tensor
+    V: Tensor
+    Omega: Tensor
+    V_dot: Tensor
+    Omega_dot: Tensor
+    F_root: Tensor
+    M_root: Tensor
+    u_tip: Tensor
+    theta_tip: Tensor
+
+
+def pack(elements: tuple[Tensor, ...], ends: tuple[Tensor, ...] = ()) -> Tensor:
+    """Named parts -> one vector: u of all elements, theta of all elements, ..., then the ends."""
+    elements = torch.broadcast_tensors(*elements)
+    flat = [e.flatten(-2) for e in elements]
+    return torch.cat([*flat, *(e.expand(*flat[0].shape[:-1], 3) for e in ends)], -1)
+
+
+def unpack(x: Tensor, N: int) -> Fields:
+    """(..., 24 N + 12) -> Fields."""
+    elements = x[..., : 24 * N].unflatten(-1, (8, N, 3)).unbind(-3)
+    return Fields(*elements, *x[..., 24 * N :].unflatten(-1, (4, 3)).unbind(-2))
+
+
+def unpack_minimal(x: Tensor, N: int) -> tuple[Tensor, ...]:
+    """(..., 12 N) -> u, theta, V, Omega (..., N, 3)."""
+    return x.unflatten(-1, (4, N, 3)).unbind(-3)
+
+
+@dataclass(frozen=True)
+class MixedState(TensorFields):
+    """The beam at one instant in a mixed form. Leading axes are batch axes (time first in a trajectory).
+
+    The twelve of `Fields`; and what follows from them:
+    strain    (..., N, 6) [gamma kappa] of the elements, frame B
+    position  (..., N+1, 3) m, velocity (..., N+1, 3) m/s absolute, rotation (..., N+1, 3, 3) section axes -> a,
+              spin (..., N+1, 3) rad/s absolute: of the nodes, frame a. Nodes follow from the elements by the
+              recursion n_{i+1} = 2 q_i - n_i, which hands on every short wave undiminished: velocities of inner nodes
+              are rough
+    reaction  (..., 6) load of the support on the beam, frame a, N and N m
+    t (...) s;  status (...) int, 0 = success, see `torchbeam.integrate.ode`
+    """
+
+    u: Tensor
+    theta: Tensor
+    F: Tensor
+    M: Tensor
+    V: Tensor
+    Omega: Tensor
+    V_dot: Tensor
+    Omega_dot: Tensor
+    F_root: Tensor
+    M_root: Tensor
+    u_tip: Tensor
+    theta_tip: Tensor
+    strain: Tensor
+    position: Tensor
+    velocity: Tensor
+    rotation: Tensor
+    spin: Tensor
+    reaction: Tensor
+    t: Tensor
+    status: Tensor
+
+    @property
+    def fields(self) -> Fields:
+        return Fields(*(getattr(self, name) for name in Fields._fields))
+
+    @property
+    def vector(self) -> Tensor:
+        """x (..., 24 N + 12) of the block rate form."""
+        x = self.fields
+        return pack(x[:8], x[8:])
+
+    def node(self, index: int) -> Point:
+        """One node's motion, in frame a."""
+        axes = (self.position, self.velocity, self.spin)
+        position, velocity, spin = (a[..., index, :] for a in axes)
+        return Point(position, velocity, self.rotation[..., index, :, :], spin)
+
+    @property
+    def tip(self) -> Point:
+        return self.node(-1)
+
+    @property
+    def nodes(self) -> Tensor:
+        """(..., N+1, 3) m, frame a."""
+        return self.position
+
+    @property
+    def root(self) -> Support:
+        return Support(self.reaction[..., :3], self.reaction[..., 3:])
+
+    @property
+    def batch_shape(self) -> torch.Size:
+        return self.position.shape[:-2]
+
+
+torch.serialization.add_safe_globals([MixedState])
