@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
 from typing import Any
 
@@ -17,6 +18,8 @@ from ..scene import Scene
 from ..state import State, rest
 
 METHODS = ("midpoint",)
+TURN = 1.2  # rad that a node may turn in one step; larger turns have more than one solution, and the wrong one gains energy
+COS_QUARTER_TURN = math.cos(TURN / 4)
 
 
 class Stepper:
@@ -54,8 +57,8 @@ class Stepper:
         dt      0-dim, another length for this step
         inputs  by name, (..., size): held over the step
 
-        Loads that are functions of time are taken at mid step of the latest sample. Where Newton's method fails, the step of
-        that sample is made again in 2, 4, ... smaller ones. If that fails too it keeps its state and gets a status (see
+        Loads that are functions of time are taken at mid step of the latest sample. Where Newton's method fails, or a
+        node turns by more than 1.2 rad, the step of that sample is made again in 2, 4, ... smaller ones. If that fails too it keeps its state and gets a status (see
         `torchbeam.newton.STATUS`); its derivatives are those of standing still.
         """
         dt = self.dt if dt is None else dt
@@ -83,6 +86,7 @@ class Stepper:
         """One Newton solve: (state after, of a failed sample before; status; iterations)."""
         problem = Step(self.model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(problem, problem.guess(), moving, self.tolerance, self.limit)
+        status = torch.where((status == SUCCESS) & (x.m[..., 0].amin(-1) < COS_QUARTER_TURN), DIVERGED, status)
         good = moving & (status == SUCCESS)
         problem = replace(problem)  # what it had cached carries no gradient
         if wants_gradient(*self._tensors(problem)):
