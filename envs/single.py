@@ -1,0 +1,47 @@
+"""SingleEnv: a vector env with one member, as a plain Gymnasium env."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from .core import BeamVectorEnv
+
+
+class SingleEnv(gymnasium.Env):
+    """One member of the class attribute `vector`; takes its arguments, but num_envs, autoreset_mode and output."""
+
+    vector: ClassVar[type[BeamVectorEnv]]
+
+    def __init__(self, *, render_mode: str | None = None, max_episode_steps: int | None = None, **arguments: Any) -> None:
+        if render_mode is not None:
+            raise ValueError(f"render_mode = {render_mode!r} was given; there is none yet")
+        for name in ("num_envs", "autoreset_mode", "output"):
+            if name in arguments:
+                raise ValueError(f"{name} was given; a single env has none, {self.vector.__name__} does")
+        self.one = self.vector(1, max_episode_steps=max_episode_steps, autoreset_mode=AutoresetMode.DISABLED, **arguments)
+        self.observation_space, self.action_space = self.one.single_observation_space, self.one.single_action_space
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
+        super().reset(seed=seed)
+        observation, info = self.one.reset(seed=seed)
+        return observation[0], _first(info)
+
+    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
+        observation, reward, terminated, truncated, info = self.one.step(np.asarray(action)[None])
+        return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
+
+    @property
+    def np_random(self) -> np.random.Generator:
+        return self.one.np_random[0]
+
+    @np_random.setter
+    def np_random(self, value: np.random.Generator) -> None:
+        self.one.streams = [value]
+
+
+def _first(info: dict) -> dict:
+    return {name: value[0].item() for name, value in info.items() if not name.startswith("_")}

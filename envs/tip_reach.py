@@ -1,0 +1,181 @@
+"""TipReach: bring the tip of a flexible cantilever to a point and hold it there."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+import torchbeam as tb
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode
+from torch import Tensor
+
+from .core import BeamVectorEnv
+from .reach import Reach
+from .single import SingleEnv
+
+FORCE = (2.5, 4.0)  # N, along y and z
+AXES = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+SOFT = 1e-3  # of the length: below it the distance in the reward is rounded off
+
+
+def aluminium_strip(dtype: torch.dtype = torch.float64) -> tb.Section:
+    """6061-T6 flat bar, 3 mm (along y) by 10 mm (along z): E = 68.9 GPa, nu = 0.33, density 2700 kg/m^3, yield 276 MPa."""
+    values = (torch.tensor(v, dtype=dtype) for v in (3e-3, 10e-3, 68.9e9, 0.33, 2700.0))
+    return tb.Section.rectangle(*values)
+
+
+class TipReachVectorEnv(BeamVectorEnv):
+    """`num_envs` flexible cantilevers, stepped as one batch.
+
+    ## Description
+    An aluminium strip is clamped at one end and reaches out along x; gravity pulls along -z. A bounded force on the free end,
+    across the undeformed strip, is to bring the tip to a target and to hold it there. The target changes with the episode and is
+    a point that a static force within the bounds holds. By default the strip is 1 m of 6061-T6 flat bar of 3 mm x 10 mm,
+    soft sideways (y: first frequency 2.4 Hz, 0.42 m of static reach) and eleven times stiffer up and down (z: 8.1 Hz); the two
+    directions are coupled through bending and torsion at these deflections. One episode is 1 s: two and a half periods.
+
+    The strip is geometrically exact (torchbeam's nodal form, implicit steps of interval/substeps).
+
+    ## Action space
+    `Box(-1, 1, (2,), float32)`, held over one control interval. The force keeps its direction in space.
+
+    | index | action | unit at 1 |
+    |---|---|---|
+    | 0 | tip force along y | force[0], 2.5 N |
+    | 1 | tip force along z | force[1], 4 N |
+
+    Values outside are clipped. An action of a sub-env that holds NaN or infinity counts as (0, 0), and
+    `info["action_invalid"]` says so.
+
+    ## Observation space
+    `Box(-high, high, (15,), float32)`; lengths in units of the strip's length L, velocities in units of L omega, omega the first
+    natural frequency (L omega = 15.4 m/s by default). Clipped to the bounds, which motion within reach does not touch.
+
+    | index | observation | high |
+    |---|---|---|
+    | 0-2 | target - tip, x y z | 4 |
+    | 3-5 | tip displacement from where the episode starts, x y z | 2 |
+    | 6-8 | tip velocity, x y z | 20 |
+    | 9-11 | displacement of node elements // 2 (mid span), x y z | 2 |
+    | 12-14 | velocity of that node, x y z | 20 |
+
+    ## Reward
+    Per control interval, with d = |target - tip| at its end and a the clipped action:
+        - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
+    so a tip 10 cm away costs 1 a step. In an episode's last step after a failed solve: failure_reward.
+
+    ## Starting state
+    At rest in static equilibrium under gravity, without tip force: always the same. The target is the static tip position under a
+    force drawn uniformly from the ellipse with the half axes reach * force (see `envs/reach.py` for the map), from the
+    sub-env's own generator.
+
+    ## Episode end
+    Truncation after `max_episode_steps` intervals. Termination only where the solver fails (`info["solver_failed"]`): the
+    observation is then the last finite one, the reward `failure_reward`, and the other sub-envs do not notice.
+
+    ## Information
+    `distance` (m) from tip to target, `solver_failed`, `action_invalid`; each (num_envs,) with its mask `_name`, False for sub-envs
+    that did not move. SAME_STEP adds `final_obs` (num_envs, 15), `final_info` and their masks.
+
+    ## Arguments
+    num_envs           sub-envs
+    length             m, of the strip (1.0)
+    section            `torchbeam.Section`; None is the strip above. Its dtype and device are those of the simulation; batch axes
+                       (num_envs,) give every sub-env its own
+    damping            s, tau in [F; M] = S^-1 (strain + tau strain rate); 1e-3 is 0.8 % of critical in the first mode
+    gravity            (3,) m/s^2, or None
+    elements           6; at least 2
+    control_interval   s, 0.02;  substeps: implicit steps in one, 2
+    force              (2,) N along y and z, (2.5, 4.0)
+    reach              0.7, share of the force bound that targets need at most, above 0 and up to 1
+    control_cost       1e-3;  failure_reward: -100
+    max_episode_steps  50; None = no end
+    autoreset_mode     "NextStep" (default: the step after the last one of an episode resets; its action is ignored and its reward
+                       0), "SameStep", or "Disabled" (an episode that is over stands still with reward 0 until
+                       reset(options={"reset_mask": ...}))
+    output             "numpy", or "torch": tensors, differentiable through as many steps as wanted; then `state`, `set_state`,
+                       `detach` and `initialize_trajectory` are what a training loop needs
+
+    ## Version history
+    v0: first version.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
+
+    def __init__(
+        self, num_envs: int = 1, *, length: float = 1.0, section: tb.Section | None = None, damping: float = 1e-3,
+        gravity: tuple[float, float, float] | None = (0.0, 0.0, -9.81), elements: int = 6, control_interval: float = 0.02,
+        substeps: int = 2, force: tuple[float, float] = FORCE, reach: float = 0.7, control_cost: float = 1e-3,
+        failure_reward: float = -100.0, max_episode_steps: int | None = 50,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, output: str = "numpy",
+    ) -> None:
+        if elements < 2:
+            raise ValueError(f"elements = {elements} was given; at least 2 are wanted, for a node at mid span")
+        if not 0 < reach <= 1:
+            raise ValueError(f"reach = {reach} was given; a share above 0 and up to 1 is wanted")
+        if len(force) != 2 or not all(0 < f < math.inf for f in force):
+            raise ValueError(f"force = {force} was given; two positive finite numbers (N, along y and z) are wanted")
+        if not control_cost >= 0:
+            raise ValueError(f"control_cost = {control_cost} was given; a non-negative number is wanted")
+        section = aluminium_strip() if section is None else section
+        beam = tb.Beam.straight(torch.as_tensor(length, dtype=section.compliance.dtype, device=section.compliance.device),
+                                elements, section)
+        weight = () if gravity is None else (tb.Gravity(gravity),)
+        self.scene = tb.Scene(beam, [tb.TipLoad(force=tb.Input("force", 3)), tb.Damping(damping), *weight])
+        high = np.repeat(np.float32([4, 2, 20, 2, 20]), 3)
+        super().__init__(
+            num_envs, tb.Stepper(self.scene, control_interval / substeps, halvings=2), Box(-high, high), Box(-1, 1, (2,)),
+            substeps=substeps, max_episode_steps=max_episode_steps, failure_reward=failure_reward,
+            autoreset_mode=autoreset_mode, output=output,
+        )
+        self.length, self.control_interval, self.control_cost = length, control_interval, control_cost
+        self.force = torch.tensor(force, dtype=self.dtype, device=self.device)
+        self.axes = torch.tensor(AXES, dtype=self.dtype, device=self.device)
+        self.middle = elements // 2
+        self.speed = (length * first_frequency(section, length))[..., None]  # m/s, (1,) or (num_envs, 1)
+        self.reach = Reach.of(self.scene, reach * self.force, self.axes)
+        self.start = tb.equilibrium(self.scene, force=torch.zeros(num_envs, 3, dtype=self.dtype, device=self.device))
+
+    def begin(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
+        """(k, 3) m: targets that forces in the ellipse hold."""
+        radius, turn = np.array([stream.random(2) for stream in streams]).T
+        disc = np.sqrt(radius) * np.array([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)])
+        return self.reach.tip(torch.as_tensor(disc.T, dtype=self.dtype, device=self.device), rows)
+
+    def inputs(self, action: Tensor) -> dict[str, Tensor]:
+        return {"force": (action * self.force) @ self.axes}
+
+    def observe(self, beam: tb.State, goal: Tensor) -> Tensor:
+        position, velocity, start = beam.position, beam.velocity, self.start.position
+        lengths = [goal - position[:, -1], *(position[:, i] - start[:, i] for i in (-1, self.middle))]
+        speeds = [velocity[:, i] / self.speed for i in (-1, self.middle)]
+        gap, tip, middle = (x / self.length for x in lengths)
+        return torch.cat((gap, tip, speeds[0], middle, speeds[1]), -1)
+
+    def reward(self, beam: tb.State, goal: Tensor, action: Tensor) -> Tensor:
+        soft = SOFT * self.length
+        far = ((goal - beam.position[:, -1]).square().sum(-1) + soft**2).sqrt() - soft
+        return -far / (0.1 * self.length) - self.control_cost * action.square().sum(-1)
+
+    def measures(self, beam: tb.State, goal: Tensor) -> dict[str, Tensor]:
+        return {"distance": torch.linalg.vector_norm(goal - beam.position[:, -1], dim=-1)}
+
+
+class TipReachEnv(SingleEnv):
+    """One flexible cantilever whose tip is to reach a point: `TipReachVectorEnv` with one member, see there for everything.
+
+    `gymnasium.make` ends the episode after 50 steps (`max_episode_steps` there); made directly, it does not end by itself.
+    """
+
+    vector = TipReachVectorEnv
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
+
+
+def first_frequency(section: tb.Section, length: float) -> Tensor:
+    """rad/s, (...): of the softer direction of a uniform cantilever, 1.8751^2 sqrt(EI / (m L^4))."""
+    flexibility = section.compliance.diagonal(dim1=-2, dim2=-1)[..., 4:].amax(-1)
+    return 1.875104**2 / (flexibility * section.mass[..., 0, 0] * length**4).sqrt()
+

@@ -1,0 +1,82 @@
+"""python -m torchbeam: commands found by entry point.
+
+A command is a function that takes the rest of the command line as a list and returns an exit status or None; the first line of
+its docstring describes it. A package adds one in its pyproject.toml:
+
+    [project.entry-points."torchbeam.commands"]
+    demo = "torchbeam_envs.demo:main"
+
+So torchbeam imports nothing of the packages that are built on it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import sys
+from collections.abc import Sequence
+from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+
+import torch
+
+GROUP = "torchbeam.commands"
+PACKAGES = ("torchbeam", "torch", "torchdiffeq", "gymnasium", "numpy")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line `argv` (default: the process's); returns the exit status."""
+    argv = list(sys.argv[1:] if argv is None else argv)
+    found = commands()
+    if argv and argv[0] in found:
+        return found[argv[0]].load()(argv[1:]) or 0
+    parser = argparse.ArgumentParser(
+        prog="python -m torchbeam", formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Batched, differentiable, geometrically exact beam dynamics.",
+        epilog=_listing(found) if set(argv) & {"-h", "--help"} or not argv else None,
+    )
+    parser.add_argument("command", choices=sorted(found), help="what to do; `COMMAND --help` says more")
+    if not argv:
+        parser.print_help()
+        return 0
+    parser.parse_args(argv[:1])
+    return 0
+
+
+def commands() -> dict[str, EntryPoint]:
+    """Every installed command, by name; `info` is there even where torchbeam runs without being installed."""
+    here = {"info": EntryPoint("info", "torchbeam.cli:info", GROUP)}
+    return {**here, **{found.name: found for found in entry_points(group=GROUP)}}
+
+
+def info(argv: Sequence[str]) -> None:
+    """Versions, precision and threads: what a bug report should say."""
+    argparse.ArgumentParser(prog="python -m torchbeam info", description=info.__doc__).parse_args(argv)
+    facts = {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
+    facts |= versions(*PACKAGES)
+    facts |= {"default dtype": torch.get_default_dtype(), "threads": torch.get_num_threads(),
+              "cuda": torch.cuda.get_device_name() if torch.cuda.is_available() else "none"}
+    width = max(map(len, facts))
+    for name, value in facts.items():
+        print(f"{name:<{width}}  {value}")
+
+
+def versions(*packages: str) -> dict[str, str]:
+    """Installed versions by package; "not installed" where there is none."""
+    def one(package: str) -> str:
+        try:
+            return version(package)
+        except PackageNotFoundError:
+            return "not installed"
+    return {package: one(package) for package in packages}
+
+
+def _listing(found: dict[str, EntryPoint]) -> str:
+    width = max(map(len, found))
+    lines = []
+    for name in sorted(found):
+        try:
+            text = (found[name].load().__doc__ or "").strip().splitlines() or [""]
+        except ImportError as error:
+            text = [f"cannot be loaded: {error}"]
+        lines.append(f"  {name:<{width}}  {text[0]}")
+    return "commands:\n" + "\n".join(lines)
