@@ -69,6 +69,7 @@ class State(TensorFields):
     reaction  (..., 6) load of the support on the beam, force N and moment N m, frame a: of an equilibrium; after an
               implicit step its mean over that step
     work      (...) J, done by the loads since the start
+    defect    (...) J, gained by the time integration itself since the start; kept where `conserve` asks for it, else 0
     t         (...) s
     status    (...) int: 0 = success; anything else names the failure, see `torchbeam.integrate.STATUS`. A failed sample
               keeps its last good state.
@@ -81,13 +82,14 @@ class State(TensorFields):
     stress: Tensor
     reaction: Tensor
     work: Tensor
+    defect: Tensor
     t: Tensor
     status: Tensor
 
     def at(self, t: Tensor) -> State:
         """The same state at another time, its work counted from there and its failures forgotten."""
         return replace(self, t=torch.zeros_like(self.t) + t, work=torch.zeros_like(self.work),
-                       status=torch.zeros_like(self.status))
+                       defect=torch.zeros_like(self.defect), status=torch.zeros_like(self.status))
 
     def node(self, index: int) -> Point:
         """One node's motion, in frame a."""
@@ -127,6 +129,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float = 0.0)
         stress=zero.expand(*shape, nodes - 1, 6),
         reaction=zero.expand(*shape, 6),
         work=zero.expand(shape),
+        defect=zero.expand(shape),
         t=torch.full_like(zero, t).expand(shape),
         status=torch.zeros(shape, dtype=torch.long, device=zero.device),
     )

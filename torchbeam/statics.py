@@ -50,9 +50,9 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
         first = (~good).nonzero()[0].tolist()
         which = f"sample {first[0] if len(first) == 1 else tuple(first)} of {tuple(good.shape)}" if first else "the scene"
         raise RuntimeError(f"{which} has no equilibrium: {REASON[int(status[~good][0])]}")
-    still = torch.zeros_like(x.position)
-    return State(*x[:2], velocity=still, spin=still, stress=x.stress, reaction=reaction,
-                 work=torch.zeros_like(status, dtype=scene.dtype), t=time.expand(status.shape), status=status)
+    still, zero = torch.zeros_like(x.position), torch.zeros_like(status, dtype=scene.dtype)
+    return State(*x[:2], velocity=still, spin=still, stress=x.stress, reaction=reaction, work=zero, defect=zero,
+                 t=time.expand(status.shape), status=status)
 
 
 def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, tolerance: float | None

@@ -9,8 +9,10 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.utils.checkpoint import checkpoint as recompute
 
 from ..checks import as_tensor, increasing, step_size
+from ..checks import options as check_options
 from ..newton import STATUS
 from ..nodal.model import Model
 from ..nodal.rates import Rates
@@ -44,8 +46,10 @@ def simulate(
     method   "midpoint" (nodal form, its default: implicit, mean strain) with
                  step=        s; each output interval is split into ceil(interval/step) equal steps. Default: the shortest
                               interval or 1/200 of the whole, whichever is less
-                 lumped=, tolerance=, iterations=    see `Stepper`
+                 checkpoint=  keep the graph at sqrt(steps) instants and compute the rest again in backward: long horizons
+                              then fit in memory, for one more forward
                  progress=    called with (steps done, steps in all) after each step
+                 lumped=, conserve=, tolerance=, iterations=, halvings=    see `Stepper`
              or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=
     form     "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the index-reduced derivation)
     inputs   by name: (..., size) held throughout, or a function of t (taken at mid step by the implicit method)
@@ -62,38 +66,58 @@ def simulate(
     method = method or ("midpoint" if form == "nodal" else "dopri5")
     if method not in (*IMPLICIT_METHODS, *ODE_METHODS):
         raise ValueError(f"method = {method!r} was given; there are {', '.join((*IMPLICIT_METHODS, *ODE_METHODS))}")
+    if not isinstance(scene, Scene):
+        raise ValueError(f"a scene of type {type(scene).__name__} was given; a torchbeam.Scene is wanted")
     t = increasing("t", as_tensor(t, scene.dtype, scene.device))
     inputs = inputs or {}
     if form != "nodal":
         from .mixed import simulate_mixed
 
+        check_options(f"form {form!r}", options, simulate_mixed)
         solution = simulate_mixed(scene, t, form, initial, method, inputs=inputs, **options)
     elif method in IMPLICIT_METHODS:
+        check_options(f"method {method!r}", options, _implicit, Stepper)
         solution = _implicit(scene, t, initial, method, inputs, **options)
     else:
+        check_options(f"method {method!r}", options, _explicit)
         solution = _explicit(scene, t, initial, method, inputs, **options)
     return _judged(solution, throw)
 
 
 def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
-              step: float | None = None, progress: Callable[[int, int], None] | None = None, **options: Any) -> Solution:
+              step: float | None = None, progress: Callable[[int, int], None] | None = None, checkpoint: bool = False,
+              **options: Any) -> Solution:
     intervals = t.detach().diff()
     step = step_size("step", step) if step is not None else min(intervals.min().item(), (t[-1] - t[0]).item() / STEPS)
     counts = [max(1, math.ceil(gap / step - 1e-6)) for gap in intervals.tolist()]
+    plan = [(k, i, count) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it, of how many
     stepper = Stepper(scene, step, method, **options)
-    state = _begin(scene, initial, t[0])
-    states, iterations, done = [state], [], 0
-    for k, count in enumerate(counts):
-        dt = (t[k + 1] - t[k]) / count
-        for i in range(count):
+    states, iterations = [_begin(scene, initial, t[0])], []
+
+    def march(part: list[tuple[int, int, int]], *fields: Tensor) -> tuple[Tensor, ...]:
+        """Fields of the states that `part` of the plan asks for and of the last, then the iterations of each step."""
+        state, wanted, counted = State(*fields), [], []
+        for k, i, count in part:
+            dt = (t[k + 1] - t[k]) / count
             state = stepper(state, dt=dt, **_held(inputs, t[k] + (i + 0.5) * dt))
-            iterations.append(stepper.iterations)
-            done += 1
+            counted.append(stepper.iterations)
+            if i == count - 1:
+                wanted.append(state)
             if progress is not None:
-                progress(done, sum(counts))
-        states.append(state)
+                progress(sum(counts[:k]) + i + 1, len(plan))
+        return (*(x for s in (*wanted, state) for x in vars(s).values()), *counted)
+
+    state, size = states[0], len(vars(states[0]))
+    length = math.isqrt(len(plan)) if checkpoint else len(plan)
+    for first in range(0, len(plan), length):
+        part = plan[first:first + length]
+        fields = tuple(vars(state).values())
+        tensors = recompute(march, part, *fields, use_reentrant=False) if checkpoint else march(part, *fields)
+        iterations.extend(tensors[-len(part):])
+        *outputs, state = (State(*tensors[i:i + size]) for i in range(0, len(tensors) - len(part), size))
+        states.extend(outputs)
     trajectory = State.stack(states)
-    stats = Stats(steps=done, iterations=torch.stack(torch.broadcast_tensors(*iterations)))
+    stats = Stats(steps=len(plan), iterations=torch.stack(torch.broadcast_tensors(*iterations)))
     return Solution(t, trajectory, _energy(stepper.model, trajectory), stats)
 
 

@@ -30,6 +30,7 @@ class Stepper:
     method     "midpoint": the mean-strain step (second order, unconditionally stable in practice, keeps momentum)
     lumped     mass at the nodes alone, as the explicit form has it; by default neighbours are coupled, which makes the
                error of the translational inertia fourth order
+    conserve   scale the velocities after each step so that the energy balance closes exactly: for long undamped runs
     tolerance  of the scaled residual, default 1e-8 in float64 and 1e-4 in float32
     iterations at most this many in a Newton solve;  halvings: a failed step is made again in 2, 4, ... 2^halvings parts
 
@@ -37,13 +38,14 @@ class Stepper:
     """
 
     def __init__(self, scene: Scene, dt: float, method: str = "midpoint", *, lumped: bool = False,
-                 tolerance: float | None = None, iterations: int = LIMIT, halvings: int = 6) -> None:
+                 tolerance: float | None = None, iterations: int = LIMIT, halvings: int = 6,
+                 conserve: bool = False) -> None:
         if method not in METHODS:
             raise ValueError(f"method = {method!r} was given; {' or '.join(map(repr, METHODS))} is wanted")
         self.scene = scene
         self.dt = torch.as_tensor(step_size("dt", dt), dtype=scene.dtype, device=scene.device)
         self.model = Model.of(scene, lumped)
-        self.tolerance, self.limit, self.halvings = tolerance, iterations, halvings
+        self.tolerance, self.limit, self.halvings, self.conserve = tolerance, iterations, halvings, conserve
         self.iterations: Tensor | None = None  # (...) of the last step
 
     def rest(self, batch_shape: tuple[int, ...] | None = None) -> State:
@@ -84,7 +86,7 @@ class Stepper:
 
     def _attempt(self, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor) -> tuple[State, Tensor, Tensor]:
         """One Newton solve: (state after, of a failed sample before; status; iterations)."""
-        problem = Step(self.model, state, dt, t, inputs)
+        problem = Step(self.model, state, dt, t, inputs, self.conserve)
         x, reaction, status, iterations = newton(problem, problem.guess(), moving, self.tolerance, self.limit)
         status = torch.where((status == SUCCESS) & (x.m[..., 0].amin(-1) < COS_QUARTER_TURN), DIVERGED, status)
         good = moving & (status == SUCCESS)

@@ -94,4 +94,5 @@ class Rates:
         """The state at time t; stress and reaction are those of the instant."""
         r, q, v, omega = self.unpack(y)
         net, _ = self.balance(t, r, q, v, omega)
-        return State(r, q, v, omega, self.stress(r, q, v, omega), -net[..., 0, :], y[..., -1], t.expand(y.shape[:-1]), status)
+        return State(r, q, v, omega, self.stress(r, q, v, omega), -net[..., 0, :], y[..., -1], torch.zeros_like(y[..., -1]),
+                     t.expand(y.shape[:-1]), status)
