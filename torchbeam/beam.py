@@ -111,6 +111,8 @@ class Beam:
                 raise ValueError(f"frames of shape {tuple(frames.shape)} were given; (..., {N}, 3, 3) is wanted")
             if ((frames[..., :, 0] - chord / length[..., None]).abs() > 1e-5).any():
                 raise ValueError("frames whose first column leaves the chord were given; it runs from node to node")
+            if ((frames.mT @ frames - torch.eye(3, dtype=dtype, device=device)).abs() > 1e-5).any():
+                raise ValueError("frames that are not orthonormal were given; rotation matrices are wanted")
         return cls._chain(section, nodes, quat.from_matrix(frames), length)
 
     @classmethod
@@ -134,7 +136,7 @@ class Beam:
         dtype, device = _dtype_with(section, radius, angle, direction, up, root)
         radius = positive("radius", as_tensor(radius, dtype, device))
         angle = positive("angle", as_tensor(angle, dtype, device))
-        direction, up, root = (axis_last(n, as_tensor(v, dtype, device), 3)
+        direction, up, root = (finite(n, axis_last(n, as_tensor(v, dtype, device), 3))
                                for n, v in (("direction", direction), ("up", up), ("root", root)))
         axes = axes_along(direction, up)
         s = torch.linspace(0, 1, N + 1, dtype=dtype, device=device) * angle[..., None]
@@ -185,7 +187,7 @@ def axes_along(direction: Tensor, up: Tensor) -> Tensor:
 
 
 def _dtype_with(section: Section | Sequence[Section], *values: Value) -> tuple[torch.dtype, torch.device]:
-    sections = (section,) if isinstance(section, Section) else tuple(section)
+    sections = tuple(section) if isinstance(section, Sequence) else (section,)
     for s in sections:
         if not isinstance(s, Section):
             raise ValueError(f"a section of type {type(s).__name__} was given; a torchbeam.Section is wanted")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from typing import Any
 
@@ -36,7 +37,27 @@ def as_tensor(value: Value, dtype: torch.dtype, device: torch.device | None = No
     if isinstance(value, (list, tuple)) and any(isinstance(v, Tensor) for v in value):
         parts = [as_tensor(v, dtype, device) for v in value]
         return torch.stack(torch.broadcast_tensors(*parts), -1)
-    return torch.as_tensor(value, dtype=dtype, device=device)
+    try:
+        return torch.as_tensor(value, dtype=dtype, device=device)
+    except (TypeError, ValueError):
+        raise ValueError(f"{value!r} was given; numbers or a tensor are wanted") from None
+
+
+def broadcast(what: str, *shapes: torch.Size) -> torch.Size:
+    """The shape that all broadcast to; ValueError where there is none."""
+    try:
+        return torch.broadcast_shapes(*shapes)
+    except RuntimeError:
+        given = " and ".join(str(tuple(shape)) for shape in dict.fromkeys(shapes) if shape)
+        raise ValueError(f"{what} with the batch axes {given} were given; axes that broadcast are wanted") from None
+
+
+def options(name: str, given: dict[str, Any], *takers: Any) -> None:
+    """ValueError where an option is not a keyword of one of the functions that take them."""
+    known = [p.name for f in takers for p in inspect.signature(f).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    for option in given:
+        if option not in known:
+            raise ValueError(f"the option {option!r} was given; {name} has {', '.join(known)}")
 
 
 def axis_last(name: str, value: Any, size: int) -> Any:

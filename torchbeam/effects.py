@@ -210,7 +210,10 @@ def plain(value: Value) -> Tensor | np.ndarray:
         return value
     if isinstance(value, (list, tuple)) and any(isinstance(v, Tensor) for v in value):
         return as_tensor(value, *common_dtype(value))
-    return np.asarray(value, dtype=np.float64)
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{value!r} was given; numbers, a tensor, a function of t or an Input are wanted") from None
 
 
 def _value(name: str, value: Value | None) -> LoadValue | None:

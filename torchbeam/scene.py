@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from .beam import Beam
-from .checks import Value, as_tensor, axis_last, finite
+from .checks import Value, as_tensor, axis_last, broadcast, finite
 from .effects import Damping, Effect, Input, Inputs
 
 
@@ -81,8 +81,8 @@ class Scene:
             raise ValueError(f"a beam of type {type(self.beam).__name__} was given; a torchbeam.Beam is wanted")
         effects = tuple(self.effects) if isinstance(self.effects, Iterable) else (self.effects,)
         for effect in effects:
-            if getattr(effect, "hook", None) not in ("load", "strain"):
-                raise ValueError(f"{type(effect).__name__} is not an effect; see torchbeam.effects for what is")
+            if isinstance(effect, type) or getattr(effect, "hook", None) not in ("load", "strain"):
+                raise ValueError(f"{effect!r} is not an effect; see torchbeam.effects for what is")
             self._check_node(effect)
             self._check_dtype(effect)
         damping = [e for e in effects if e.hook == "strain"]
@@ -97,6 +97,7 @@ class Scene:
         set_(self, "loads", tuple(e for e in effects if e.hook == "load"))
         set_(self, "damping", damping[0] if damping else None)
         set_(self, "inputs", inputs)
+        _ = self.batch_shape  # says so where the axes do not fit
 
     def _check_node(self, effect: Effect) -> None:
         node, N = getattr(effect, "node", None), self.beam.count
@@ -123,7 +124,7 @@ class Scene:
         """Broadcast of the leading axes of the beam and of the loads' tensors (functions and inputs join later)."""
         loads = [v.shape[:-1] for e in self.loads for v in e.values if hasattr(v, "shape")]
         taus = [] if self.damping is None else [self.damping.tau.shape[:-1] if self.damping.six else self.damping.tau.shape]
-        return torch.broadcast_shapes(self.beam.batch_shape, *loads, *taus)
+        return broadcast("a beam and loads", self.beam.batch_shape, *loads, *taus)
 
     def tensors(self, given: dict[str, Any]) -> Inputs:
         """Inputs by name as tensors; ValueError where one is missing, unknown or of the wrong size."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from .checks import Value, as_tensor, axis_last, common_dtype, finite, positive
+from .checks import Value, as_tensor, axis_last, broadcast, common_dtype, finite, positive
 
 SHEAR_FACTOR_RECTANGLE = 5 / 6  # Timoshenko's, Poisson's ratio neglected
 SHEAR_FACTOR_CIRCLE = 9 / 10  # solid circle, Poisson's ratio neglected (Cowper 1966 at nu = 0 gives 6/7)
@@ -41,6 +41,7 @@ class Section:
         dtype, device = common_dtype(self.compliance, self.mass)
         S = _symmetric("compliance", as_tensor(self.compliance, dtype, device))
         mass = _symmetric("mass", as_tensor(self.mass, dtype, device))
+        broadcast("compliance and mass", S.shape[:-2], mass.shape[:-2])
         S_diagonal = positive("a diagonal entry of the compliance", S.diagonal(dim1=-2, dim2=-1), zero=True)
         positive("mass per length", mass[..., 0, 0])
         positive("rotary inertia", mass.diagonal(dim1=-2, dim2=-1)[..., 3:], zero=True)
@@ -145,7 +146,8 @@ def _pair(name: str, value: Value, dtype: torch.dtype, device: torch.device) -> 
 
 
 def _diagonal(entries: list[Tensor]) -> Tensor:
-    return torch.diag_embed(torch.stack(torch.broadcast_tensors(*entries), -1))
+    shape = broadcast("a section's numbers", *(x.shape for x in entries))
+    return torch.diag_embed(torch.stack([x.expand(shape) for x in entries], -1))
 
 
 def _symmetric(name: str, matrix: Tensor) -> Tensor:
