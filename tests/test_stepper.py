@@ -1,0 +1,138 @@
+"""The implicit step as its users see it: energy, sub-steps, checkpoints, masks, files."""
+
+import math
+
+import pytest
+import torch
+
+import torchbeam as tb
+
+
+def soft_beam(**changes) -> tb.Beam:
+    """The coupled section of the energy study: 3D, bending couples with extension."""
+    K = torch.diag(torch.tensor([1e3, 400, 400, 0.8, 1, 2]))
+    K[2, 3] = K[3, 2] = 0.3
+    K[0, 5] = K[5, 0] = 5
+    return tb.Beam.straight(1.0, 4, tb.Section(torch.linalg.inv(K), torch.diag(torch.tensor([1, 1, 1, 0.02, 0.01, 0.01]))))
+
+
+def slender(N: int = 16) -> tb.Beam:
+    """The section of the common dynamic case (reference/dynamic_step_load.json)."""
+    return tb.Beam.straight(1.0, N, tb.Section.from_stiffness(4e4, 1.4835e4, 0.769, 1.0, 0.2, 5e-6))
+
+
+def balance(sol: tb.Solution) -> torch.Tensor:
+    return sol.energy.kinetic + sol.energy.strain - sol.energy.work
+
+
+@pytest.mark.parametrize("conserve, most", [(False, 5e-4), (True, 1e-12)])
+def test_energy_of_long_undamped_motion(conserve, most):
+    """Undamped 3D coupled cantilever, dead tip load, 500 steps of 20 ms: the balance closes by construction with
+    `conserve` (1e-12 is rounding over 500 steps) and to third order in the step without (measured 2.7e-4 of the peak)."""
+    scene = tb.Scene(soft_beam(), [tb.TipLoad(force=(0, 1.0, 3.0))])
+    sol = tb.simulate(scene, torch.linspace(0, 10, 26), step=0.02, conserve=conserve)
+    assert balance(sol).abs().max() < most * sol.energy.strain.max()
+
+
+def test_conserve_takes_only_what_damping_does_not():
+    """With damping, energy falls by exactly what the damper takes: `defect` stays at zero and the beam comes to rest at
+    the static equilibrium (the damper does not shift it)."""
+    scene = tb.Scene(soft_beam(), [tb.TipLoad(force=(0, 0.5, 0.5)), tb.Damping(0.2)])
+    sol = tb.simulate(scene, [0.0, 10.0], step=0.02, conserve=True)
+    assert sol.state.defect.abs().max() < 1e-12
+    still = tb.equilibrium(scene).tip.position
+    # first bending mode: omega = 3.516 rad/s, tau omega^2/2 = 1.24 1/s, so e^-12.4 = 4e-6 of 0.18 m is left
+    assert (sol.tip.position[-1] - still).abs().max() < 5e-6
+
+
+def test_violent_load_is_made_in_smaller_steps():
+    """P L^2/EI = 50 applied suddenly at 10 ms: whole steps have spurious solutions that gain energy 50-fold; steps in which
+    a node turns by more than 1.2 rad are refused and made in parts. The energy stays within 3 % (measured 1.4 %)."""
+    scene = tb.Scene(slender(), [tb.TipLoad(force=(0, 50.0, 0))])
+    sol = tb.simulate(scene, torch.linspace(0, 0.3, 4), step=0.01)
+    assert sol.status == 0
+    assert sol.stats.iterations.max() > 25  # more than one Newton solve was needed somewhere
+    assert balance(sol).abs().max() < 0.03 * sol.energy.strain.max()
+
+
+def test_gradient_through_steps_that_were_made_again():
+    """The derivative of the tip through sub-divided steps against central differences (fourth order, h = 1e-4 relative)."""
+    def tip(P):
+        scene = tb.Scene(slender(4), [tb.TipLoad(force=torch.stack((0 * P, P, 0 * P)))])
+        stepper = tb.Stepper(scene, 0.05, tolerance=1e-12)
+        state, most = stepper.rest(), 0
+        for _ in range(4):
+            state = stepper(state)
+            most = max(most, int(stepper.iterations))
+        return state.tip.position[1], most
+
+    P = torch.tensor(60.0, requires_grad=True)
+    y, most = tip(P)
+    assert most > 25
+    (slope,) = torch.autograd.grad(y, P)
+    h = 6e-3
+    with torch.no_grad():
+        f = {k: tip(P.detach() + k * h)[0] for k in (-2, -1, 1, 2)}
+    assert slope.item() == pytest.approx(((8 * (f[1] - f[-1]) - (f[2] - f[-2])) / (12 * h)).item(), rel=1e-5)
+
+
+def test_checkpoint_changes_nothing_but_memory():
+    """Values and gradients are those of the plain run, to rounding."""
+    def run(checkpoint):
+        EI = torch.tensor(1.0, requires_grad=True)
+        beam = tb.Beam.straight(1.0, 4, tb.Section.from_stiffness(1e4, 1e4, 1.0, EI, 0.2))
+        scene = tb.Scene(beam, [tb.TipLoad(force=(0, 1.0, 3.0))])
+        sol = tb.simulate(scene, torch.linspace(0, 0.2, 5), step=0.01, checkpoint=checkpoint)
+        return sol.tip.position, torch.autograd.grad(sol.tip.position.sum(), EI)[0], sol.stats.iterations
+
+    for plain, checkpointed in zip(run(False), run(True), strict=True):
+        torch.testing.assert_close(checkpointed, plain, rtol=1e-13, atol=1e-13)
+
+
+def test_mask_holds_samples_and_leaves_the_others_alone():
+    """Samples outside of `active` keep every bit; the others move as if all did."""
+    scene = tb.Scene(slender(4), [tb.TipLoad(force=tb.Input("u", 3))])
+    stepper = tb.Stepper(scene, 0.01)
+    u = torch.tensor([[0, 1.0, 0], [0, 2.0, 0], [0, 0, 3.0]])
+    start = stepper(stepper.rest((3,)), u=u)
+    all_, some = stepper(start, u=u), stepper(start, u=u, active=torch.tensor([True, False, True]))
+    assert torch.equal(some.position[1], start.position[1]) and some.t.tolist() == [0.02, 0.01, 0.02]
+    assert torch.equal(some.position[[0, 2]], all_.position[[0, 2]])
+
+
+def test_broken_sample_harms_nobody():
+    """One NaN load in a batch: that sample keeps its state and gets a status, the others are bit-identical to a batch
+    without it, and all gradients are finite."""
+    scene = tb.Scene(slender(4), [tb.TipLoad(force=tb.Input("u", 3))])
+    stepper = tb.Stepper(scene, 0.01)
+    u = torch.tensor([[0, 1.0, 0], [0, math.nan, 0], [0, 0, 3.0]], requires_grad=True)
+    state = stepper(stepper.rest((3,)), u=u)
+    assert state.status.tolist() == [0, 2, 0] and torch.isfinite(state.position).all()
+    fine = stepper(stepper.rest((3,)), u=torch.nan_to_num(u.detach()))
+    assert torch.equal(state.position[[0, 2]], fine.position[[0, 2]])
+    (gradient,) = torch.autograd.grad(state.tip.position.sum(), u)
+    assert torch.isfinite(gradient).all() and (gradient[1] == 0).all()
+
+
+def test_simulate_says_what_failed():
+    """A failure is a status, a reason and a warning; with throw=True a RuntimeError with sample, time and advice."""
+    def force(t):
+        return torch.where(t < 0.05, 1.0, math.nan) * torch.tensor([0, 1.0, 0])
+
+    scene = tb.Scene(slender(4), [tb.TipLoad(force=force)])
+    with pytest.warns(RuntimeWarning, match=r"t = 0.05 s"):
+        sol = tb.simulate(scene, torch.linspace(0, 0.1, 11), step=0.01)
+    assert sol.status == 2 and "not a number" in sol.stats.reason[2]
+    assert torch.equal(sol.tip.position[-1], sol.tip.position[5])
+    with pytest.raises(RuntimeError, match="the sample .* stopped after t = 0.05 s"):
+        tb.simulate(scene, torch.linspace(0, 0.1, 11), step=0.01, throw=True)
+
+
+def test_restart_and_files(tmp_path):
+    """Two halves of a run joined by a file are the run: a saved state holds everything."""
+    scene = tb.Scene(slender(4), [tb.TipLoad(force=(0, 1.0, 0))])
+    whole = tb.simulate(scene, [0.0, 0.1, 0.2], step=0.01)
+    first = tb.simulate(scene, [0.0, 0.1], step=0.01)
+    torch.save(first.state[-1], tmp_path / "state.pt")
+    second = tb.simulate(scene, [0.1, 0.2], initial=torch.load(tmp_path / "state.pt"), step=0.01)
+    torch.testing.assert_close(second.nodes[-1], whole.nodes[-1], rtol=0, atol=1e-14)
