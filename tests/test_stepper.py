@@ -124,7 +124,7 @@ def test_simulate_says_what_failed():
         sol = tb.simulate(scene, torch.linspace(0, 0.1, 11), step=0.01)
     assert sol.status == 2 and "not a number" in sol.stats.reason[2]
     assert torch.equal(sol.tip.position[-1], sol.tip.position[5])
-    with pytest.raises(RuntimeError, match="the sample .* stopped after t = 0.05 s"):
+    with pytest.raises(RuntimeError, match=r"the sample .* stopped after t = 0.05 s"):
         tb.simulate(scene, torch.linspace(0, 0.1, 11), step=0.01, throw=True)
 
 

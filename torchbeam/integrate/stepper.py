@@ -59,9 +59,9 @@ class Stepper:
         dt      0-dim, another length for this step
         inputs  by name, (..., size): held over the step
 
-        Loads that are functions of time are taken at mid step of the latest sample. Where Newton's method fails, or a
-        node turns by more than 1.2 rad, the step of that sample is made again in 2, 4, ... smaller ones. If that fails too it keeps its state and gets a status (see
-        `torchbeam.newton.STATUS`); its derivatives are those of standing still.
+        Loads that are functions of time are taken at mid step of the latest sample. Where Newton's method fails, or a node
+        turns by more than 1.2 rad, the step of that sample is made again in 2, 4, ... smaller ones. If that fails too it keeps
+        its state and gets a status (see `torchbeam.newton.STATUS`); its derivatives are those of standing still.
         """
         dt = self.dt if dt is None else dt
         given = self.scene.tensors(inputs)

@@ -31,7 +31,6 @@ from .balance import Linearisation, Residual, largest
 from .element import Kinematics, forces, geometric_stiffness, kinematics, strain, strain_operator, to_nodes
 from .model import Model, times
 
-
 MOST = 0.01  # of the kinetic energy, that `conserve` may take or give in one step
 
 
