@@ -1,5 +1,7 @@
 """Random scenes and states for the tests of the nodal form, and the order that a series of errors shows."""
 
+from dataclasses import replace
+
 import torch
 
 import torchbeam as tb
@@ -68,8 +70,9 @@ def state(of, seed=1, size=0.3):
     def free(scale):
         return scale * torch.cat((torch.zeros(*shape[:-2], 1, 3), torch.randn(*shape[:-2], shape[-2] - 1, 3)), -2)
 
-    return tb.State(start.position + free(size), quat.multiply(quat.exponential(free(size)), start.rotation),
-                    free(1.0), free(1.0), torch.randn_like(start.stress), start.reaction, start.work, start.t, start.status)
+    return replace(start, position=start.position + free(size),
+                   rotation=quat.multiply(quat.exponential(free(size)), start.rotation),
+                   velocity=free(1.0), spin=free(1.0), stress=torch.randn_like(start.stress))
 
 
 def orders(errors):

@@ -2,10 +2,10 @@
 
 import pytest
 import torch
+from nodal_cases import shape, spd
 from torch.testing import assert_close
 
 import torchbeam as tb
-from nodal_cases import shape, spd
 from torchbeam import quaternions as quat
 from torchbeam.nodal.element import (
     forces,

@@ -2,10 +2,10 @@
 
 import pytest
 import torch
+from nodal_cases import orders, scene, state
 from torch.testing import assert_close
 
 import torchbeam as tb
-from nodal_cases import orders, scene, state
 from torchbeam import quaternions as quat
 from torchbeam.nodal.element import forces, kinematics, strain, to_nodes
 from torchbeam.nodal.rates import Rates
@@ -18,7 +18,8 @@ def rates(request):
 
 def test_pack_and_unpack_are_inverse(rates):
     start = state(rates.model.scene)
-    for new, old in zip(rates.unpack(rates.pack(start)), (start.position, start.rotation, start.velocity, start.spin), strict=True):
+    fields = start.position, start.rotation, start.velocity, start.spin
+    for new, old in zip(rates.unpack(rates.pack(start)), fields, strict=True):
         assert_close(new, old.expand_as(new), rtol=0, atol=1e-15)
 
 
@@ -37,7 +38,7 @@ def test_momentum_rates(rates):
     y = rates.pack(start)
 
     def momenta(y):
-        r, q, v, omega = rates.unpack(y)
+        _, q, v, omega = rates.unpack(y)
         return model.mass * v, quat.rotate(q, (model.inertia @ omega[..., None])[..., 0])
 
     _, (p_rate, H_rate) = torch.func.jvp(momenta, (y,), (rates(t, y),))

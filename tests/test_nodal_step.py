@@ -2,10 +2,10 @@
 
 import pytest
 import torch
+from nodal_cases import orders, scene, state
 from torch.testing import assert_close
 
 import torchbeam as tb
-from nodal_cases import orders, scene, state
 from torchbeam import quaternions as quat
 from torchbeam.nodal.element import kinematics, strain
 from torchbeam.nodal.model import Model
@@ -13,7 +13,8 @@ from torchbeam.nodal.step import Step
 from torchbeam.nodal.still import Shape, Still
 
 DT = torch.tensor(0.1)
-CASES = [dict(damping="one"), dict(damping="six"), dict(), dict(effects=()), dict(rotary=False), dict(coupled=False, damping="six")]
+CASES = [dict(damping="one"), dict(damping="six"), dict(), dict(effects=()), dict(rotary=False),
+         dict(coupled=False, damping="six")]
 
 
 def step_of(case, lumped=False, batch=(3,)):

@@ -1,0 +1,163 @@
+"""Effects, one row each: absent = zero operations, zero value = absent, a closed-form limit, gradients."""
+
+from typing import NamedTuple
+
+import pytest
+import torch
+from nodal_cases import state as random_state
+from torch.testing import assert_close
+from torch.utils._python_dispatch import TorchDispatchMode
+
+import torchbeam as tb
+from torchbeam.nodal.model import Model
+from torchbeam.nodal.step import Step
+
+N, SMALL = 16, 1e-4
+SECTION = tb.Section.from_stiffness(EA=1e6, GA=1e6, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
+BEAM = tb.Beam.straight(1.0, N, SECTION)
+
+
+class Row(NamedTuple):
+    """effect: value -> effect, `value` its unit; moved: tip displacement and rotation vector by small-displacement theory,
+    L = EI = 1, GJ = 0.8, for that value."""
+
+    effect: object
+    value: tuple
+    moved: tuple
+
+
+# Euler-Bernoulli: P L^3/3, P L^2/2; M L^2/2, M L; q L^4/8, q L^3/6; m L^3/3, m L^2/2; torsion M L/GJ, m L^2/2GJ;
+# P at a = L/2: P a^2 (3 L - a)/6, P a^2/2. A force along z turns the tip about -y, a moment about y moves it along -z.
+TABLE = {
+    "TipLoad force": Row(lambda v: tb.TipLoad(force=v), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
+    "TipLoad moment": Row(lambda v: tb.TipLoad(moment=v), (0.8, 2, 4), (0, 2, -1, 1, 2, 4)),
+    "TipLoad follower": Row(lambda v: tb.TipLoad(force=v, follower=True), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
+    "PointLoad": Row(lambda v: tb.PointLoad(force=v, node=N // 2), (0, 0, 48), (0, 0, 5, 0, -6, 0)),
+    "LineLoad force": Row(lambda v: tb.LineLoad(force=v), (0, 24, 48), (0, 3, 6, 0, -8, 4)),
+    "LineLoad moment": Row(lambda v: tb.LineLoad(moment=v), (1.6, 6, 3), (0, 1, -2, 1, 3, 1.5)),
+    "LineLoad follower": Row(lambda v: tb.LineLoad(force=v, follower=True), (0, 24, 48), (0, 3, 6, 0, -8, 4)),
+    "Gravity": Row(lambda v: tb.Gravity(v), (0, 48, 96), (0, 3, 6, 0, -8, 4)),
+}
+rows = pytest.mark.parametrize("name", TABLE)
+
+
+class Counter(TorchDispatchMode):
+    count = 0
+
+    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
+        self.count += 1
+        return function(*args, **(kwargs or {}))
+
+
+def operations(*effects):
+    """Tensor operations of a step's residual and of the loads' sum alone."""
+    scene = tb.Scene(BEAM, effects)
+    model, start = Model.of(scene), tb.rest(scene)
+    t = torch.tensor(0.0)
+    problem = Step(model, start, torch.tensor(0.1), t, {})
+    x = problem.guess()
+    with Counter() as whole:
+        problem.residual(x)
+    with Counter() as loads:
+        model.external(start.rotation, t, {}, scene.loads)
+    return whole.count, loads.count
+
+
+@rows
+def test_absent_is_no_operation(name):
+    """A scene without loads sums none: zero operations; each load adds some; damping adds some to the strain law alone."""
+    row = TABLE[name]
+    without, with_ = operations(), operations(row.effect(row.value))
+    assert without[1] == 0 and with_[1] > 0 and with_[0] > without[0]
+
+
+def test_absent_damping_is_no_operation():
+    without, with_ = operations(), operations(tb.Damping(0.1))
+    assert with_[0] > without[0] and with_[1] == without[1] == 0
+    assert Model.of(tb.Scene(BEAM)).rate is None
+
+
+@pytest.mark.parametrize("name", [*TABLE, "Damping", "Damping six"])
+def test_zero_is_absent(name):
+    """Three steps from a random state with the effect at zero = the same without it (rounding of sums with zero)."""
+    zero = {"Damping": tb.Damping(0.0), "Damping six": tb.Damping(torch.zeros(6))}.get(name) or TABLE[name].effect((0.0, 0, 0))
+    section = tb.Section.from_stiffness(EA=10.0, GA=10.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
+    ends = []
+    for effects in ((), (zero,)):
+        scene = tb.Scene(tb.Beam.straight(1.0, N, section), effects)
+        stepper, state = tb.Stepper(scene, 0.02), random_state(scene, size=0.01)
+        for _ in range(3):
+            state = stepper(state)
+        ends.append(state)
+    assert_close(ends[1].position, ends[0].position, rtol=0, atol=1e-14)
+    assert_close(ends[1].spin, ends[0].spin, rtol=0, atol=1e-11)
+
+
+@rows
+def test_small_load_is_the_textbook(name):
+    """Tip displacement and rotation at 1e-4 of the unit load against beam theory. Relative to the largest entry: 1e-2, of
+    which shear gives 1e-6 and one-point elements up to 1/(2 N^2) = 0.2 %; large rotation 1e-4.
+    """
+    row = TABLE[name]
+    state = tb.equilibrium(tb.Scene(BEAM, [row.effect(tuple(SMALL * v for v in row.value))]))
+    assert (state.status == 0).all()
+    R = state.tip.rotation
+    turn = torch.stack((R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1])) / 2
+    moved = torch.cat((state.tip.position - BEAM.nodes[-1], turn)) / SMALL
+    assert_close(moved, torch.tensor(row.moved, dtype=torch.float64), rtol=0, atol=5e-3 * max(map(abs, row.moved)))
+
+
+@rows
+def test_gradient_by_the_value(name):
+    """Equilibrium and three steps against central differences, reverse and forward mode; size one: large displacements."""
+    row = TABLE[name]
+    value = (torch.tensor(row.value, dtype=torch.float64) / 10 + 0.01).requires_grad_()
+    beam = tb.Beam.straight(1.0, 3, tb.Section.from_stiffness(EA=50.0, GA=30.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01))
+
+    def scene(value):
+        effect = row.effect(value)
+        return tb.Scene(beam, [tb.PointLoad(force=value, node=1) if name == "PointLoad" else effect])
+
+    def moved(value):
+        stepper = tb.Stepper(scene(value), 0.1, tolerance=1e-12)
+        state = stepper.rest()
+        for _ in range(3):
+            state = stepper(state)
+        return state.tip.position, state.reaction
+
+    def still(value):
+        state = tb.equilibrium(scene(value), tolerance=1e-12)
+        return state.tip.position, state.reaction
+
+    for function in (still, moved):
+        assert torch.autograd.gradcheck(function, value, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True,
+                                        fast_mode=True)
+
+
+@pytest.mark.parametrize("six", [False, True])
+def test_gradient_by_tau(six):
+    """The same for damping, one value and six."""
+    tau = (0.05 + 0.05 * torch.rand(6) if six else torch.tensor(0.05)).requires_grad_()
+    section = tb.Section.from_stiffness(EA=50.0, GA=30.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
+
+    def moved(tau):
+        scene = tb.Scene(tb.Beam.straight(1.0, 3, section), [tb.Damping(tau), tb.TipLoad(force=(0.1, 0.2, 1.0))])
+        stepper = tb.Stepper(scene, 0.1, tolerance=1e-12)
+        state = stepper.rest()
+        for _ in range(3):
+            state = stepper(state)
+        return state.tip.position, state.reaction
+
+    assert torch.autograd.gradcheck(moved, tau, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True,
+                                        fast_mode=True)
+
+
+@rows
+def test_a_function_of_time_is_its_value_then(name):
+    """The load as a function that is constant = the constant; the implicit step takes it at mid step."""
+    row = TABLE[name]
+    value = torch.tensor(row.value, dtype=torch.float64) / 10
+    scenes = [tb.Scene(BEAM, [row.effect(v)]) for v in (lambda t: value * t / 0.05, value)]
+    steppers = [tb.Stepper(scene, 0.1) for scene in scenes]
+    one, other = (stepper(stepper.rest()) for stepper in steppers)
+    assert_close(one.position, other.position, rtol=0, atol=1e-13)

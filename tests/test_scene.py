@@ -1,0 +1,74 @@
+"""Scene: what it finds in its effects, batches, inputs. Bad input: test_refusals."""
+
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+
+SECTION = tb.Section.from_stiffness(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
+BEAM = tb.Beam.straight(1.0, 2, SECTION)
+
+
+def test_effects_are_sorted_by_hook():
+    load, weight, damping = tb.TipLoad(force=(0, 0, 1.0)), tb.Gravity((0, 0, -9.81)), tb.Damping(0.1)
+    scene = tb.Scene(BEAM, [load, damping, weight])
+    assert scene.loads == (load, weight) and scene.damping is damping and scene.effects == (load, damping, weight)
+    bare = tb.Scene(BEAM)
+    assert bare.loads == () and bare.damping is None and bare.inputs == {} and bare.batch_shape == ()
+
+
+def test_a_single_effect_needs_no_list():
+    load = tb.TipLoad(force=(0, 0, 1.0))
+    assert tb.Scene(BEAM, load).loads == (load,)
+
+
+def test_batch_is_that_of_everything_together():
+    """Lengths (4, 1), a load (3,), tau (4, 1): 4 x 3 scenes; a six-valued tau's last axis is not a batch axis."""
+    beam = tb.Beam.straight(torch.rand(4, 1) + 1, 2, SECTION)
+    load = tb.TipLoad(force=torch.rand(3, 3))
+    assert tb.Scene(beam, [load, tb.Damping(torch.rand(4, 1))]).batch_shape == (4, 3)
+    assert tb.Scene(BEAM, [tb.Damping(torch.rand(6))]).batch_shape == ()
+    assert tb.Scene(BEAM, [tb.Damping(torch.rand(6), six=False)]).batch_shape == (6,)
+
+
+def test_inputs_are_found_and_made_tensors():
+    """One name may drive two loads; numbers become tensors of the scene's dtype."""
+    u = tb.Input("u", 3)
+    scene = tb.Scene(BEAM, [tb.TipLoad(force=u, moment=tb.Input("m", 3)), tb.LineLoad(force=u)])
+    assert scene.inputs == {"u": 3, "m": 3}
+    given = scene.tensors({"u": (0, 0, 1), "m": torch.zeros(5, 3)})
+    assert given["u"].dtype == torch.float64 and given["m"].shape == (5, 3)
+
+
+def test_an_input_is_the_load_it_stands_for():
+    """Equilibrium and a step under an input = the same under the load's value, bit for bit."""
+    force = torch.tensor([0.1, 0.2, 0.3])
+    fixed, driven = (tb.Scene(BEAM, [tb.TipLoad(force=f)]) for f in (force, tb.Input("u", 3)))
+    assert_close(tb.equilibrium(driven, u=force).position, tb.equilibrium(fixed).position, rtol=0, atol=0)
+    one, other = tb.Stepper(fixed, 0.1), tb.Stepper(driven, 0.1)
+    assert_close(other(other.rest(), u=force).position, one(one.rest()).position, rtol=0, atol=0)
+
+
+def test_numbers_take_the_dtype_of_the_beam():
+    """A float32 beam with plain numbers for loads is a float32 scene."""
+    of = tb.Section.from_stiffness(EA=torch.tensor(10.0, dtype=torch.float32), GA=4.0, GJ=0.5, EI=1.0, mass=0.3)
+    scene = tb.Scene(tb.Beam.straight(1.0, 2, of), [tb.TipLoad(force=(0, 0, 0.1)), tb.Damping(0.1)])
+    assert scene.dtype == torch.float32 and tb.equilibrium(scene).position.dtype == torch.float32
+
+
+def test_root_state_and_views():
+    """rest: undeformed, at rest, batched; node(-1) is the tip; a state survives clone, detach and torch.save."""
+    state = tb.rest(tb.Scene(BEAM), batch_shape=(5,))
+    assert state.position.shape == (5, 3, 3) and state.batch_shape == (5,) and state.status.tolist() == [0] * 5
+    assert_close(state.tip.position, torch.tensor([1.0, 0, 0]).expand(5, 3))
+    assert_close(state.tip.rotation, torch.eye(3).expand(5, 3, 3))
+    assert_close(state.node(1).position, state.nodes[:, 1])
+    assert_close(state.clone().detach().position, state.position)
+
+
+def test_state_survives_a_file(tmp_path):
+    state = tb.equilibrium(tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 0.1))]))
+    torch.save(state, tmp_path / "state.pt")
+    again = torch.load(tmp_path / "state.pt")
+    assert_close(again.position, state.position, rtol=0, atol=0)
+    assert_close(again.root.force, state.root.force, rtol=0, atol=0)
