@@ -12,6 +12,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
+
 from torchbeam import State, Stepper
 
 OUTPUTS = ("numpy", "torch")

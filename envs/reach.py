@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-import torchbeam as tb
 from torch import Tensor
+
+import torchbeam as tb
 
 DEGREE = 10  # of the polynomial, in either component of the force
 

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import torch
-import torchbeam as tb
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
 from torch import Tensor
+
+import torchbeam as tb
 
 from .core import BeamVectorEnv
 from .reach import Reach

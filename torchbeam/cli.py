@@ -76,7 +76,7 @@ def _listing(found: dict[str, EntryPoint]) -> str:
     for name in sorted(found):
         try:
             text = (found[name].load().__doc__ or "").strip().splitlines() or [""]
-        except ImportError as error:
+        except (ImportError, AttributeError) as error:
             text = [f"cannot be loaded: {error}"]
         lines.append(f"  {name:<{width}}  {text[0]}")
     return "commands:\n" + "\n".join(lines)

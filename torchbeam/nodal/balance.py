@@ -34,23 +34,14 @@ class Residual(NamedTuple):
     size_strain: Tensor
 
     def measure(self) -> Tensor:
-        """(...) the scaled residual: each equation over the largest term in it."""
-        eps = torch.finfo(self.nodes.dtype).eps
+        """(...) the scaled residual: each equation over the largest term in it; not finite where anything is not."""
+        number = torch.finfo(self.nodes.dtype)
         free = self.nodes.detach()[..., 1:, :].abs()
-        force = free[..., :3].amax((-1, -2)) / self.force
-        moment = free[..., 3:].amax((-1, -2)) / self.moment
+        force = free[..., :3].amax((-1, -2)) / (self.force + number.tiny)
+        moment = free[..., 3:].amax((-1, -2)) / (self.moment + number.tiny)
         # strains below ROUNDING eps are differences of positions that floating point does not hold
-        gap = (self.strain.detach().abs().amax((-1, -2)) - ROUNDING * eps).clamp(min=0)
-        gap = gap / (self.size_strain + eps)
-        # 0/0: nothing acts and nothing is left over
-        parts = torch.stack(torch.broadcast_tensors(*(torch.where(x != x, self._zero_over_zero(x), x) for x in
-                                                     (force, moment, gap))))
-        return parts.amax(0)
-
-    def _zero_over_zero(self, x: Tensor) -> Tensor:
-        """0 where the residual is finite (0/0), NaN where it is not."""
-        broken = ~(torch.isfinite(self.nodes).all(-1).all(-1) & torch.isfinite(self.strain).all(-1).all(-1))
-        return torch.where(broken, torch.full_like(x, torch.nan), torch.zeros_like(x))
+        gap = (self.strain.detach().abs().amax((-1, -2)) - ROUNDING * number.eps).clamp(min=0)
+        return torch.maximum(torch.maximum(force, moment), gap / (self.size_strain + number.eps))
 
 
 ROUNDING = 1000.0

@@ -83,6 +83,18 @@ class Step:
         dead = tuple(x for x in self.model.scene.loads if not x.moves(beam))
         return moving, self.model.external(self.start.rotation, self.t, self.inputs, dead)
 
+    @cached_property
+    def _masses(self) -> tuple[Tensor, Tensor | None]:
+        """Derivative of the inertia force by u: (at a node (..., N+1, 6, 6), between neighbours (..., N, 6, 6))."""
+        model, dt = self.model, self.h[..., None]
+        eye = torch.eye(3, dtype=dt.dtype, device=dt.device)
+        by_r = 4 / dt**2 * model.mass[..., None] * eye
+        if model.coupling is None:
+            return pad(by_r, (0, 3, 0, 3)), None
+        k = 4 / dt**2 * model.coupling[..., None] * eye
+        by_r = by_r - pad(k, (0, 0, 0, 0, 0, 1)) - pad(k, (0, 0, 0, 0, 1, 0))
+        return pad(by_r, (0, 3, 0, 3)), pad(k, (0, 3, 0, 3))
+
     def guess(self) -> Middle:
         """Constant velocity, and the stress of the step before."""
         m = quat.normalize(pad(self.start.spin * self.h / 4, (1, 0), value=1.0))
@@ -155,8 +167,7 @@ class Step:
         if model.rate is not None:
             E = E + 2 / dt * times(model.rate, E)
         rest = geometric_stiffness(middle, x.stress, model.length)
-        by_r = 4 / dt**2 * model.mass[..., None] * eye
-        by_spin = 0.0
+        diagonal, coupling = self._masses
         if model.inertia is not None:
             tau = x.m[..., 1:] / x.m[..., :1]
             t2 = tau.square().sum(-1)[..., None, None]
@@ -165,15 +176,8 @@ class Step:
             turned = (R_end @ H[..., None])[..., 0]
             by_chi = eye + hat(tau) + (3 + t2) / (1 - t2) * tau[..., :, None] * tau[..., None, :]  # dTheta (1 - t2)/2
             by_spin = (4 / dt / (1 - t2) * R_end @ model.inertia @ by_chi @ R.mT - 2 * hat(turned) @ half) / dt
-        load = model.external_tangent(q, self.t, self.inputs, self._loads[0])
-        coupling = None
-        if model.coupling is not None:
-            k = 4 / dt**2 * model.coupling[..., None] * eye
-            by_r = by_r - pad(k, (0, 0, 0, 0, 0, 1)) - pad(k, (0, 0, 0, 0, 1, 0))
-            coupling = pad(k, (0, 3, 0, 3))
-        diagonal = pad(by_r, (0, 3, 0, 3))
-        if not isinstance(by_spin, float):
             diagonal = diagonal + pad(by_spin, (3, 0, 3, 0))
+        load = model.external_tangent(q, self.t, self.inputs, self._loads[0])
         if not isinstance(load, float):
             diagonal = diagonal - pad(load, (3, 0))
         return Linearisation.condense(rest, diagonal, h * strain_operator(middle, model.length), model.C, E, coupling)
