@@ -97,7 +97,8 @@ CASES = {
     "NaN node": (lambda: tb.Beam.from_nodes([[0.0, 0, 0], [NAN, 0, 0]], SECTION), "nodes holds nan"),
     "frames off the chord": (lambda: tb.Beam.from_nodes([[0.0, 0, 0], [0, 1, 0]], SECTION, torch.eye(3)[None]),
         "leaves the chord"),
-    "frames that stretch": (lambda: tb.Beam.from_nodes([[0.0, 0, 0], [1, 0, 0]], SECTION, torch.diag(torch.tensor([1.0, 2, 1]))[None]),
+    "frames that stretch": (
+        lambda: tb.Beam.from_nodes([[0.0, 0, 0], [1, 0, 0]], SECTION, torch.diag(torch.tensor([1.0, 2, 1]))[None]),
         "orthonormal"),
     "frames' shape": (lambda: tb.Beam.from_nodes([[0.0, 0, 0], [1, 0, 0]], SECTION, torch.eye(3)),
         r"frames of shape \(3, 3\)"),
@@ -125,7 +126,8 @@ CASES = {
     "unknown node": (lambda: tb.Scene(BEAM, [tb.PointLoad(force=(0, 0, 1.0), node=3)]),
         "node = 3 was given for a beam with the nodes 0 to 2"),
     "two dampings": (lambda: tb.Scene(BEAM, [tb.Damping(0.1), tb.Damping(0.2)]), "2 dampings were given"),
-    "inputs that differ": (lambda: tb.Scene(BEAM, [tb.TipLoad(force=tb.Input("u", 3)), replace(tb.Gravity((0, 0, 1.0)), g=tb.Input("u", 4))]),
+    "inputs that differ": (
+        lambda: tb.Scene(BEAM, [tb.TipLoad(force=tb.Input("u", 3)), replace(tb.Gravity((0, 0, 1.0)), g=tb.Input("u", 4))]),
         "size"),
     "load dtype": (lambda: tb.Scene(BEAM, [tb.TipLoad(force=torch.ones(3, dtype=F32))]),
         "TipLoad of dtype torch.float32 meets a beam of torch.float64"),
@@ -161,7 +163,8 @@ CASES = {
         "infinite stiffness"),
     "nodal in a moving frame": (simulate(tb.Scene(BEAM, frame=tb.Frame(velocity=(1.0, 0, 0)))),
         "moving frame or root"),
-    "nodal with an offset": (simulate(tb.Scene(tb.Beam.straight(1.0, 2, tb.Section(torch.eye(6), matrix((1, 5, 0.1), (5, 1, 0.1)))))),
+    "nodal with an offset": (
+        simulate(tb.Scene(tb.Beam.straight(1.0, 2, tb.Section(torch.eye(6), matrix((1, 5, 0.1), (5, 1, 0.1)))))),
         "reference axis"),
     # stepper and statics
     "stepper's method": (lambda: tb.Stepper(SCENE, 0.1, method="dopri5"), "method = 'dopri5' was given; 'midpoint'"),
