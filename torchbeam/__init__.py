@@ -4,6 +4,9 @@ from .beam import Beam
 from .effects import Damping, Gravity, Input, LineLoad, PointLoad, TipLoad
 from .integrate.simulate import simulate
 from .integrate.stepper import Stepper
+from .mixed.block import BlockRate, block_rate
+from .mixed.consistent import consistent_state
+from .mixed.state import MixedState
 from .scene import Frame, RootMotion, Scene
 from .section import Section
 from .solution import Energy, Solution, Stats
@@ -11,6 +14,7 @@ from .state import State, rest
 from .statics import equilibrium
 
 __all__ = [
-    "Beam", "Damping", "Energy", "Frame", "Gravity", "Input", "LineLoad", "PointLoad", "RootMotion", "Scene", "Section",
-    "Solution", "State", "Stats", "Stepper", "TipLoad", "equilibrium", "rest", "simulate",
+    "Beam", "BlockRate", "Damping", "Energy", "Frame", "Gravity", "Input", "LineLoad", "MixedState", "PointLoad",
+    "RootMotion", "Scene", "Section", "Solution", "State", "Stats", "Stepper", "TipLoad", "block_rate", "consistent_state",
+    "equilibrium", "rest", "simulate",
 ]

@@ -19,8 +19,9 @@ from ..nodal.rates import Rates
 from ..scene import Scene
 from ..solution import Energy, Solution, Stats
 from ..state import State, rest
+from .mixed import simulate_mixed
+from .ode import ADVICE, FAILED, integrate
 from .ode import METHODS as ODE_METHODS
-from .ode import integrate
 from .stepper import METHODS as IMPLICIT_METHODS
 from .stepper import Stepper
 
@@ -50,9 +51,10 @@ def simulate(
                               then fit in memory, for one more forward
                  progress=    called with (steps done, steps in all) after each step
                  lumped=, conserve=, tolerance=, iterations=, halvings=    see `Stepper`
-             or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=
+             or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=; the mixed
+             forms also take project=, solver=, see `torchbeam.integrate.mixed.simulate_mixed`
     form     "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the index-reduced derivation)
-    inputs   by name: (..., size) held throughout, or a function of t (taken at mid step by the implicit method)
+    inputs   by name: (..., size) held throughout, or (nodal form) a function of t, by "midpoint" taken at mid step
     throw    raise RuntimeError where a sample fails; otherwise `sol.status` and a warning say so, and the sample keeps its
              last good state
 
@@ -65,14 +67,12 @@ def simulate(
         raise ValueError(f"form = {form!r} was given; {', '.join(map(repr, FORMS))} are there")
     method = method or ("midpoint" if form == "nodal" else "dopri5")
     if method not in (*IMPLICIT_METHODS, *ODE_METHODS):
-        raise ValueError(f"method = {method!r} was given; there are {', '.join((*IMPLICIT_METHODS, *ODE_METHODS))}")
+        raise ValueError(f"method = {method!r} was given; there are {', '.join(dict.fromkeys((*IMPLICIT_METHODS, *ODE_METHODS)))}")
     if not isinstance(scene, Scene):
         raise ValueError(f"a scene of type {type(scene).__name__} was given; a torchbeam.Scene is wanted")
     t = increasing("t", as_tensor(t, scene.dtype, scene.device))
     inputs = inputs or {}
     if form != "nodal":
-        from .mixed import simulate_mixed
-
         check_options(f"form {form!r}", options, simulate_mixed)
         solution = simulate_mixed(scene, t, form, initial, method, inputs=inputs, **options)
     elif method in IMPLICIT_METHODS:
@@ -136,7 +136,8 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
                                         parameters=(*parameters, *loads))
     trajectory = State.stack([rates.state(now, y, status) for now, y in zip(t, ys, strict=True)])
-    return Solution(t, trajectory, _energy(rates.model, trajectory), Stats(evaluations=evaluations))
+    reason = {FAILED: f"{method} failed; {ADVICE}"} if status.any() else {}
+    return Solution(t, trajectory, _energy(rates.model, trajectory), Stats(evaluations=evaluations, reason=reason))
 
 
 def _begin(scene: Scene, initial: State | None, t: Tensor) -> State:
@@ -160,17 +161,18 @@ def _energy(model: Model, states: State) -> Energy:
 
 
 def _judged(solution: Solution, throw: bool) -> Solution:
-    """The solution, with a sentence on every kind of failure in its stats."""
+    """The solution, with a sentence on every kind of failure in its stats; raised, or warned of unless the solver has."""
     status = solution.status
     for code in sorted(set(status.flatten().tolist()) - {0}):
         failed = (status == code).nonzero().tolist()
         moved = (solution.state.status == 0).sum(0).flatten()[(status == code).flatten().nonzero()[0, 0]]
         when = solution.t[max(int(moved) - 1, 0)].item()
         which = f"sample {failed[0][0] if len(failed[0]) == 1 else tuple(failed[0])}" if failed[0] else "the sample"
-        sentence = (f"{which} ({len(failed)} of {status.numel()}) stopped after t = {when:.6g} s: "
-                    f"{STATUS.get(code, 'failed')}")
+        told = solution.stats.reason.get(code)
+        sentence = f"{which} ({len(failed)} of {status.numel()}) stopped after t = {when:.6g} s: {told or STATUS[code]}"
         solution.stats.reason[code] = sentence
         if throw:
             raise RuntimeError(sentence)
-        warnings.warn(sentence, RuntimeWarning, stacklevel=3)
+        if told is None:
+            warnings.warn(sentence, RuntimeWarning, stacklevel=3)
     return solution
