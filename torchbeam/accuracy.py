@@ -111,7 +111,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     with open(given.out / "accuracy.csv", "w", newline="") as file:
         csv.writer(file).writerows([FIELDS, *rows])
     about = {"machine": platform.processor() or platform.machine(), "cores": os.cpu_count(),
-             "python": platform.python_version(), "torch": torch.__version__, "threads": 1, "dtype": "float64", "rows": [r._asdict() for r in rows]}
+             "python": platform.python_version(), "torch": torch.__version__, "threads": 1, "dtype": "float64",
+             "rows": [r._asdict() for r in rows]}
     (given.out / "accuracy.json").write_text(json.dumps(about, indent=1) + "\n")
     _picture(rows, given.out / "accuracy.png")
     print(table)
