@@ -2,6 +2,7 @@
 
 from .beam import Beam
 from .effects import Damping, Gravity, Input, LineLoad, PointLoad, TipLoad
+from .integrate.explicit import ExplicitStepper
 from .integrate.simulate import simulate
 from .integrate.stepper import Stepper
 from .mixed.block import BlockRate, block_rate
@@ -14,7 +15,7 @@ from .state import State, rest
 from .statics import equilibrium
 
 __all__ = [
-    "Beam", "BlockRate", "Damping", "Energy", "Frame", "Gravity", "Input", "LineLoad", "MixedState", "PointLoad",
-    "RootMotion", "Scene", "Section", "Solution", "State", "Stats", "Stepper", "TipLoad", "block_rate", "consistent_state",
-    "equilibrium", "rest", "simulate",
+    "Beam", "BlockRate", "Damping", "Energy", "ExplicitStepper", "Frame", "Gravity", "Input", "LineLoad", "MixedState",
+    "PointLoad", "RootMotion", "Scene", "Section", "Solution", "State", "Stats", "Stepper", "TipLoad", "block_rate",
+    "consistent_state", "equilibrium", "rest", "simulate",
 ]

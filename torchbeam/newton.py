@@ -61,17 +61,18 @@ def newton(problem: Any, x: Any, active: Tensor | None = None, tolerance: float 
         return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
 
 
-def attach(problem: Any, x: Any) -> tuple[Any, Tensor]:
+def attach(problem: Any, x: Any, good: Tensor) -> tuple[Any, Tensor]:
     """The solution x and the reaction there, with their derivatives.
 
     By the implicit function theorem dx = -K^-1 dg: one residual with gradient and one linear solve, whatever the number of
-    iterations. First derivatives only.
+    iterations. First derivatives only. Samples that are not `good` (...) are constants, whatever is not a number in them.
     """
     residual, *about = problem.residual(x)
     with no_derivatives():
         tangent = problem.linearise(x, *(_detached(a) for a in about))
-    *change, reaction = tangent.solve(residual.nodes, residual.strain)
-    return problem.moved(x, *(c - c.detach() for c in change)), reaction
+    good = good[..., None, None]
+    *change, reaction = tangent.solve(*(torch.where(good, r, 0.0) for r in (residual.nodes, residual.strain)))
+    return problem.moved(x, *(torch.where(good, c - c.detach(), 0.0) for c in change)), reaction
 
 
 @contextmanager

@@ -41,6 +41,10 @@ class TensorFields:
         """Index the first axes of every field: `states[-1]` of a trajectory is its last state."""
         return self.map(lambda x: x[index])
 
+    def where(self, mask: Tensor, other: Any) -> Any:
+        """Fields of this one where mask (...) holds, of `other` elsewhere."""
+        return self.map(lambda a, b: torch.where(mask[(...,) + (None,) * (a.ndim - mask.ndim)], a, b), other)
+
     def clone(self) -> Any:
         return self.map(torch.clone)
 

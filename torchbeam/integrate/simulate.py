@@ -67,7 +67,8 @@ def simulate(
         raise ValueError(f"form = {form!r} was given; {', '.join(map(repr, FORMS))} are there")
     method = method or ("midpoint" if form == "nodal" else "dopri5")
     if method not in (*IMPLICIT_METHODS, *ODE_METHODS):
-        raise ValueError(f"method = {method!r} was given; there are {', '.join(dict.fromkeys((*IMPLICIT_METHODS, *ODE_METHODS)))}")
+        names = dict.fromkeys((*IMPLICIT_METHODS, *ODE_METHODS))
+        raise ValueError(f"method = {method!r} was given; there are {', '.join(names)}")
     if not isinstance(scene, Scene):
         raise ValueError(f"a scene of type {type(scene).__name__} was given; a torchbeam.Scene is wanted")
     t = increasing("t", as_tensor(t, scene.dtype, scene.device))

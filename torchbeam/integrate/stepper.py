@@ -79,7 +79,7 @@ class Stepper:
                 left = left & (again == SUCCESS)
                 if not left.any():
                     break
-            after = _choose(left, trial, after)
+            after = trial.where(left, after)
             status = torch.where(left, SUCCESS, status)
             failed = failed & ~left
         return replace(after, status=torch.where(moving, status, state.status))
@@ -93,16 +93,14 @@ class Stepper:
         problem = replace(problem)  # what it had cached carries no gradient
         if wants_gradient(*self._tensors(problem)):
             x = type(x)(*(torch.where(good[..., None, None], a, b) for a, b in zip(x, problem.still(), strict=True)))
-            x, reaction = attach(problem, x)
+            if not good.all():  # nothing that failed samples hold reaches a derivative
+                held = {name: torch.where(good[..., None], v, v.detach()) for name, v in inputs.items()}
+                problem = replace(problem, start=state.where(good, state.detach()), inputs=held)
+            x, reaction = attach(problem, x, good)
         after = problem.finish(x, reaction)
-        return (after if good.all() else _choose(good, after, state)), status, iterations
+        return (after if good.all() else after.where(good, state)), status, iterations
 
     def _tensors(self, problem: Step) -> list[Any]:
         """Everything a step depends on, the loads as they come out of the users' functions."""
         model, state = self.model, problem.start
         return [problem.external(state.rotation), *(getattr(x, f.name) for x in (model, state) for f in fields(x))]
-
-
-def _choose(mask: Tensor, one: State, other: State) -> State:
-    """`one` where the mask (...) says so, `other` elsewhere."""
-    return one.map(lambda a, b: torch.where(mask[(...,) + (None,) * (a.ndim - mask.ndim)], a, b), other)
