@@ -69,7 +69,7 @@ def attach(problem: Any, x: Any, good: Tensor) -> tuple[Any, Tensor]:
     """
     residual, *about = problem.residual(x)
     with no_derivatives():
-        tangent = problem.linearise(x, *(_detached(a) for a in about))
+        tangent = _detached(problem.linearise(x, *(_detached(a) for a in about)))
     good = good[..., None, None]
     *change, reaction = tangent.solve(*(torch.where(good, r, 0.0) for r in (residual.nodes, residual.strain)))
     return problem.moved(x, *(torch.where(good, c - c.detach(), 0.0) for c in change)), reaction

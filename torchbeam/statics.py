@@ -37,15 +37,13 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     given = scene.tensors(inputs)
     start = initial if initial is not None else rest(scene)
     time = torch.as_tensor(t, dtype=scene.dtype, device=scene.device)
-    x = Shape(start.position, start.rotation, start.stress)
-    x, reaction, status = _climb(model, time, given, x, tolerance)
-    problem = Still(model, time, given, torch.ones_like(status, dtype=scene.dtype))
+    start = Shape(start.position, start.rotation, start.stress)
+    x, reaction, status = _climb(model, time, given, start, tolerance)
     good = status == 0
-    if wants_gradient(model.external(x.rotation, time, given, scene.loads), *vars(model).values()):
-        safe = Shape(start.position, start.rotation, torch.zeros_like(start.stress))
-        solved = Shape(*(torch.where(good[..., None, None], a, b) for a, b in zip(x, safe, strict=True)))
-        attached, reaction = attach(problem, solved)
-        x = Shape(*(torch.where(good[..., None, None], a, b) for a, b in zip(attached, x, strict=True)))
+    if wants_gradient(model.external(x.rotation, time, given, scene.loads), *start, *vars(model).values()):
+        held = {name: torch.where(good[..., None], v, v.detach()) for name, v in given.items()}
+        problem = Still(model, time, held, torch.ones_like(status, dtype=scene.dtype))
+        x, reaction = _attached(problem, x, reaction, start, good)
     if throw and not good.all():
         first = (~good).nonzero()[0].tolist()
         which = f"sample {first[0] if len(first) == 1 else tuple(first)} of {tuple(good.shape)}" if first else "the scene"
@@ -80,3 +78,17 @@ def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, toleran
             step = torch.where(good, 1.5 * step, step / 2)
             stuck = climbing & ~good & (step < LEAST)
             status = torch.where(stuck, outcome.status.clamp(min=DIVERGED), status)
+
+
+def _attached(problem: Still, x: Shape, reaction: Tensor, start: Shape, good: Tensor) -> tuple[Shape, Tensor]:
+    """The solution with its derivatives, those by the clamp included, whose place and axes come from the start. A sample
+    that is not good keeps its shape and has none.
+    """
+    mask = good[..., None, None]
+    safe = Shape(start.position.detach(), start.rotation.detach(), torch.zeros_like(start.stress))
+    solved = Shape(*(torch.where(mask, a, b) for a, b in zip(x, safe, strict=True)))
+    held = (torch.cat((torch.where(mask, clamp[..., :1, :], v[..., :1, :]), v[..., 1:, :]), -2)
+            for clamp, v in zip(start[:2], solved[:2], strict=True))
+    attached, moved = attach(problem, Shape(*held, solved.stress), good)
+    x = Shape(*(torch.where(mask, a, b) for a, b in zip(attached, x, strict=True)))
+    return x, torch.where(good[..., None], moved, reaction)

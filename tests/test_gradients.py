@@ -1,0 +1,161 @@
+"""Gradients of equilibria and motions: against central differences, forward against reverse, through failed samples."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+
+N, STEPS, DT = 4, 50, 0.01
+EXACT = dict(tolerance=1e-12)  # of Newton's method: differences of positions good to 1e-12 are good to 1e-9 here
+
+
+def scene(EI=1.0, mass=0.2, load=1.0, *effects):
+    section = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=EI, mass=mass, inertia=1e-3)
+    load = torch.as_tensor(load, dtype=torch.float64)
+    force = load[..., None] * torch.tensor([0.2, 1.0, 0.5])
+    return tb.Scene(tb.Beam.straight(1.0, N, section), [tb.TipLoad(force=force), *effects])
+
+
+def still(**numbers):
+    return tb.equilibrium(scene(**numbers), **EXACT).tip.position
+
+
+def moved(speed=0.0, steps=STEPS, **numbers):
+    """Tip after 50 steps of 10 ms, from a tip that starts with the given speed along z, damped a little."""
+    stepper = tb.Stepper(scene(**numbers), DT, **EXACT)
+    state = stepper.rest()
+    start = torch.zeros(N + 1, 3).index_put((torch.tensor(N), torch.tensor(2)), torch.as_tensor(speed, dtype=torch.float64))
+    state = replace(state, velocity=state.velocity + start)
+    for _ in range(steps):
+        state = stepper(state)
+    assert (state.status == 0).all()
+    return state.tip.position
+
+
+def difference(function, at, h):
+    """Central difference of fourth order: error h^4, rounding 1e-13/h."""
+    d = {k: function(at + k * h) for k in (-2, -1, 1, 2)}
+    return (8 * (d[1] - d[-1]) - (d[2] - d[-2])) / (12 * h)
+
+
+CASES = {"equilibrium by EI": (lambda x: still(EI=x), 1.0), "equilibrium by load": (lambda x: still(load=x), 1.0),
+         "motion by EI": (lambda x: moved(EI=x), 1.0), "motion by mass": (lambda x: moved(mass=x), 0.2),
+         "motion by load": (lambda x: moved(load=x), 1.0), "motion by initial velocity": (lambda x: moved(speed=x), 0.5)}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_against_differences_and_forward_against_reverse(case):
+    """Three components of d(tip)/d(number): reverse = forward mode to 1e-9 (the same sums in another order, through 50
+    steps), both = fourth-order central differences to 1e-6 of the largest (measured 1e-9 to 1e-8).
+    """
+    function, at = CASES[case]
+    at = torch.tensor(at)
+    reverse = torch.autograd.functional.jacobian(function, at)
+    _, forward = torch.func.jvp(function, (at,), (torch.ones(()),))
+    size = reverse.abs().max().item()
+    assert_close(forward, reverse, rtol=0, atol=1e-9 * size)
+    with torch.no_grad():
+        exact = difference(function, at, 1e-3 * at)
+    assert_close(reverse, exact, rtol=0, atol=1e-6 * size)
+
+
+def test_gradient_of_every_sample_is_its_own():
+    """A batch of stiffnesses in one backward pass = each alone."""
+    EI = torch.tensor([0.8, 1.0, 1.5], requires_grad=True)
+    (batch,) = torch.autograd.grad(moved(EI=EI, steps=10)[..., 1].sum(), EI)
+    for i in range(3):
+        one = EI[i].detach().requires_grad_()
+        (alone,) = torch.autograd.grad(moved(EI=one, steps=10)[1], one)
+        assert_close(batch[i], alone, rtol=1e-10, atol=0)
+
+
+@pytest.mark.parametrize("follower", [False, True])
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e30])
+def test_failed_sample_has_no_gradient_and_harms_none(bad, follower):
+    """A load that is not a number, infinite or absurd in sample 1: its gradient after the failure is zero (it stands still),
+    everything is finite, and the others have exactly the gradient of a batch without it.
+    """
+    def gradients(loads):
+        load, EI = torch.tensor(loads, requires_grad=True), torch.full((3,), 1.0, requires_grad=True)
+        stepper = tb.Stepper(tb.Scene(scene(EI=EI).beam, [tb.TipLoad(force=tb.Input("u", 3), follower=follower)]), DT)
+        state = stepper.rest((3,))
+        for _ in range(5):
+            state = stepper(state, u=load[:, None] * torch.tensor([0, 1.0, 0.5]))
+        return state.status, torch.autograd.grad(state.tip.position[:, 1].sum(), (load, EI))
+
+    status, with_bad = gradients([1.0, bad, 0.5])
+    assert (status != 0).tolist() == [False, True, False]
+    _, without = gradients([1.0, 0.7, 0.5])
+    for g, good in zip(with_bad, without, strict=True):
+        assert torch.isfinite(g).all() and g[1] == 0
+        assert_close(g[[0, 2]], good[[0, 2]], rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("bad", [100.0, math.nan])
+def test_failed_equilibrium_has_no_gradient_and_harms_none(bad):
+    """The same for statics: an end moment of 25 rad an element has no equilibrium, nor has one that is not a number."""
+    def gradient(moments):
+        M = torch.tensor(moments, requires_grad=True)
+        driven = tb.Scene(scene().beam, [tb.TipLoad(moment=tb.Input("M", 3))])
+        state = tb.equilibrium(driven, throw=False, M=torch.stack((0 * M, 0 * M, M), -1))
+        return state.status, torch.autograd.grad(state.tip.position[:, 0].sum(), M)[0]
+
+    status, with_bad = gradient([1.0, bad, 2.0])
+    assert (status != 0).tolist() == [False, True, False]
+    _, without = gradient([1.0, 1.5, 2.0])
+    assert torch.isfinite(with_bad).all() and with_bad[1] == 0
+    assert_close(with_bad[[0, 2]], without[[0, 2]], rtol=1e-9, atol=0)
+
+
+def with_ramp(rate, solve):
+    """A load rate * t along y, as a function that closes over `rate`."""
+    section = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
+    ramp = tb.TipLoad(force=lambda t: rate * t * torch.tensor([0, 1.0, 0]))
+    return solve(tb.Scene(tb.Beam.straight(1.0, 3, section), [ramp]))
+
+
+WAYS = {"equilibrium": lambda s: tb.equilibrium(s, t=0.5, **EXACT).tip.position,
+        "midpoint": lambda s: tb.simulate(s, [0.0, 0.1, 0.2], step=0.02, **EXACT).tip.position[-1],
+        "dopri5": lambda s: tb.simulate(s, [0.0, 0.02], method="dopri5", rtol=1e-8, atol=1e-10).tip.position[-1]}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_load_functions_carry_gradient(way):
+    """A tensor that only the load's function knows gets its gradient: reverse against differences, and forward mode."""
+    rate = torch.tensor(2.0)
+    function = lambda rate: with_ramp(rate, WAYS[way])  # noqa: E731
+    reverse = torch.autograd.functional.jacobian(function, rate)
+    with torch.no_grad():
+        exact = difference(function, rate, 1e-3 * rate)
+    assert_close(reverse, exact, rtol=0, atol=1e-6 * exact.abs().max().item())
+    if way != "dopri5":
+        assert_close(torch.func.jvp(function, (rate,), (torch.ones(()),))[1], reverse, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("method, options", [("midpoint", dict(step=0.02)), ("dopri5", dict(rtol=1e-5))])
+def test_gradient_by_an_input(method, options):
+    """d(tip)/d(u) of a held input is the derivative by the load itself."""
+    beam = scene().beam
+    u = torch.tensor([0.1, 1.0, 0.5], requires_grad=True)
+    tips = [tb.simulate(tb.Scene(beam, [tb.TipLoad(force=f)]), [0.0, 0.1], method=method, inputs=given, **options)
+            .tip.position[-1] for f, given in ((u, {}), (tb.Input("u", 3), {"u": u}))]
+    one, other = (torch.autograd.grad(tip.sum(), u)[0] for tip in tips)
+    assert (one != 0).all()
+    assert_close(one, other, rtol=1e-12, atol=0)
+
+
+def test_gradient_by_geometry():
+    """Length and direction of the beam, at rest and after a few steps, against differences and in forward mode."""
+    section = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=(1.0, 2.0), mass=0.2, inertia=1e-3)
+
+    def tips(length, direction):
+        of = tb.Scene(tb.Beam.straight(length, 3, section, direction=direction), [tb.TipLoad(force=(0, 1.0, 0.5))])
+        stepper = tb.Stepper(of, 0.05, **EXACT)
+        return tb.equilibrium(of, **EXACT).tip.position, stepper(stepper(stepper.rest())).tip.position
+
+    at = torch.tensor(1.0, requires_grad=True), torch.tensor([1.0, 0.1, 0.2], requires_grad=True)
+    assert torch.autograd.gradcheck(tips, at, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True, fast_mode=True)
