@@ -142,7 +142,7 @@ class BeamVectorEnv(VectorEnv):
     def set_state(self, state: Episodes) -> Any:
         """Go on from a state got earlier; returns its observation. The streams of random numbers stay where they are."""
         if not isinstance(state, Episodes) or len(state.steps) != self.num_envs:
-            raise ValueError(f"a state of {type(state).__name__} was given; the Episodes of {self.num_envs} sub-envs are wanted")
+            raise ValueError(f"a state of {type(state).__name__} was given; Episodes of {self.num_envs} sub-envs are wanted")
         self.episodes = state
         return self._out(state.observation)
 

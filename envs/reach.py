@@ -9,7 +9,7 @@ from torch import Tensor
 
 import torchbeam as tb
 
-DEGREE = 10  # of the polynomial, in either component of the force
+DEGREE = 16  # of the polynomial, in either component of the force
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from .core import BeamVectorEnv
 from .reach import Reach
 from .single import SingleEnv
 
-FORCE = (2.5, 4.0)  # N, along y and z
+FORCE = (1.2, 2.0)  # N, along y and z
 AXES = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 SOFT = 1e-3  # of the length: below it the distance in the reward is rounded off
 
@@ -32,33 +32,35 @@ class TipReachVectorEnv(BeamVectorEnv):
     """`num_envs` flexible cantilevers, stepped as one batch.
 
     ## Description
-    An aluminium strip is clamped at one end and reaches out along x; gravity pulls along -z. A bounded force on the free end,
-    across the undeformed strip, is to bring the tip to a target and to hold it there. The target changes with the episode and is
-    a point that a static force within the bounds holds. By default the strip is 1 m of 6061-T6 flat bar of 3 mm x 10 mm,
-    soft sideways (y: first frequency 2.4 Hz, 0.42 m of static reach) and eleven times stiffer up and down (z: 8.1 Hz); the two
-    directions are coupled through bending and torsion at these deflections. One episode is 1 s: two and a half periods.
+    An aluminium strip is clamped at one end and reaches out along x; gravity pulls along -z. A bounded force on the
+    free end, across the undeformed strip, is to bring the tip to a target and to hold it there. The target changes with
+    the episode and is a point that a static force within the bounds holds.
 
-    The strip is geometrically exact (torchbeam's nodal form, implicit steps of interval/substeps).
+    By default the strip is 1.5 m of 6061-T6 flat bar, 3 mm x 10 mm: soft sideways (y: first frequency 1.1 Hz, a static
+    force of 1.2 N moves the tip by 0.67 m) and eleven times stiffer up and down (z: 3.6 Hz), with the two directions
+    coupled through bending and torsion at these deflections. It stays elastic: statically the bounds stress it to about
+    160 of 276 MPa. An episode is 1 s, little more than one period. The strip is geometrically exact (torchbeam's nodal
+    form), with implicit steps of control_interval / substeps.
 
     ## Action space
-    `Box(-1, 1, (2,), float32)`, held over one control interval. The force keeps its direction in space.
+    `Box(-1, 1, (2,), float32)`: the tip force, held over one control interval; it keeps its direction in space.
 
-    | index | action | unit at 1 |
+    | index | action | at 1 |
     |---|---|---|
-    | 0 | tip force along y | force[0], 2.5 N |
-    | 1 | tip force along z | force[1], 4 N |
+    | 0 | tip force along y | force[0] = 1.2 N |
+    | 1 | tip force along z | force[1] = 2 N |
 
-    Values outside are clipped. An action of a sub-env that holds NaN or infinity counts as (0, 0), and
+    Values outside are clipped. An action that holds NaN or infinity counts as (0, 0) for that sub-env alone, and
     `info["action_invalid"]` says so.
 
     ## Observation space
-    `Box(-high, high, (15,), float32)`; lengths in units of the strip's length L, velocities in units of L omega, omega the first
-    natural frequency (L omega = 15.4 m/s by default). Clipped to the bounds, which motion within reach does not touch.
+    `Box(-high, high, (15,), float32)`: lengths over the strip's length L, velocities over L omega with omega its first
+    natural frequency (L omega = 10.3 m/s by default), clipped to the bounds, which motion within reach does not touch.
 
     | index | observation | high |
     |---|---|---|
     | 0-2 | target - tip, x y z | 4 |
-    | 3-5 | tip displacement from where the episode starts, x y z | 2 |
+    | 3-5 | tip displacement since the start, x y z | 2 |
     | 6-8 | tip velocity, x y z | 20 |
     | 9-11 | displacement of node elements // 2 (mid span), x y z | 2 |
     | 12-14 | velocity of that node, x y z | 20 |
@@ -66,39 +68,38 @@ class TipReachVectorEnv(BeamVectorEnv):
     ## Reward
     Per control interval, with d = |target - tip| at its end and a the clipped action:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
-    so a tip 10 cm away costs 1 a step. In an episode's last step after a failed solve: failure_reward.
+    so 15 cm from the target cost 1 a step. A failed solve gives failure_reward instead.
 
     ## Starting state
-    At rest in static equilibrium under gravity, without tip force: always the same. The target is the static tip position under a
-    force drawn uniformly from the ellipse with the half axes reach * force (see `envs/reach.py` for the map), from the
-    sub-env's own generator.
+    Always the same: at rest under gravity, without tip force. The target is the static tip position under a force drawn
+    uniformly from the ellipse with the half axes reach * force, from the sub-env's own generator (see `envs/reach.py`).
 
     ## Episode end
-    Truncation after `max_episode_steps` intervals. Termination only where the solver fails (`info["solver_failed"]`): the
-    observation is then the last finite one, the reward `failure_reward`, and the other sub-envs do not notice.
+    Truncation after `max_episode_steps` intervals. Termination only where the solver fails (`info["solver_failed"]`):
+    the observation is then the last finite one, and the other sub-envs do not notice.
 
     ## Information
-    `distance` (m) from tip to target, `solver_failed`, `action_invalid`; each (num_envs,) with its mask `_name`, False for sub-envs
-    that did not move. SAME_STEP adds `final_obs` (num_envs, 15), `final_info` and their masks.
+    `distance` (m) from tip to target, `solver_failed`, `action_invalid`; each (num_envs,) with a mask `_name`, False for
+    sub-envs that did not move. SAME_STEP adds `final_obs` (num_envs, 15) and `final_info` with their masks.
 
     ## Arguments
     num_envs           sub-envs
-    length             m, of the strip (1.0)
-    section            `torchbeam.Section`; None is the strip above. Its dtype and device are those of the simulation; batch axes
-                       (num_envs,) give every sub-env its own
-    damping            s, tau in [F; M] = S^-1 (strain + tau strain rate); 1e-3 is 0.8 % of critical in the first mode
+    length             m, of the strip: 1.5
+    section            `torchbeam.Section`; None is the strip above. Its dtype and device are those of the simulation;
+                       batch axes (num_envs,) give every sub-env its own
+    damping            s, tau in [F; M] = S^-1 (strain + tau strain rate): 1e-3, 0.3 % of critical in the first mode
     gravity            (3,) m/s^2, or None
     elements           6; at least 2
     control_interval   s, 0.02;  substeps: implicit steps in one, 2
-    force              (2,) N along y and z, (2.5, 4.0)
-    reach              0.7, share of the force bound that targets need at most, above 0 and up to 1
+    force              (2,) N along y and z: (1.2, 2)
+    reach              0.8: share of the force bounds that targets need at most, above 0 and up to 1
     control_cost       1e-3;  failure_reward: -100
     max_episode_steps  50; None = no end
-    autoreset_mode     "NextStep" (default: the step after the last one of an episode resets; its action is ignored and its reward
-                       0), "SameStep", or "Disabled" (an episode that is over stands still with reward 0 until
-                       reset(options={"reset_mask": ...}))
-    output             "numpy", or "torch": tensors, differentiable through as many steps as wanted; then `state`, `set_state`,
-                       `detach` and `initialize_trajectory` are what a training loop needs
+    autoreset_mode     "NextStep" (default): the step after an episode's last one resets it; its action is ignored and its
+                       reward 0. "SameStep". "Disabled": an episode that is over stands still, reward 0 and flags kept,
+                       until reset(options={"reset_mask": (num_envs,) bool})
+    output             "numpy", or "torch": tensors, differentiable through as many steps as wanted; `state`,
+                       `set_state`, `detach` and `initialize_trajectory` are what a training loop needs
 
     ## Version history
     v0: first version.
@@ -107,9 +108,9 @@ class TipReachVectorEnv(BeamVectorEnv):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
 
     def __init__(
-        self, num_envs: int = 1, *, length: float = 1.0, section: tb.Section | None = None, damping: float = 1e-3,
+        self, num_envs: int = 1, *, length: float = 1.5, section: tb.Section | None = None, damping: float = 1e-3,
         gravity: tuple[float, float, float] | None = (0.0, 0.0, -9.81), elements: int = 6, control_interval: float = 0.02,
-        substeps: int = 2, force: tuple[float, float] = FORCE, reach: float = 0.7, control_cost: float = 1e-3,
+        substeps: int = 2, force: tuple[float, float] = FORCE, reach: float = 0.8, control_cost: float = 1e-3,
         failure_reward: float = -100.0, max_episode_steps: int | None = 50,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, output: str = "numpy",
     ) -> None:

@@ -1,1 +1,127 @@
-"""demo"""
+"""A flexible aluminium strip learns to reach, from gradients through its own simulation.
+
+Task: `torchbeam/TipReach-v0`. The strip is 1.5 m of 6061-T6 flat bar, 3 mm x 10 mm, clamped at one end, under gravity; a tip
+force of up to 1.2 N sideways and 2 N up and down brings the tip to a target within 1 s, which is about one period of the first
+mode (1.1 Hz), and holds it there. 3 mm x 10 mm, rather than a wider strip, because a force in two directions should move the
+tip in both: by 0.6 m sideways and 0.1 m up and down.
+
+A small network is trained by the gradient of the return through whole episodes and compared, on targets it has not seen, with
+doing nothing, with the static holding force, and with a PD controller tuned on training targets. All but the first are given the
+holding force of the target, found by `torchbeam.equilibrium`; the PD controller and the network add feedback to it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import torch
+
+TASK = dict(elements=4, substeps=2, control_interval=0.02, max_episode_steps=50)
+FULL = dict(task=TASK, pool=512, updates=50, batch=32, rate=2e-2, pd_targets=16, pd_sets=40, held_out=256, finer=64, stride=1)
+QUICK = dict(task={**TASK, "elements": 2, "substeps": 1, "max_episode_steps": 30}, pool=32, updates=4, batch=8, rate=2e-2,
+             pd_targets=4, pd_sets=6, held_out=16, finer=4, stride=3)
+FINER = dict(elements=8, substeps=4)
+TRAINING, HELD_OUT = 1_000_000, 2_000_000  # first seeds, far apart
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Train a controller of a flexible aluminium strip by gradients through its simulation, and show what it learned."""
+    options = parse(argv)
+    try:
+        import matplotlib  # noqa: F401
+        import PIL  # noqa: F401
+        import tqdm  # noqa: F401
+    except ImportError as error:
+        raise SystemExit(f"the demo wants {error.name}: pip install 'torchbeam[demo]'") from None
+    torch.set_num_threads(options.threads)
+    out = Path(options.out)
+    out.mkdir(parents=True, exist_ok=True)
+    result, records = run(QUICK if options.quick else FULL, options.seed, out)
+    from .figures import animation, picture
+
+    with timed(result["seconds"], "pictures"):
+        picture(records, result, out / "demo.png")
+        animation(records, out / "demo.gif", result["settings"]["stride"])
+    (out / "demo.json").write_text(json.dumps(result, indent=2) + "\n")
+    print(table(result["scores"]))
+    print(f"{', '.join(f'{name} {value:.0f} s' for name, value in result['seconds'].items())}; "
+          f"written to {out}: demo.png, demo.gif, demo.json, policy.pt")
+    return 0
+
+
+def parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m torchbeam demo", description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", default="out/demo", help="folder for the results (default: %(default)s)")
+    parser.add_argument("--quick", action="store_true", help="a few seconds on a coarse strip: everything runs, little is learned")
+    parser.add_argument("--seed", type=int, default=0, help="of targets, network and search (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=1, help="threads of torch; more help on an idle machine only (default: %(default)s)")
+    options = parser.parse_args(argv)
+    if options.threads < 1:
+        parser.error(f"--threads {options.threads} was given; at least 1 is wanted")
+    return options
+
+
+def run(settings: dict, seed: int, out: Path) -> tuple[dict, dict]:
+    """Everything but the pictures: (what goes into the JSON, the records of the held-out episodes by controller)."""
+    from tqdm import tqdm
+
+    from torchbeam.cli import PACKAGES, versions
+
+    from .controllers import PD, nothing, static
+    from .episodes import Targets, evaluate
+    from .learning import train, tune
+
+    seconds: dict[str, float] = {}
+    task = settings["task"]
+    with timed(seconds, "targets"):
+        pool = Targets.of(task, TRAINING + 10_000 * seed, settings["pool"])
+        unseen = Targets.of(task, HELD_OUT + 10_000 * seed, settings["held_out"])
+        finer = Targets.of({**task, **FINER}, HELD_OUT + 10_000 * seed, settings["finer"])
+
+    with timed(seconds, "training"), tqdm(total=settings["updates"], desc="learning", unit="update") as bar:
+        def learned(entry: dict) -> None:
+            bar.set_postfix_str(f"final distance {1e3 * entry['final_distance_m']:.2f} mm")
+            bar.update()
+        policy, history = train(task, pool, updates=settings["updates"], batch=settings["batch"], rate=settings["rate"],
+                                seed=seed, progress=learned)
+    torch.save(policy.state_dict(), out / "policy.pt")
+
+    with timed(seconds, "tuning PD"), tqdm(total=3, desc="tuning PD", unit="round") as bar:
+        few = pool.pick(torch.arange(settings["pd_targets"]))
+        gains, search = tune(task, few, sets=settings["pd_sets"], seed=seed, progress=lambda entry: bar.update())
+
+    controllers = {"nothing": nothing, "static force": static, "PD + static force": PD(gains), "learned": policy}
+    with timed(seconds, "evaluation"):
+        records = {name: evaluate(task, one, unseen)
+                   for name, one in tqdm(controllers.items(), desc="evaluating", unit="controller")}
+        check = {name: evaluate({**task, **FINER}, controllers[name], finer).scores() for name in ("PD + static force", "learned")}
+    steps = {"learned": settings["updates"] * settings["batch"], "PD": 3 * settings["pd_sets"] * settings["pd_targets"]}
+    return {
+        "scores": {name: record.scores() for name, record in records.items()},
+        "scores_on_finer_model": {"model": FINER, **check},
+        "learning": history, "pd_search": search, "training_episodes": steps,
+        "settings": settings, "seed": seed, "threads": torch.get_num_threads(),
+        "versions": versions(*PACKAGES), "seconds": seconds,
+    }, records
+
+
+def table(scores: dict[str, dict]) -> str:
+    """One row a controller."""
+    lines = [f"{'controller':<18} {'final distance':>15} {'within 2 % of L':>16} {'effort (rms)':>13} {'settling time':>14}"]
+    for name, s in scores.items():
+        lines.append(f"{name:<18} {1e3 * s['final_distance_m']:>12.2f} mm {100 * s['share_within_2_percent']:>14.1f} % "
+                     f"{s['effort_N']:>11.2f} N {s['settling_time_s']:>12.2f} s")
+    return "\n".join(lines)
+
+
+@contextmanager
+def timed(seconds: dict[str, float], name: str):
+    start = time.perf_counter()
+    yield
+    seconds[name] = time.perf_counter() - start

@@ -1,0 +1,138 @@
+"""Figures: what was learned, in one picture and one animation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+import torch
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+from matplotlib.animation import FuncAnimation, PillowWriter
+
+from .episodes import CLOSE, WINDOW, Record
+
+COLORS = {"nothing": "#b8b8b8", "static force": "#7f7f7f", "PD + static force": "#e08214", "learned": "#1b6ca8"}
+STYLE = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": 10, "axes.titlelocation": "left",
+         "legend.frameon": False}
+
+
+def picture(records: dict[str, Record], result: dict, path: Path) -> None:
+    """Learning curve, distances, one episode's tip paths and forces, the strip's shapes, and the spread over the targets."""
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(2, 3, figsize=(14, 8), layout="constrained")
+        one = example(records["learned"])
+        _learning(axes[0, 0], result)
+        _distances(axes[0, 1], records)
+        _spread(axes[0, 2], records)
+        _shapes(axes[1, 0], records["learned"], one)
+        _paths(axes[1, 1], records, one)
+        _forces(axes[1, 2], records, one)
+        figure.savefig(path, dpi=130)
+        plt.close(figure)
+
+
+def example(record: Record) -> int:
+    """The episode to show: the one of the far quarter of targets that shows both directions best."""
+    away = (record.target - record.nodes[0, :, -1]).abs()
+    return int((away[:, 1] / away[:, 1].max() * away[:, 2] / away[:, 2].max()).argmax())
+
+
+def _time(record: Record, start: int = 1) -> torch.Tensor:
+    return torch.arange(start, len(record.distance) + 1) * record.interval
+
+
+def _learning(ax: plt.Axes, result: dict) -> None:
+    updates = [entry["update"] + 1 for entry in result["learning"]]
+    ax.semilogy(updates, [1e3 * entry["final_distance_m"] for entry in result["learning"]], color=COLORS["learned"])
+    for name in ("static force", "PD + static force"):
+        level = 1e3 * result["scores"][name]["final_distance_m"]
+        ax.axhline(level, color=COLORS[name], ls="--", lw=1)
+        ax.annotate(f"{name}, unseen targets", (updates[-1], level), ha="right", va="bottom", color=COLORS[name], fontsize=8)
+    ax.set(title=f"Learning: mean over {result['settings']['batch']} training episodes", xlabel="update",
+           ylabel=f"final distance, mean of last {WINDOW} s (mm)")
+
+
+def _distances(ax: plt.Axes, records: dict[str, Record]) -> None:
+    for name, record in records.items():
+        t, d = _time(record), 1e3 * record.distance
+        ax.semilogy(t, d.median(1).values, color=COLORS[name], label=name)
+        ax.fill_between(t, *torch.quantile(d, torch.tensor([0.1, 0.9], dtype=d.dtype), dim=1), color=COLORS[name], alpha=0.15, lw=0)
+    ax.axhline(1e3 * CLOSE * record.length, color="k", lw=0.6, ls=":")
+    ax.annotate("2 % of length", (t[-1], 1e3 * CLOSE * record.length), ha="right", va="bottom", fontsize=8)
+    ax.set(title=f"{d.shape[1]} unseen targets: median, 10 to 90 %", xlabel="time (s)", ylabel="tip to target (mm)")
+    ax.set_ylim(bottom=1e-2)
+    ax.legend(loc="lower left", fontsize=8)
+
+
+def _spread(ax: plt.Axes, records: dict[str, Record]) -> None:
+    for name, record in records.items():
+        final = (1e3 * record.final).sort().values
+        ax.semilogx(final, torch.arange(1, len(final) + 1) / len(final), color=COLORS[name], label=name)
+    ax.set(title="Share of unseen targets reached", xlabel="final distance (mm)", ylabel="share at or below", ylim=(0, 1.02))
+
+
+def _shapes(ax: plt.Axes, record: Record, one: int) -> None:
+    nodes = record.nodes[:, one]
+    shown = range(0, len(nodes), max(1, len(nodes) // 16))
+    for k in shown:
+        ax.plot(nodes[k, :, 0], nodes[k, :, 1], color=plt.cm.viridis(k / len(nodes)), lw=1.4)
+    ax.plot(*record.target[one, :2], "x", color="crimson", ms=9, mew=2, zorder=5)
+    ax.plot(0, 0, "s", color="k", ms=7)
+    bar = plt.colorbar(plt.cm.ScalarMappable(plt.Normalize(0, (len(nodes) - 1) * record.interval), "viridis"), ax=ax, shrink=0.8)
+    bar.set_label("time (s)")
+    ax.set(title="Learned: the strip from above (true proportions)", xlabel="x (m)", ylabel="y (m)", aspect="equal")
+
+
+def _paths(ax: plt.Axes, records: dict[str, Record], one: int) -> None:
+    for name, record in records.items():
+        if name != "nothing":
+            tip = record.nodes[:, one, -1]
+            ax.plot(tip[:, 1], tip[:, 2], color=COLORS[name], label=name, marker=".", ms=3, lw=1)
+    ax.plot(*record.target[one, 1:], "x", color="crimson", ms=9, mew=2, zorder=5, label="target")
+    ax.set(title="The same target: the tip seen along the strip", xlabel="y (m)", ylabel="z (m)")
+    ax.legend(fontsize=8)
+
+
+def _forces(ax: plt.Axes, records: dict[str, Record], one: int) -> None:
+    for name in ("PD + static force", "learned"):
+        force = records[name].force[:, one]
+        for i, (axis, style) in enumerate((("y", "-"), ("z", "--"))):
+            ax.step(_time(records[name], 1) - records[name].interval, force[:, i], style, where="post", color=COLORS[name],
+                    label=f"{name}, {axis}")
+    ax.set(title="The same target: tip force", xlabel="time (s)", ylabel="N")
+    ax.legend(fontsize=8)
+
+
+def animation(records: dict[str, Record], path: Path, stride: int = 1) -> None:
+    """The strip under each controller, from above and from the side, at half speed."""
+    with plt.rc_context(STYLE):
+        one = example(records["learned"])
+        shown = [name for name in records if name != "nothing"]
+        figure, (top, side) = plt.subplots(2, 1, figsize=(6.4, 5.2), height_ratios=(3, 1.3), layout="constrained")
+        everything = torch.cat([records[name].nodes[:, one] for name in shown])
+        low, high = everything.amin((0, 1)) - 0.05, everything.amax((0, 1)) + 0.05
+        record, lines, trails = records["learned"], {}, {}
+        for ax, axis, label in ((top, 1, "y (m), from above"), (side, 2, "z (m), from the side")):
+            ax.set(xlim=(-0.03, high[0].item()), ylim=(low[axis].item(), high[axis].item()), aspect="equal", ylabel=label)
+            ax.plot(record.target[one, 0], record.target[one, axis], "x", color="crimson", ms=9, mew=2, zorder=5)
+            ax.plot(0, 0, "s", color="k", ms=7)
+            for name in shown:
+                lines[ax, name] = ax.plot([], [], color=COLORS[name], lw=2.2 if name == "learned" else 1.5, label=name)[0]
+                trails[ax, name] = ax.plot([], [], color=COLORS[name], lw=0.6, alpha=0.7)[0]
+        top.legend(loc="lower left", fontsize=8)
+        side.set_xlabel("x (m)")
+        frames = [*range(0, len(record.nodes), stride)] + [len(record.nodes) - 1] * (15 // stride)
+
+        def draw(k: int) -> list:
+            for ax, axis in ((top, 1), (side, 2)):
+                for name in shown:
+                    nodes = records[name].nodes[:, one]
+                    lines[ax, name].set_data(nodes[k, :, 0], nodes[k, :, axis])
+                    trails[ax, name].set_data(nodes[: k + 1, -1, 0], nodes[: k + 1, -1, axis])
+            top.set_title(f"t = {k * record.interval:.2f} s (half speed)")
+            return []
+
+        FuncAnimation(figure, draw, frames=frames).save(path, PillowWriter(fps=max(1, round(0.5 / record.interval / stride))), dpi=90)
+        plt.close(figure)

@@ -1,0 +1,63 @@
+"""Learning: a policy by gradients through the simulation, and the PD controller's gains by random search."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+
+from .controllers import PD, Policy
+from .episodes import Targets, make, rollout
+
+FIRST_GAINS, WIDTHS = (1.0, 3.0, 1.0, 3.0), (1.5, 0.7, 0.35)  # of the search: where it starts, and log-normal widths by round
+
+
+def train(settings: dict, targets: Targets, *, updates: int, batch: int, rate: float, seed: int,
+          progress: Callable[[dict], None]) -> tuple[Policy, list[dict]]:
+    """Analytic policy gradient: ascend the mean return of `batch` whole episodes, differentiated through every step.
+
+    Adam with a cosine schedule from `rate` to rate/20, gradient norm clipped at 1. Returns the last policy and the history.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        policy = Policy()
+    env = make(settings, batch)
+    optimizer = torch.optim.Adam(policy.parameters(), lr=rate, betas=(0.9, 0.95))
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates, rate / 20)
+    history = []
+    for update in range(updates):
+        rows = torch.randperm(len(targets.seeds), generator=generator)[:batch]
+        record = rollout(env, policy, targets.pick(rows))
+        loss = -record.reward.mean()
+        optimizer.zero_grad()
+        loss.backward()
+        norm = nn.utils.clip_grad_norm_(policy.parameters(), 1.0)
+        if torch.isfinite(norm):
+            optimizer.step()
+        schedule.step()
+        history.append({"update": update, "return": record.reward.sum(0).mean().item(),
+                        "final_distance_m": record.final.mean().item(), "gradient_norm": norm.item()})
+        progress(history[-1])
+    return policy, history
+
+
+@torch.no_grad()
+def tune(settings: dict, targets: Targets, *, sets: int, seed: int, progress: Callable[[dict], None]) -> tuple[Tensor, list[dict]]:
+    """Gains (1, 4) with the least final distance on the targets: three rounds of `sets` log-normal draws, each around the
+    best so far and narrower than the one before; all sets on all targets in one batch.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    count = len(targets.seeds)
+    every = targets.pick(torch.arange(count).repeat(sets))
+    env = make(settings, sets * count)
+    best, history = torch.tensor([FIRST_GAINS], dtype=env.dtype), []
+    for width in WIDTHS:
+        spread = torch.randn(sets, 4, generator=generator, dtype=env.dtype)
+        gains = best * torch.exp(width * spread * (torch.arange(sets) > 0)[:, None])
+        final = rollout(env, PD(gains.repeat_interleave(count, 0)), every).final.unflatten(0, (sets, count)).mean(1)
+        best = gains[final.argmin()][None]
+        history.append({"gains": best[0].tolist(), "final_distance_m": final.min().item()})
+        progress(history[-1])
+    return best, history
