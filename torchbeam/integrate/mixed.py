@@ -51,7 +51,7 @@ def simulate_mixed(
     `mixed.consistent.rescaled`; steps end at the outputs for that. The Adams methods and scipy's keep a history, which
     this would cut: with them rotations stay in their first chart, good up to one turn.
 
-    `stats.drift` (...): largest violation of the undifferentiated equations at an output, before projection (block rate).
+    `stats.drift` (...): largest violation of the undifferentiated equations at an output (block rate form).
 
     Raises ValueError for what the form does not take; RuntimeError where every sample failed.
     """
@@ -116,7 +116,6 @@ class _BlockRate:
 
     def __init__(self, chain: Chain, project: bool, solver: str) -> None:
         self.chain, self.project, self.dense = chain, project, solver == "dense"
-        self.worst: Tensor | None = None  # drift before projections
 
     def start(self, t: Tensor, *minimal_state: Tensor) -> Tensor:
         x = consistent(self.chain, t, *minimal_state)
@@ -132,8 +131,6 @@ class _BlockRate:
         theta = rescaled(self.chain, t, x.theta)
         if theta is None and not self.project:
             return y
-        here = drift(self.chain, t, x)
-        self.worst = here if self.worst is None else torch.maximum(self.worst, here)
         moved = self.start(t, x.u, x.theta if theta is None else theta, x.V, x.Omega)
         if self.project:
             return moved
@@ -145,8 +142,7 @@ class _BlockRate:
 
     def drift(self, t: Tensor, ys: Tensor) -> Tensor:
         here = [drift(self.chain, a, unpack(y, self.chain.count)) for a, y in zip(t, ys, strict=True)]
-        worst = torch.stack(here).amax(0)
-        return worst if self.worst is None else torch.maximum(self.worst, worst)
+        return torch.stack(here).amax(0)
 
 
 def _energy(chain: Chain, state: MixedState) -> Energy:

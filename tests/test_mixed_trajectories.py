@@ -1,0 +1,292 @@
+"""Trajectories of the mixed forms: stored ones, each other's, their invariants, several turns, gradients, failures."""
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam.integrate.mixed as mixed
+from torchbeam import quaternions as quat
+from torchbeam.beam import Beam
+from torchbeam.effects import Damping, Gravity, Input, TipLoad
+from torchbeam.integrate.mixed import simulate_mixed
+from torchbeam.mixed.consistent import consistent_state
+from torchbeam.mixed.state import Fields, MixedState
+from torchbeam.scene import Frame, RootMotion, Scene
+from torchbeam.section import Section
+
+SOFT = Section.from_stiffness(20.0, 20.0, 0.5, (0.5, 0.8), 1.0, 0.1)
+TIGHT = dict(method="dopri8", rtol=1e-10, atol=1e-11)
+
+
+def pull(t):
+    return torch.stack((0 * t, 0.6 * torch.sin(3 * t), torch.sin(2 * t)))
+
+
+def soft_scene(elements=2, section=SOFT, effects=None):
+    if effects is None:
+        effects = (TipLoad(force=pull), TipLoad(moment=(0.05, 0, 0), follower=True))
+    return Scene(Beam.straight(1.0, elements, section), effects)
+
+
+# -- stored trajectories of the same semi-discrete equations ---------------------------------------------------------
+
+def stored_section(mass_coupled=False):
+    K, M = torch.diag(torch.tensor([1e3, 400, 400, 0.8, 1, 2])), torch.diag(torch.tensor([1.0, 1, 1, 0.02, 0.01, 0.01]))
+    if mass_coupled:
+        for matrix, entries in ((K, ((2, 3, 0.3), (0, 5, 5.0))), (M, ((1, 3, 0.03), (0, 5, -0.03)))):
+            for i, j, value in entries:
+                matrix[i, j] = matrix[j, i] = value
+    return torch.linalg.inv(K), M
+
+
+def ramp(t):
+    s = torch.clamp(t / 0.2, max=1.0)
+    return 1 - (1 - s) ** 2 * (1 + 2 * s)
+
+
+def stored_cases():
+    """A batch: planar ramp, planar step, and the step in 3D on a coupled section."""
+    S, M = (torch.stack(m) for m in zip(stored_section(), stored_section(), stored_section(True), strict=True))
+    step = torch.tensor([[0.0, 0, 0], [0, 0, 3], [0, 1, 3]])
+    ramped = torch.tensor([[0.0, 0, 3], [0, 0, 0], [0, 0, 0]])
+    return Scene(Beam.straight(1.0, 4, Section(S, M)), (TipLoad(force=step), TipLoad(force=lambda t: ramp(t) * ramped)))
+
+
+def compare(sol, index, stored):
+    """Tip, energies to 1e-8; the root's load to 1e-5 of its size: it follows the fast axial oscillation (1e3 rad/s), which
+    both sides carry to their tolerance times that frequency.
+    """
+    n = len(sol.t)
+    close = dict(rtol=0, atol=1e-8)
+    assert_close(sol.state.u_tip[:, index], torch.tensor(stored["tip_u"])[:n], **close)
+    assert_close(sol.state.theta_tip[:, index], torch.tensor(stored["tip_theta_WM"])[:n], **close)
+    assert_close(sol.energy.strain[:, index], torch.tensor(stored["strain_energy"])[:n], **close)
+    assert_close(sol.energy.kinetic[:, index], torch.tensor(stored["kinetic_energy"])[:n], **close)
+    root = -torch.cat(sol.root, -1)[:, index]
+    assert_close(root, torch.tensor(stored["root_internal_load"])[:n], rtol=0, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_stored_trajectories_and_energy_growth_minimal(reference):
+    """semidiscrete_trajectories.json, N = 4, to 1 s: both planar cases at their eleven instants to 1e-8 (found: 1e-10).
+
+    And the known growth of energy in 3D. On the third sample (a section whose mass couples V with Omega) kinetic + strain
+    energy minus the work of the dead load should stay zero; at 1 s it is 0.18 of the peak strain energy (and 16 times that
+    at 2 s), in a time integration accurate to 1e-9. The planar step drifts by 0.34 % of it, the stored figure.
+    """
+    stored = reference("semidiscrete_trajectories")["values"]
+    sol = simulate_mixed(stored_cases(), torch.linspace(0, 1, 11), "minimal", method="dopri8", rtol=1e-9, atol=1e-10)
+    compare(sol, 0, stored["ramp_planar_N4"])
+    compare(sol, 1, stored["step_planar_N4"])
+    work = (sol.state.u_tip * torch.tensor([[0.0, 0, 3], [0, 0, 3], [0, 1, 3]])).sum(-1)
+    drift = (sol.energy.kinetic + sol.energy.strain - work)[:, 1:].abs().amax(0) / sol.energy.strain[:, 1:].amax(0)
+    assert drift[0] < 0.0035
+    assert 0.1 < drift[1] < 0.3
+
+
+def test_stored_trajectories_block_rate(reference):
+    """The same by the 108 states of the block rate form, to 0.1 s."""
+    stored = reference("semidiscrete_trajectories")["values"]
+    sol = simulate_mixed(stored_cases(), torch.linspace(0, 0.1, 2), "block_rate", method="dopri8", rtol=1e-8, atol=1e-10)
+    compare(sol, 0, stored["ramp_planar_N4"])
+    compare(sol, 1, stored["step_planar_N4"])
+    assert sol.stats.drift.max() < 1e-8
+
+
+@pytest.mark.xfail(strict=True, reason="the file's description does not determine the coupled case, see docs/derivation.md")
+def test_stored_trajectory_in_3d(reference):
+    stored = reference("semidiscrete_trajectories")["values"]["step_3d_coupled_N4"]
+    sol = simulate_mixed(stored_cases(), torch.tensor([0.0, 0.1]), "minimal", rtol=1e-6)
+    assert_close(sol.state.u_tip[:, 2], torch.tensor(stored["tip_u"])[:2], rtol=0, atol=1e-6)
+
+
+# -- the two forms ---------------------------------------------------------------------------------------------------
+
+def test_forms_agree_along_a_trajectory():
+    """Soft section, 3D, dead and follower loads, 1 s: every quantity to 1e-8 of at most unit size (both integrated to 1e-10).
+    """
+    t = torch.linspace(0, 1, 6)
+    one, other = (simulate_mixed(soft_scene(), t, form, **TIGHT) for form in ("minimal", "block_rate"))
+    for name in (*Fields._fields, "strain", "position", "velocity", "rotation", "spin", "reaction"):
+        assert_close(getattr(one.state, name), getattr(other.state, name), rtol=1e-8, atol=1e-8, msg=name)
+    assert one.stats.drift is None and other.stats.drift.max() < 1e-11
+
+
+def test_dense_route_gives_the_same_trajectory():
+    t = torch.linspace(0, 0.3, 3)
+    sweep, dense = (simulate_mixed(soft_scene(1), t, "block_rate", solver=s) for s in ("sweep", "dense"))
+    assert_close(sweep.tip.position, dense.tip.position, rtol=0, atol=1e-12)
+
+
+def test_consistent_state_satisfies_every_equation():
+    """Any u, theta, V, Omega; loads, frame and root in motion: residual below 1e-12, and both forms have its rates."""
+    from mixed_cases import random_scene
+
+    from torchbeam.mixed import minimal
+    from torchbeam.mixed.block import block_rate
+
+    scene, at = random_scene(3, (4,)), torch.tensor(0.4)
+    state = consistent_state(scene, *0.4 * torch.randn(4, 4, 3, 3), t=at)
+    system = block_rate(scene, state, at)
+    assert system.drift.abs().max() < 1e-12
+    x = state.fields
+    short = minimal.rates(system.chain, at, x.u, x.theta, x.V, x.Omega)
+    long = system.solve()
+    assert_close(short, torch.cat((long[..., :18], long[..., 36:54]), -1), rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.slow
+def test_projection_keeps_the_invariants():
+    """One soft element through large rotations for 10 s at rtol 1e-6: the undifferentiated equations drift (beyond 1e-8,
+    more at 10 s than at 2 s); with project=True they hold to 1e-8 at every output, and it is the same motion.
+    """
+    scene, t = soft_scene(1, effects=(TipLoad(force=pull),)), torch.linspace(0, 10, 41)
+    free = simulate_mixed(scene, t, "block_rate", atol=1e-8)
+    early = simulate_mixed(scene, t[:9], "block_rate", atol=1e-8)
+    held = simulate_mixed(scene, t, "block_rate", atol=1e-8, project=True)
+    assert free.stats.drift > 1e-8 and free.stats.drift > early.stats.drift
+    assert held.stats.drift < 1e-8
+    assert_close(held.tip.position, free.tip.position, rtol=0, atol=1e-3)
+
+
+def test_restart_continues():
+    t = torch.linspace(0, 0.4, 5)
+    whole = simulate_mixed(soft_scene(), t, "block_rate", **TIGHT)
+    half = simulate_mixed(soft_scene(), t[:3], "block_rate", **TIGHT)
+    rest = simulate_mixed(soft_scene(), t[2:], "block_rate", initial=half.state[-1], **TIGHT)
+    assert isinstance(half.state[-1], MixedState)
+    assert_close(rest.tip.position, whole.tip.position[2:], rtol=0, atol=1e-9)
+
+
+# -- rotations -------------------------------------------------------------------------------------------------------
+
+def spun(t, turns=2.5, end=5.0):
+    s = t / end
+    return 2 * torch.pi * turns * s**3 * (10 - 15 * s + 6 * s * s) * torch.tensor([1.0, 2, 2]) / 3
+
+
+@pytest.mark.slow
+def test_several_turns_out_of_plane():
+    """A soft beam whose root turns two and a half times about an oblique axis in 5 s: elements pass into their other chart
+    (|theta| = 6) again and again, at different instants. The same problem in a frame that turns with the root never
+    leaves its chart; the two meet within the mesh's error (3 % of the length, with a tip that moves by half of it), and the
+    block rate form follows the minimal one.
+    """
+    section = Section.from_stiffness(60.0, 30.0, 3.0, (3.0, 4.0), 1.0, 0.3)
+    t = torch.linspace(0, 5, 41)
+
+    def omega(t):
+        return torch.func.jvp(spun, (t,), (torch.ones_like(t),))[1]
+
+    beam = Beam.straight(1.0, 2, section)
+    turned = simulate_mixed(Scene(beam, root=RootMotion(rotation=spun)), t, "minimal")
+    framed = simulate_mixed(Scene(beam, frame=Frame(angular_velocity=omega)), t, "minimal")
+    R = quat.matrix(quat.exponential(torch.stack([spun(s) for s in t])))
+    seen = (R @ framed.tip.position[..., None])[..., 0]
+    assert turned.state.theta.norm(dim=-1).max() < 8
+    assert (framed.tip.position - torch.tensor([1.0, 0, 0])).norm(dim=-1).max() > 0.25
+    assert_close(turned.tip.position, seen, rtol=0, atol=0.03)
+
+    one = Beam.straight(1.0, 1, section)
+    forms = [simulate_mixed(Scene(one, root=RootMotion(rotation=spun)), t, form) for form in ("minimal", "block_rate")]
+    assert_close(forms[0].tip.position, forms[1].tip.position, rtol=0, atol=1e-5)
+
+
+def test_frame_velocity_is_a_change_of_observer():
+    """A frame that moves steadily changes nothing but the velocities: exact (Galilei)."""
+    t = torch.linspace(0, 0.3, 4)
+    still = simulate_mixed(soft_scene(), t, "minimal", **TIGHT)
+    scene = Scene(soft_scene().beam, soft_scene().effects, frame=Frame(velocity=(1.0, 2, -1)))
+    moving = simulate_mixed(scene, t, "minimal", **TIGHT)
+    assert_close(moving.tip.position, still.tip.position, rtol=0, atol=1e-8)
+    assert_close(moving.tip.velocity - still.tip.velocity, torch.tensor([1.0, 2, -1]).expand(4, 3), rtol=0, atol=1e-6)
+
+
+def test_free_fall_of_the_reaction():
+    """Gravity on a beam at rest: at t = 0 nothing has moved, and elements fall freely but for the clamp."""
+    state = consistent_state(soft_scene(4, effects=(Gravity((0.0, 0, -9.81)),)))
+    assert_close(state.V_dot[..., 2].mean(), torch.tensor(-9.81), rtol=1e-12, atol=0)
+    assert_close(state.root.force, torch.zeros(3), rtol=0, atol=1e-12)
+
+
+# -- damping, inputs, gradients, failures ----------------------------------------------------------------------------
+
+def test_minimal_form_takes_damping():
+    """Energy of a released beam falls with Kelvin-Voigt damping, one value and six alike when equal."""
+    start = dict(V=torch.tensor([[0.0, 0, 0.1], [0, 0, 0.3]]))
+    t = torch.linspace(0, 1, 11)
+    energies = []
+    for tau in (0.1, torch.full((6,), 0.1)):
+        scene = soft_scene(effects=(Damping(tau),))
+        sol = simulate_mixed(scene, t, "minimal", initial=consistent_state(scene, **start), rtol=1e-8)
+        energies.append(sol.energy.kinetic + sol.energy.strain)
+    assert_close(energies[0], energies[1], rtol=1e-6, atol=1e-9)
+    assert (energies[0].diff() < 0).all() and energies[0][-1] < 0.5 * energies[0][0]
+
+
+def test_input_is_held_and_batches():
+    scene = soft_scene(effects=(TipLoad(force=Input("f", 3)),))
+    force = torch.tensor([[0.0, 0, 0.1], [0, 0.2, 0]])
+    together = simulate_mixed(scene, torch.tensor([0.0, 0.2]), "block_rate", inputs={"f": force}, **TIGHT)
+    alone = simulate_mixed(scene, torch.tensor([0.0, 0.2]), "block_rate", inputs={"f": force[1]}, **TIGHT)
+    assert together.tip.position.shape == (2, 2, 3)
+    assert_close(together.tip.position[:, 1], alone.tip.position, rtol=0, atol=1e-9)
+    with pytest.raises(ValueError, match="input 'f' is missing"):
+        simulate_mixed(scene, torch.tensor([0.0, 0.2]), "block_rate")
+
+
+def final_height(EI, form, **options):
+    section = Section.from_stiffness(20.0, 20.0, 0.5, EI, 1.0, 0.1)
+    scene = soft_scene(1, section, (TipLoad(force=lambda t: torch.stack((0 * t, 0 * t, torch.sin(2 * t)))),))
+    return simulate_mixed(scene, torch.linspace(0, 0.5, 26), form, **options).tip.position[-1, 2]
+
+
+@pytest.mark.parametrize("form", ["minimal", "block_rate"])
+def test_gradients(form):
+    """d(tip height)/d(EI) by backprop through rk4, by the continuous adjoint (the scene's tensors found by themselves) and
+    by forward mode, against central differences.
+    """
+    EI = torch.tensor(0.5)
+    options = dict(method="rk4")
+    expected = (final_height(EI + 1e-4, form, **options) - final_height(EI - 1e-4, form, **options)) / 2e-4
+    for adjoint in (False, True):
+        leaf = EI.clone().requires_grad_()
+        (gradient,) = torch.autograd.grad(final_height(leaf, form, adjoint=adjoint, **options), leaf)
+        assert_close(gradient, expected, rtol=1e-4 if adjoint else 1e-6, atol=0)
+    assert_close(torch.func.jvp(lambda v: final_height(v, form, **options), (EI,), (torch.tensor(1.0),))[1], expected,
+                 rtol=1e-6, atol=0)
+
+
+def test_adjoint_of_a_damped_beam_warns():
+    """Strong damping: integrated back the state runs away, and the warning says by how much."""
+    scene = soft_scene(1, effects=(TipLoad(force=pull), Damping(torch.tensor(0.5, requires_grad=True))))
+    with pytest.warns(UserWarning, match=r"continuous adjoint cannot be trusted here: .* misses itself by"):
+        simulate_mixed(scene, torch.tensor([0.0, 1.0]), "minimal", adjoint=True)
+
+
+def test_failed_sample_keeps_its_neighbours():
+    """A load that becomes infinite at 0.1 s in one sample: status, last good state, and an untouched neighbour."""
+    load = TipLoad(force=lambda t: torch.stack((torch.zeros(3), torch.tensor([0.0, 0, 1]) / (t < 0.1))))
+    t = torch.linspace(0, 0.2, 21)
+    with pytest.warns(RuntimeWarning, match=r"sample 1 \(1 of 2\) after t = 0\.09.*nodal form"):
+        sol = simulate_mixed(soft_scene(1, effects=(load,)), t, "minimal", method="rk4")
+    assert sol.status.tolist() == [0, mixed.FAILED] and mixed.FAILED in sol.stats.reason
+    assert torch.isfinite(sol.nodes).all()
+    with pytest.raises(RuntimeError, match="failed on the sample after"):
+        simulate_mixed(soft_scene(1, effects=(TipLoad(force=(0.0, 0, 1)),)), torch.linspace(0, 100, 11), "minimal",
+                       method="rk4")
+
+
+def test_what_is_refused():
+    scene, t = soft_scene(), torch.tensor([0.0, 0.1])
+    for options, sentence in (
+        (dict(form="nodal"), "'block_rate' or 'minimal' is wanted"),
+        (dict(form="minimal", project=True), "only 'block_rate' has something to project"),
+        (dict(form="block_rate", solver="magic"), "'sweep' or 'dense' is wanted"),
+        (dict(form="minimal", initial=3), "the mixed forms want a MixedState"),
+        (dict(form="minimal", method="magic"), "torchdiffeq has"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            simulate_mixed(scene, t, **options)
+    with pytest.raises(ValueError, match=r"theta of shape \(5, 3\) was given; \(\.\.\., 2, 3\) is wanted"):
+        consistent_state(scene, theta=torch.zeros(5, 3))
