@@ -2,13 +2,14 @@
 
 import math
 import warnings
+from dataclasses import replace
 
 import pytest
 import torch
+from nodal_cases import orders
 from torch.testing import assert_close
 
 import torchbeam as tb
-from nodal_cases import orders
 from torchbeam import quaternions as quat
 
 SOFT = dict(EA=100.0, GA=50.0, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
@@ -203,3 +204,20 @@ def test_series_and_intervals():
     assert sol.stats.steps == 10 and told == [(i, 10) for i in range(1, 11)]
     assert_close(sol.nodes[-1], tb.simulate(scene, [0.0, 0.1], step=0.01).nodes[-1], rtol=0, atol=1e-13)
     assert sol.tip.position.shape == (4, 3) and sol.energy.work.shape == (4,)
+
+
+@pytest.mark.parametrize("method", ["midpoint", "dopri5"])
+def test_batch_axes_join_from_anywhere(method):
+    """Axes of an initial velocity (2,), a load function (3, 1) and an input (3, 2) make 3 x 2 samples, each as alone."""
+    f, u = 1 + torch.rand(3, 1, 3), torch.rand(3, 2, 3)
+
+    def run(v, f, u):
+        scene = soft(2, tb.TipLoad(force=lambda t: f * t), tb.TipLoad(force=tb.Input("u", 3)))
+        start = tb.rest(scene)
+        start = replace(start, velocity=start.velocity + v[..., None, None] * torch.tensor([[0.0], [0], [1]]))
+        return tb.simulate(scene, [0.0, 0.02], initial=start, method=method, inputs={"u": u}).nodes
+
+    v = torch.tensor([0.1, 0.2])
+    batch = run(v, f, u)
+    assert batch.shape == (2, 3, 2, 3, 3)
+    assert_close(batch[:, 2, 1], run(v[1], f[2, 0], u[2, 1]), rtol=0, atol=1e-12 if method == "midpoint" else 1e-6)

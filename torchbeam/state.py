@@ -118,6 +118,12 @@ class State(TensorFields):
     def batch_shape(self) -> torch.Size:
         return torch.broadcast_shapes(*(getattr(self, n).shape[:-2] for n in ("position", "rotation", "velocity", "spin")))
 
+    def level(self) -> State:
+        """The same with the batch axes of all in every field, whichever field was given more of them."""
+        shape, own = self.batch_shape, dict(reaction=1, work=0, defect=0, t=0, status=0)  # axes of a field; 2 elsewhere
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return replace(self, **{n: x.expand((*shape, *x.shape[x.ndim - own.get(n, 2):])) for n, x in values.items()})
+
 
 def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float = 0.0) -> State:
     """The scene's beam undeformed and at rest, with the scene's batch axes (or those given)."""

@@ -131,7 +131,10 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     def rhs(now: Tensor, y: Tensor) -> Tensor:
         return (Rates(rates.model, scene.tensors({**held, **_held(moving, now)})) if moving else rates)(now, y)
 
-    y0 = rates.pack(_begin(scene, initial, t[0]))
+    start = _begin(scene, initial, t[0])
+    acting = rates.model.external(start.rotation, t[0], rates.inputs, scene.loads)  # functions and inputs may have axes too
+    y0 = rates.pack(start)
+    y0 = y0 if isinstance(acting, float) else y0.expand(*torch.broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
     parameters = tuple(x for x in vars(rates.model).values() if isinstance(x, Tensor) and x.requires_grad)
     loads = tuple(v for load in scene.loads for v in load.values if isinstance(v, Tensor) and v.requires_grad)
     ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
@@ -149,7 +152,7 @@ def _begin(scene: Scene, initial: State | None, t: Tensor) -> State:
         raise ValueError(f"initial with {state.position.shape[-2]} nodes was given; the beam has {scene.beam.count + 1}")
     if state.position.dtype != scene.dtype:
         raise ValueError(f"initial of {state.position.dtype} meets a scene of {scene.dtype}; one dtype is wanted")
-    return state.at(t)
+    return state.level().at(t)
 
 
 def _held(inputs: dict[str, Any], t: Tensor) -> dict[str, Any]:

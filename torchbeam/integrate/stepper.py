@@ -65,6 +65,7 @@ class Stepper:
         """
         dt = self.dt if dt is None else dt
         given = self.scene.tensors(inputs)
+        state = state if state.velocity.ndim == state.position.ndim else state.level()
         moving = state.status == SUCCESS if active is None else (state.status == SUCCESS) & active
         t = state.t.detach().amax()
         after, status, self.iterations = self._attempt(state, dt, t + dt / 2, given, moving)
