@@ -8,14 +8,16 @@ from typing import Any
 import gymnasium
 import numpy as np
 import torch
+from gymnasium.spaces import Box
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from torchbeam import State, Stepper
+from torchbeam import Scene, State, Stepper
 
 OUTPUTS = ("numpy", "torch")
+HALVINGS = 2  # a failed step is made again in 2 and 4 parts; more would cost the whole batch more than the episode is worth
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Episodes:
 class BeamVectorEnv(VectorEnv):
     """n episodes of one beam task, stepped as one batch. Tensors inside; nothing is written in place.
 
-    A task derives from this, calls `__init__` with its `Stepper` and spaces, and defines
+    A task derives from this, calls `__init__` with its `Scene` and spaces, and defines
         start                          the `State` that episodes start in, batch (n,)
         begin(streams, rows)           -> goal (k, g) of k fresh episodes of the sub-envs rows (k,), each from its own generator
         inputs(action)                 -> what the stepper is given over one control interval, from the action (n, a) in [-1, 1]
@@ -61,9 +63,9 @@ class BeamVectorEnv(VectorEnv):
 
     start: State
 
-    def __init__(self, num_envs: int, stepper: Stepper, observation_space: gymnasium.spaces.Box,
-                 action_space: gymnasium.spaces.Box, *, substeps: int, max_episode_steps: int | None, failure_reward: float,
-                 autoreset_mode: str | AutoresetMode, output: str) -> None:
+    def __init__(self, num_envs: int, scene: Scene, observation_space: Box, action_space: Box, *, control_interval: float,
+                 substeps: int, max_episode_steps: int | None, failure_reward: float, autoreset_mode: str | AutoresetMode,
+                 output: str) -> None:
         for name, value in (("num_envs", num_envs), ("substeps", substeps), ("max_episode_steps", max_episode_steps)):
             whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= 1
             if not whole and not (name == "max_episode_steps" and value is None):
@@ -72,14 +74,17 @@ class BeamVectorEnv(VectorEnv):
             raise ValueError(f"output = {output!r} was given; {' or '.join(map(repr, OUTPUTS))} is wanted")
         if not np.isfinite(failure_reward):
             raise ValueError(f"failure_reward = {failure_reward!r} was given; a finite number is wanted")
-        self.num_envs, self.stepper, self.substeps = num_envs, stepper, substeps
+        if not 0 < control_interval < np.inf:
+            raise ValueError(f"control_interval = {control_interval!r} was given; a positive finite number (s) is wanted")
+        self.num_envs, self.scene, self.control_interval, self.substeps = num_envs, scene, control_interval, substeps
+        self.stepper = Stepper(scene, control_interval / substeps, halvings=HALVINGS)
         self.max_episode_steps, self.failure_reward, self.output = max_episode_steps, failure_reward, output
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space, self.single_action_space = observation_space, action_space
         self.observation_space = batch_space(observation_space, num_envs)
         self.action_space = batch_space(action_space, num_envs)
-        self.dtype, self.device = stepper.scene.dtype, stepper.scene.device
+        self.dtype, self.device = scene.dtype, scene.device
         self.low, self.high = (torch.as_tensor(x, dtype=self.dtype, device=self.device)
                                for x in (observation_space.low, observation_space.high))
         self.streams: list[np.random.Generator] = []

@@ -126,20 +126,19 @@ class TipReachVectorEnv(BeamVectorEnv):
         beam = tb.Beam.straight(torch.as_tensor(length, dtype=section.compliance.dtype, device=section.compliance.device),
                                 elements, section)
         weight = () if gravity is None else (tb.Gravity(gravity),)
-        self.scene = tb.Scene(beam, [tb.TipLoad(force=tb.Input("force", 3)), tb.Damping(damping), *weight])
+        scene = tb.Scene(beam, [tb.TipLoad(force=tb.Input("force", 3)), tb.Damping(damping), *weight])
         high = np.repeat(np.float32([4, 2, 20, 2, 20]), 3)
         super().__init__(
-            num_envs, tb.Stepper(self.scene, control_interval / substeps, halvings=2), Box(-high, high), Box(-1, 1, (2,)),
-            substeps=substeps, max_episode_steps=max_episode_steps, failure_reward=failure_reward,
-            autoreset_mode=autoreset_mode, output=output,
+            num_envs, scene, Box(-high, high), Box(-1, 1, (2,)), control_interval=control_interval, substeps=substeps,
+            max_episode_steps=max_episode_steps, failure_reward=failure_reward, autoreset_mode=autoreset_mode, output=output,
         )
-        self.length, self.control_interval, self.control_cost = length, control_interval, control_cost
+        self.length, self.control_cost = length, control_cost
         self.force = torch.tensor(force, dtype=self.dtype, device=self.device)
         self.axes = torch.tensor(AXES, dtype=self.dtype, device=self.device)
         self.middle = elements // 2
         self.speed = (length * first_frequency(section, length))[..., None]  # m/s, (1,) or (num_envs, 1)
-        self.reach = Reach.of(self.scene, reach * self.force, self.axes)
-        self.start = tb.equilibrium(self.scene, force=torch.zeros(num_envs, 3, dtype=self.dtype, device=self.device))
+        self.reach = Reach.of(scene, reach * self.force, self.axes)
+        self.start = tb.equilibrium(scene, force=torch.zeros(num_envs, 3, dtype=self.dtype, device=self.device))
 
     def begin(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
         """(k, 3) m: targets that forces in the ellipse hold."""

@@ -42,7 +42,9 @@ class Policy(nn.Module):
 
     def __init__(self, hidden: int = 64) -> None:
         super().__init__()
-        self.gains = nn.Sequential(nn.Linear(17, hidden), nn.Tanh(), nn.Linear(hidden, hidden), nn.Tanh(), nn.Linear(hidden, 12))
+        self.gains = nn.Sequential(
+            nn.Linear(17, hidden), nn.Tanh(), nn.Linear(hidden, hidden), nn.Tanh(), nn.Linear(hidden, 12)
+        )
         self.register_buffer("scale", torch.tensor(SCALE))
         self.double()
         nn.init.zeros_(self.gains[-1].weight)

@@ -14,8 +14,8 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 from .episodes import CLOSE, WINDOW, Record
 
 COLORS = {"nothing": "#b8b8b8", "static force": "#7f7f7f", "PD + static force": "#e08214", "learned": "#1b6ca8"}
-STYLE = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": 10, "axes.titlelocation": "left",
-         "legend.frameon": False}
+STYLE = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": 10,
+         "axes.titlelocation": "left", "legend.frameon": False}
 
 
 def picture(records: dict[str, Record], result: dict, path: Path) -> None:
@@ -58,7 +58,8 @@ def _distances(ax: plt.Axes, records: dict[str, Record]) -> None:
     for name, record in records.items():
         t, d = _time(record), 1e3 * record.distance
         ax.semilogy(t, d.median(1).values, color=COLORS[name], label=name)
-        ax.fill_between(t, *torch.quantile(d, torch.tensor([0.1, 0.9], dtype=d.dtype), dim=1), color=COLORS[name], alpha=0.15, lw=0)
+        low, high = torch.quantile(d, torch.tensor([0.1, 0.9], dtype=d.dtype), dim=1)
+        ax.fill_between(t, low, high, color=COLORS[name], alpha=0.15, lw=0)
     ax.axhline(1e3 * CLOSE * record.length, color="k", lw=0.6, ls=":")
     ax.annotate("2 % of length", (t[-1], 1e3 * CLOSE * record.length), ha="right", va="bottom", fontsize=8)
     ax.set(title=f"{d.shape[1]} unseen targets: median, 10 to 90 %", xlabel="time (s)", ylabel="tip to target (mm)")
@@ -80,8 +81,8 @@ def _shapes(ax: plt.Axes, record: Record, one: int) -> None:
         ax.plot(nodes[k, :, 0], nodes[k, :, 1], color=plt.cm.viridis(k / len(nodes)), lw=1.4)
     ax.plot(*record.target[one, :2], "x", color="crimson", ms=9, mew=2, zorder=5)
     ax.plot(0, 0, "s", color="k", ms=7)
-    bar = plt.colorbar(plt.cm.ScalarMappable(plt.Normalize(0, (len(nodes) - 1) * record.interval), "viridis"), ax=ax, shrink=0.8)
-    bar.set_label("time (s)")
+    scale = plt.Normalize(0, (len(nodes) - 1) * record.interval)
+    plt.colorbar(plt.cm.ScalarMappable(scale, "viridis"), ax=ax, orientation="horizontal", shrink=0.8, label="time (s)")
     ax.set(title="Learned: the strip from above (true proportions)", xlabel="x (m)", ylabel="y (m)", aspect="equal")
 
 
@@ -134,5 +135,6 @@ def animation(records: dict[str, Record], path: Path, stride: int = 1) -> None:
             top.set_title(f"t = {k * record.interval:.2f} s (half speed)")
             return []
 
-        FuncAnimation(figure, draw, frames=frames).save(path, PillowWriter(fps=max(1, round(0.5 / record.interval / stride))), dpi=90)
+        writer = PillowWriter(fps=max(1, round(0.5 / record.interval / stride)))
+        FuncAnimation(figure, draw, frames=frames).save(path, writer, dpi=90)
         plt.close(figure)

@@ -44,7 +44,8 @@ def train(settings: dict, targets: Targets, *, updates: int, batch: int, rate: f
 
 
 @torch.no_grad()
-def tune(settings: dict, targets: Targets, *, sets: int, seed: int, progress: Callable[[dict], None]) -> tuple[Tensor, list[dict]]:
+def tune(settings: dict, targets: Targets, *, sets: int, seed: int,
+         progress: Callable[[dict], None]) -> tuple[Tensor, list[dict]]:
     """Gains (1, 4) with the least final distance on the targets: three rounds of `sets` log-normal draws, each around the
     best so far and narrower than the one before; all sets on all targets in one batch.
     """
