@@ -15,7 +15,8 @@ from ..scene import Scene
 from .element import kinematics, strain
 
 COUPLING = 1 / 12  # half consistent, half lumped: the translational error of the implicit form is then fourth order
-REGULARISATION = {torch.float64: 1e-9, torch.float32: 1e-5}  # of the largest flexibility, in a rigid strain's tangent
+STIFFENED = 100.0  # by loads, over bending alone: P L^2/EI of that order
+REGULARISATION = {torch.float64: 1e-7, torch.float32: 1e-3}  # of the flexibility around it: a strain's least, in a tangent
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,32 @@ class Model:
             coupling=None if lumped else COUPLING * m * h,
             section_mass=node_mass / share[..., None], share=share,
         )
+
+    def stiffness(self, dt: Tensor | None = None) -> Tensor:
+        """S^-1 for the tangent of a balance, or of a step of dt (0-dim or (...)); a constant, in the form of S.
+
+        Strains that are (next to) impossible beside the softest bending or twist and, in a step, the inertia, get a small
+        flexibility: the tangent stays well conditioned, and as the residual keeps S exactly, Newton's method loses nothing.
+        """
+        S, h = self.S.detach(), self.length.detach()
+        slim = S.shape[-1] == 1
+        if not (slim or any(self.scene.beam.rigid)):
+            return self.C.detach()
+        diagonal = S if slim else S.diagonal(dim1=-2, dim2=-1)[..., None]
+        L2 = h.sum(-2, keepdim=True)[..., None] ** 2
+        by_force, by_moment = (part.amax((-3, -2), keepdim=True) for part in diagonal.split(3, -2))
+        softest = torch.maximum(by_force / L2, by_moment)
+        moment = STIFFENED / torch.where(softest > 0, softest, torch.ones_like(softest))  # what bends round about, N m^2
+        force = moment / L2
+        if dt is not None:
+            h2 = h.amax(-2, keepdim=True)[..., None] ** 2
+            line_mass = (self.mass / self.share).detach().amax(-2, keepdim=True)[..., None]
+            inertial = line_mass * h2 * (2 / dt[..., None, None, None]) ** 2
+            force, moment = force + inertial, moment + inertial * h2
+        least = REGULARISATION[S.dtype] / torch.cat(torch.broadcast_tensors(*[force] * 3, *[moment] * 3), -2)
+        if slim:
+            return 1 / torch.maximum(S, least)
+        return torch.linalg.inv(S + torch.diag_embed((least - diagonal).clamp(min=0)[..., 0]))
 
     def momentum(self, velocity: Tensor) -> Tensor:
         """Mass matrix times velocity, (..., N+1, 3): mass and, where asked for, coupling to the neighbours."""

@@ -63,6 +63,11 @@ class Step:
         return self.dt[..., None, None]
 
     @cached_property
+    def C(self) -> Tensor:
+        """S^-1 of the tangent."""
+        return self.model.stiffness(self.dt.detach())
+
+    @cached_property
     def strain(self) -> Tensor:
         k = kinematics(self.start.position, self.start.rotation, self.model.length)
         return strain(k, self.model.length, self.model.reference)
@@ -180,7 +185,8 @@ class Step:
         load = model.external_tangent(q, self.t, self.inputs, self._loads[0])
         if not isinstance(load, float):
             diagonal = diagonal - pad(load, (3, 0))
-        return Linearisation.condense(rest, diagonal, h * strain_operator(middle, model.length), model.C, E, coupling)
+        hB = h * strain_operator(middle, model.length)
+        return Linearisation.condense(rest, diagonal, hB, self.C, E, coupling)
 
     def finish(self, x: Middle, reaction: Tensor) -> State:
         """The state at the end of the step."""

@@ -55,4 +55,4 @@ class Still:
         B = strain_operator(kin, model.length)
         diagonal = -pad(load, (3, 0)) if moving else torch.zeros_like(B[..., :1, :6, :6])
         return Linearisation.condense(geometric_stiffness(kin, x.stress, model.length), diagonal,
-                                      model.length[..., None] * B, model.C, B)
+                                      model.length[..., None] * B, model.stiffness(), B)
