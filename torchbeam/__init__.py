@@ -8,6 +8,7 @@ from .integrate.stepper import Stepper
 from .mixed.block import BlockRate, block_rate
 from .mixed.consistent import consistent_state
 from .mixed.state import MixedState
+from .modes import Modes, modes
 from .scene import Frame, RootMotion, Scene
 from .section import Section
 from .solution import Energy, Solution, Stats
@@ -15,7 +16,7 @@ from .state import State, rest
 from .statics import equilibrium
 
 __all__ = [
-    "Beam", "BlockRate", "Damping", "Energy", "ExplicitStepper", "Frame", "Gravity", "Input", "LineLoad", "MixedState",
+    "Beam", "BlockRate", "Damping", "Energy", "ExplicitStepper", "Frame", "Gravity", "Input", "LineLoad", "MixedState", "Modes",
     "PointLoad", "RootMotion", "Scene", "Section", "Solution", "State", "Stats", "Stepper", "TipLoad", "block_rate",
-    "consistent_state", "equilibrium", "rest", "simulate",
+    "consistent_state", "equilibrium", "modes", "rest", "simulate",
 ]

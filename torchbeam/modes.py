@@ -1,0 +1,133 @@
+"""Small motions about an equilibrium: natural frequencies, damping, stability.
+
+With a the moves (displacement, spin) of the free nodes and M, D, K the mass, damping and tangent stiffness there, the last
+with the stress and the loads that turn (so K need not be symmetric):  M a'' + D a' + K a = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from . import quaternions as quat
+from .checks import count as check_count
+from .nodal.element import geometric_stiffness, kinematics, strain_operator, to_blocks
+from .nodal.model import Model, times
+from .scene import Scene
+from .state import State
+from .statics import equilibrium
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The slowest motions x exp(eigenvalue t), one of each conjugate pair, by frequency.
+
+    eigenvalue  (..., count) complex, 1/s; a positive real part grows
+    shape       (..., count, N+1, 6) complex: displacement (m) and rotation (rad) of the nodes, frame a; its largest entry is 1
+    """
+
+    eigenvalue: Tensor
+    shape: Tensor
+
+    @property
+    def frequency(self) -> Tensor:
+        """(..., count) rad/s, |imaginary part|; 0 for a motion that does not oscillate."""
+        return self.eigenvalue.imag.abs()
+
+    @property
+    def damping_ratio(self) -> Tensor:
+        """(..., count) -real part / |eigenvalue|: 1 for no oscillation, negative for growth."""
+        return -self.eigenvalue.real / self.eigenvalue.abs()
+
+
+def modes(scene: Scene, state: State | None = None, count: int = 6, *, t: float = 0.0, lumped: bool = False, **inputs: Any
+          ) -> Modes:
+    """Natural frequencies, damping ratios and shapes of the nodal form.
+
+    state   an equilibrium of the scene; None = the one under its loads at time t (s)
+    count   pairs of eigenvalues, the slowest first; an overdamped pair counts as two
+    lumped  as in `Stepper`: the mass of the explicit form
+    inputs  by name, (..., size)
+
+    Follower loads are in K: flutter is a positive real part, divergence a positive eigenvalue without frequency. Sections
+    without rotary inertia and with infinite stiffness are taken as they are. Dense, O(N^3). Gradients of eigenvalues need
+    them distinct.
+
+    Raises ValueError for more modes than the mesh has, or for what the nodal form does not take.
+    """
+    model = Model.of(scene, lumped)
+    free = 6 * scene.beam.count
+    if check_count("count", count) > free:
+        raise ValueError(f"count = {count} was given; {scene.beam.count} elements have at most {free} modes")
+    if state is None:
+        state = equilibrium(scene, t=t, **inputs)
+    M, D, K = matrices(model, state, torch.as_tensor(t, dtype=scene.dtype, device=scene.device), scene.tensors(inputs))
+    flexible = torch.linalg.solve(K, M if D is None else torch.cat((D, M), -1))
+    if D is None:
+        found, vectors = torch.linalg.eig(-flexible)
+    else:
+        eye = torch.eye(free, dtype=M.dtype, device=M.device).expand_as(M)
+        found, vectors = torch.linalg.eig(torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2))
+        vectors = vectors[..., :free, :]
+    chosen = _slowest(_eigenvalue(found.detach(), D is None), count)
+    eigenvalue = _eigenvalue(found.gather(-1, chosen), D is None)
+    vectors = vectors.mT.gather(-2, chosen[..., None].expand(*chosen.shape, free))
+    vectors = vectors / vectors.gather(-1, vectors.abs().argmax(-1, keepdim=True))
+    return Modes(eigenvalue, pad(vectors.unflatten(-1, (-1, 6)), (0, 0, 1, 0)))
+
+
+def _eigenvalue(found: Tensor, squared: bool) -> Tensor:
+    """From 1/eigenvalue, or its square; inverse because K is regular where M may not be."""
+    if not squared:
+        return 1 / found
+    root = (1 / found).sqrt()
+    return torch.where(root.imag < 0, -root, root)
+
+
+def _slowest(eigenvalue: Tensor, count: int) -> Tensor:
+    """Where the `count` smallest in size are, one of each conjugate pair, by their imaginary part."""
+    slow = torch.where(eigenvalue.imag < 0, torch.inf, eigenvalue.abs()).argsort(dim=-1, stable=True)[..., :count]
+    return slow.gather(-1, eigenvalue.imag.gather(-1, slow).argsort(dim=-1, stable=True))
+
+
+def matrices(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -> tuple[Tensor, Tensor | None, Tensor]:
+    """M, D (None without damping) and K (..., 6 N, 6 N) of the free nodes' moves at an equilibrium."""
+    kin = kinematics(state.position, state.rotation, model.length)
+    B = strain_operator(kin, model.length)
+    hB = (model.length[..., None] * B).mT
+    K = _dense(*to_blocks(geometric_stiffness(kin, state.stress, model.length) + hB @ times(model.C, B)))
+    loads = tuple(x for x in model.scene.loads if x.moves(model.scene.beam))
+    if loads:
+        K = K - _dense(pad(model.external_tangent(state.rotation, t, inputs, loads), (3, 0)))
+    D = None if model.rate is None else _dense(*to_blocks(hB @ times(model.C, times(model.rate, B))))
+    M = _mass(model, state.rotation)
+    M, K = torch.broadcast_tensors(M, K)
+    return (M, None, K) if D is None else torch.broadcast_tensors(M, D, K)
+
+
+def _mass(model: Model, rotation: Tensor) -> Tensor:
+    eye = torch.eye(3, dtype=rotation.dtype, device=rotation.device)
+    diagonal = pad(model.mass[..., None] * eye, (0, 3, 0, 3))
+    if model.inertia is not None:
+        R = quat.matrix(rotation)
+        diagonal = diagonal + pad(R @ model.inertia @ R.mT, (3, 0, 3, 0))
+    if model.coupling is None:
+        return _dense(diagonal)
+    k = pad(model.coupling[..., None] * eye, (0, 3, 0, 3))
+    return _dense(diagonal - pad(k, (0, 0, 0, 0, 0, 1)) - pad(k, (0, 0, 0, 0, 1, 0)), k, k)
+
+
+def _dense(diagonal: Tensor, upper: Tensor | None = None, lower: Tensor | None = None) -> Tensor:
+    """(..., 6 N, 6 N) of the free nodes, from blocks (..., N+1, 6, 6) of all and (..., N, 6, 6) between them."""
+    N = diagonal.shape[-3] - 1
+    A = diagonal.new_zeros(*diagonal.shape[:-3], N, 6, N, 6)
+    at = torch.arange(N, device=diagonal.device)
+    A[..., at, :, at, :] = diagonal[..., 1:, :, :].movedim(-3, 0)
+    if upper is not None and N > 1:
+        A[..., at[:-1], :, at[1:], :] = upper[..., 1:, :, :].movedim(-3, 0)
+        A[..., at[1:], :, at[:-1], :] = lower[..., 1:, :, :].movedim(-3, 0)
+    return A.flatten(-4, -3).flatten(-2)
