@@ -1,0 +1,35 @@
+"""Every hard case, at its reduced size, goes as its list says: what is known to fail has to."""
+
+import json
+
+import pytest
+
+from torchbeam.hardcases import CASES, main, run
+
+BUILT = [case for case in CASES if case.solve]
+
+
+@pytest.mark.parametrize("case", BUILT, ids=lambda case: case.name)
+def test_case(case):
+    """Solved in float64, in float32, in a batch (its first sample to the bit) and with gradient; what each allows stands with
+    the case.
+    """
+    results = run(case, quick=True)
+    assert len(results) == 4
+    surprises = [f"{r.variant}: {r.reason or 'passes'}; known: {r.known or 'nothing'}" for r in results if not r.expected]
+    assert not surprises, "\n".join(surprises)
+
+
+def test_what_cannot_be_built_says_why():
+    assert all(case.needs for case in CASES if not case.solve)
+
+
+def test_command(tmp_path, capsys):
+    """A case and its row, the table in both formats; the exit status says that all went as listed."""
+    assert main(["--quick", "--filter", "zero everything", "--out", str(tmp_path)]) == 0
+    written = json.loads((tmp_path / "hardcases.json").read_text())
+    assert [r["variant"] for r in written["results"]] == ["float64", "float32", "batch", "gradient"]
+    assert all(r["ok"] for r in written["results"])
+    table = (tmp_path / "hardcases.md").read_text()
+    assert "| zero everything |" in table
+    assert table in capsys.readouterr().out
