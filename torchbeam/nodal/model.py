@@ -77,8 +77,9 @@ class Model:
     def stiffness(self, dt: Tensor | None = None) -> Tensor:
         """S^-1 for the tangent of a balance, or of a step of dt (0-dim or (...)); a constant, in the form of S.
 
-        Strains that are (next to) impossible beside the softest bending or twist and, in a step, the inertia, get a small
-        flexibility: the tangent stays well conditioned, and as the residual keeps S exactly, Newton's method loses nothing.
+        Impossible strains, and in a step those next to impossible beside the softest bending or twist and the inertia, get a
+        small flexibility: the tangent stays well conditioned, and as the residual keeps S exactly, Newton's method loses
+        nothing.
         """
         S, h = self.S.detach(), self.length.detach()
         slim = S.shape[-1] == 1
@@ -96,9 +97,8 @@ class Model:
             inertial = line_mass * h2 * (2 / dt[..., None, None, None]) ** 2
             force, moment = force + inertial, moment + inertial * h2
         least = REGULARISATION[S.dtype] / torch.cat(torch.broadcast_tensors(*[force] * 3, *[moment] * 3), -2)
-        if slim:
-            return 1 / torch.maximum(S, least)
-        return torch.linalg.inv(S + torch.diag_embed((least - diagonal).clamp(min=0)[..., 0]))
+        least = torch.where(diagonal == 0 if dt is None else diagonal < least, least, diagonal)
+        return 1 / least if slim else torch.linalg.inv(S + torch.diag_embed((least - diagonal)[..., 0]))
 
     def momentum(self, velocity: Tensor) -> Tensor:
         """Mass matrix times velocity, (..., N+1, 3): mass and, where asked for, coupling to the neighbours."""
