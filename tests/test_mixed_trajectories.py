@@ -227,12 +227,13 @@ def test_minimal_form_takes_damping():
 def test_input_is_held_and_batches():
     scene = soft_scene(effects=(TipLoad(force=Input("f", 3)),))
     force = torch.tensor([[0.0, 0, 0.1], [0, 0.2, 0]])
-    together = simulate_mixed(scene, torch.tensor([0.0, 0.2]), "block_rate", inputs={"f": force}, **TIGHT)
-    alone = simulate_mixed(scene, torch.tensor([0.0, 0.2]), "block_rate", inputs={"f": force[1]}, **TIGHT)
-    assert together.tip.position.shape == (2, 2, 3)
-    assert_close(together.tip.position[:, 1], alone.tip.position, rtol=0, atol=1e-9)
+    t = torch.linspace(0, 0.2, 21)
+    together = simulate_mixed(scene, t, "block_rate", inputs={"f": force}, method="rk4")
+    alone = simulate_mixed(scene, t, "block_rate", inputs={"f": force[1]}, method="rk4")
+    assert together.tip.position.shape == (21, 2, 3)
+    assert_close(together.tip.position[:, 1], alone.tip.position, rtol=0, atol=1e-13)
     with pytest.raises(ValueError, match="input 'f' is missing"):
-        simulate_mixed(scene, torch.tensor([0.0, 0.2]), "block_rate")
+        simulate_mixed(scene, t, "block_rate")
 
 
 def final_height(EI, form, **options):
@@ -259,9 +260,9 @@ def test_gradients(form):
 
 def test_adjoint_of_a_damped_beam_warns():
     """Strong damping: integrated back the state runs away, and the warning says by how much."""
-    scene = soft_scene(1, effects=(TipLoad(force=pull), Damping(torch.tensor(0.5, requires_grad=True))))
+    scene = soft_scene(1, effects=(TipLoad(force=pull), Damping(torch.tensor(0.2, requires_grad=True))))
     with pytest.warns(UserWarning, match=r"continuous adjoint cannot be trusted here: .* misses itself by"):
-        simulate_mixed(scene, torch.tensor([0.0, 1.0]), "minimal", adjoint=True)
+        simulate_mixed(scene, torch.tensor([0.0, 0.5]), "minimal", rtol=1e-4, atol=1e-5, adjoint=True)
 
 
 def test_failed_sample_keeps_its_neighbours():

@@ -157,13 +157,15 @@ def _refuse(scene: Scene, form: str) -> None:
 
 
 def check_times(chain: Chain, t: Tensor) -> None:
-    """Refuse a function of t that changes where forward mode sees no rate: it left torch on the way, as math.sin does.
+    """Refuse a function of t that changes where forward mode sees no rate: it left torch on the way, as math.sin does, or
+    it jumps. Loads matter to the block rate form only, the root's motion to both.
 
     Raises ValueError.
     """
-    scene = chain.scene
-    functions = [(type(e).__name__, v) for e in scene.loads for v in e.values]
-    functions += [(f"the input {name!r}", v) for name, v in chain.inputs.items()]
+    scene, functions = chain.scene, []
+    if chain.form == "block_rate":
+        functions += [(type(e).__name__, v) for e in scene.loads for v in e.values]
+        functions += [(f"the input {name!r}", v) for name, v in chain.inputs.items()]
     if scene.root is not None:
         functions += [(f"RootMotion's {n}", getattr(scene.root, n)) for n in ("displacement", "rotation")]
     for name, function in ((n, f) for n, f in functions if callable(f)):
@@ -172,4 +174,4 @@ def check_times(chain: Chain, t: Tensor) -> None:
         values, rates = (torch.stack(parts) for parts in zip(*pairs, strict=True))
         if (values != values[0]).any() and not rates.any():
             raise ValueError(f"{name} changes in time but has no rate in torch; write its function of t with torch "
-                             "operations on t (torch.sin(t), not math.sin(t))")
+                             "operations on t (torch.sin(t), not math.sin(t)), without jumps; form='minimal' takes any load")
