@@ -26,6 +26,7 @@ class Episodes:
 
     beam         `torchbeam.State` with batch (n,)
     goal         (n, g) what the task drew at reset
+    pending      (n, delay, a) actions that have not acted yet, the next one first
     steps        (n,) long, steps since reset
     terminated, truncated  (n,) bool, once an episode is over and until it is reset
     observation  (n, o) the last one; finite
@@ -33,6 +34,7 @@ class Episodes:
 
     beam: State
     goal: Tensor
+    pending: Tensor
     steps: Tensor
     terminated: Tensor
     truncated: Tensor
@@ -52,9 +54,9 @@ class BeamVectorEnv(VectorEnv):
     A task derives from this, calls `__init__` with its `Scene` and spaces, and defines
         start                          the `State` that episodes start in, batch (n,)
         begin(streams, rows)           -> goal (k, g) of k fresh episodes of the sub-envs rows (k,), each from its own generator
-        inputs(action)                 -> what the stepper is given over one control interval, from the action (n, a) in [-1, 1]
-        observe(beam, goal)            -> (n, o)
-        reward(beam, goal, action)     -> (n,)
+        inputs(action)                 -> what the stepper is given over one control interval: from the action (n, a) that acts
+        observe(beam, goal, pending)   -> (n, o)
+        reward(beam, goal, action)     -> (n,), from the action that was given
         measures(beam, goal)           -> what goes into `info`, name -> (n,)
 
     output="numpy": float32 observations, float64 rewards, no gradient. output="torch": tensors in the scene's dtype, with
@@ -64,12 +66,14 @@ class BeamVectorEnv(VectorEnv):
     start: State
 
     def __init__(self, num_envs: int, scene: Scene, observation_space: Box, action_space: Box, *, control_interval: float,
-                 substeps: int, max_episode_steps: int | None, failure_reward: float, autoreset_mode: str | AutoresetMode,
+                 substeps: int, delay: int, max_episode_steps: int | None, failure_reward: float, autoreset_mode: str | AutoresetMode,
                  output: str) -> None:
         for name, value in (("num_envs", num_envs), ("substeps", substeps), ("max_episode_steps", max_episode_steps)):
             whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= 1
             if not whole and not (name == "max_episode_steps" and value is None):
                 raise ValueError(f"{name} = {value!r} was given; a whole number of at least 1 is wanted")
+        if not isinstance(delay, (int, np.integer)) or isinstance(delay, bool) or delay < 0:
+            raise ValueError(f"delay = {delay!r} was given; a whole number of control intervals, 0 or more, is wanted")
         if output not in OUTPUTS:
             raise ValueError(f"output = {output!r} was given; {' or '.join(map(repr, OUTPUTS))} is wanted")
         if not np.isfinite(failure_reward):
@@ -77,6 +81,7 @@ class BeamVectorEnv(VectorEnv):
         if not 0 < control_interval < np.inf:
             raise ValueError(f"control_interval = {control_interval!r} was given; a positive finite number (s) is wanted")
         self.num_envs, self.scene, self.control_interval, self.substeps = num_envs, scene, control_interval, substeps
+        self.delay = delay
         self.stepper = Stepper(scene, control_interval / substeps, halvings=HALVINGS)
         self.max_episode_steps, self.failure_reward, self.output = max_episode_steps, failure_reward, output
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -165,11 +170,13 @@ class BeamVectorEnv(VectorEnv):
     def _advance(self, before: Episodes, action: Tensor, active: Tensor) -> tuple[Episodes, Tensor, Tensor]:
         """The active episodes one control interval later: (episodes, reward (n,), failed (n,) bool)."""
         beam = before.beam
+        queue = torch.cat((before.pending, action[:, None]), 1)
+        pending = torch.where(active[:, None, None], queue[:, 1:], before.pending)
         if active.any():
-            given = self.inputs(action)
+            given = self.inputs(queue[:, 0])
             for _ in range(self.substeps):
                 beam = self.stepper(beam, active=active, **given)
-        observation = self._observation(beam, before.goal)
+        observation = self._observation(beam, before.goal, pending)
         finite = torch.isfinite(observation).all(-1)
         failed = active & ((beam.status != 0) | ~finite)
         if not (active & ~failed).all():
@@ -178,26 +185,28 @@ class BeamVectorEnv(VectorEnv):
         reward = torch.where(active, reward, 0.0)
         steps = before.steps + active
         late = torch.zeros_like(active) if self.max_episode_steps is None else steps >= self.max_episode_steps
-        after = replace(before, beam=beam, steps=steps, observation=observation, terminated=before.terminated | failed,
+        after = replace(before, beam=beam, pending=pending, steps=steps, observation=observation, terminated=before.terminated | failed,
                         truncated=before.truncated | (active & late & ~failed))
         return after, reward, failed
 
     def _fresh(self) -> Episodes:
         goal = self.begin(self.streams, torch.arange(self.num_envs, device=self.device))
+        pending = self.high.new_zeros(self.num_envs, self.delay, *self.single_action_space.shape)
         zero = torch.zeros(self.num_envs, dtype=torch.long, device=self.device)
-        return Episodes(self.start, goal, zero, zero.bool(), zero.bool(), self._observation(self.start, goal))
+        return Episodes(self.start, goal, pending, zero, zero.bool(), zero.bool(), self._observation(self.start, goal, pending))
 
     def _renew(self, episodes: Episodes, mask: Tensor) -> Episodes:
         """The episodes with those in the mask started afresh; the cost is that of a selection, not of a solve."""
         rows = mask.nonzero()[:, 0]
         goal = episodes.goal.index_copy(0, rows, self.begin([self.streams[i] for i in rows.tolist()], rows))
         beam = self.start.map(lambda new, old: torch.where(mask[(...,) + (None,) * (new.ndim - 1)], new, old), episodes.beam)
-        observation = torch.where(mask[:, None], self._observation(beam, goal), episodes.observation)
-        return Episodes(beam, goal, torch.where(mask, 0, episodes.steps), episodes.terminated & ~mask,
+        pending = torch.where(mask[:, None, None], 0.0, episodes.pending)
+        observation = torch.where(mask[:, None], self._observation(beam, goal, pending), episodes.observation)
+        return Episodes(beam, goal, pending, torch.where(mask, 0, episodes.steps), episodes.terminated & ~mask,
                         episodes.truncated & ~mask, observation)
 
-    def _observation(self, beam: State, goal: Tensor) -> Tensor:
-        return self.observe(beam, goal).clamp(self.low, self.high)
+    def _observation(self, beam: State, goal: Tensor, pending: Tensor) -> Tensor:
+        return self.observe(beam, goal, pending).clamp(self.low, self.high)
 
     def _action(self, actions: Any) -> tuple[Tensor, Tensor]:
         action = torch.as_tensor(actions, dtype=self.dtype, device=self.device)

@@ -43,7 +43,8 @@ class TipReachVectorEnv(BeamVectorEnv):
     form), with implicit steps of control_interval / substeps.
 
     ## Action space
-    `Box(-1, 1, (2,), float32)`: the tip force, held over one control interval; it keeps its direction in space.
+    `Box(-1, 1, (2,), float32)`: the tip force, held over one control interval; it keeps its direction in space. It acts
+    `delay` intervals later: sensing, computing and actuating take time. Until then no force acts.
 
     | index | action | at 1 |
     |---|---|---|
@@ -54,7 +55,7 @@ class TipReachVectorEnv(BeamVectorEnv):
     `info["action_invalid"]` says so.
 
     ## Observation space
-    `Box(-high, high, (15,), float32)`: lengths over the strip's length L, velocities over L omega with omega its first
+    `Box(-high, high, (15 + 2 delay,), float32)`: lengths over the strip's length L, velocities over L omega with omega its first
     natural frequency (L omega = 10.3 m/s by default), clipped to the bounds, which motion within reach does not touch.
 
     | index | observation | high |
@@ -64,9 +65,10 @@ class TipReachVectorEnv(BeamVectorEnv):
     | 6-8 | tip velocity, x y z | 20 |
     | 9-11 | displacement of node elements // 2 (mid span), x y z | 2 |
     | 12-14 | velocity of that node, x y z | 20 |
+    | 15-16 ... | actions that are still to act, the next one first | 1 |
 
     ## Reward
-    Per control interval, with d = |target - tip| at its end and a the clipped action:
+    Per control interval, with d = |target - tip| at its end and a the clipped action given:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
     so 15 cm from the target cost 1 a step. A failed solve gives failure_reward instead.
 
@@ -80,17 +82,18 @@ class TipReachVectorEnv(BeamVectorEnv):
 
     ## Information
     `distance` (m) from tip to target, `solver_failed`, `action_invalid`; each (num_envs,) with a mask `_name`, False for
-    sub-envs that did not move. SAME_STEP adds `final_obs` (num_envs, 15) and `final_info` with their masks.
+    sub-envs that did not move. SAME_STEP adds `final_obs` (num_envs, 17) and `final_info` with their masks.
 
     ## Arguments
     num_envs           sub-envs
     length             m, of the strip: 1.5
     section            `torchbeam.Section`; None is the strip above. Its dtype and device are those of the simulation;
                        batch axes (num_envs,) give every sub-env its own
-    damping            s, tau in [F; M] = S^-1 (strain + tau strain rate): 1e-3, 0.3 % of critical in the first mode
+    damping            s, tau in [F; M] = S^-1 (strain + tau strain rate): 5e-4, 0.2 % of critical in the first mode
     gravity            (3,) m/s^2, or None
     elements           6; at least 2
     control_interval   s, 0.02;  substeps: implicit steps in one, 2
+    delay              1, control intervals from an action to its effect
     force              (2,) N along y and z: (1.2, 2)
     reach              0.8: share of the force bounds that targets need at most, above 0 and up to 1
     control_cost       1e-3;  failure_reward: -100
@@ -108,9 +111,9 @@ class TipReachVectorEnv(BeamVectorEnv):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
 
     def __init__(
-        self, num_envs: int = 1, *, length: float = 1.5, section: tb.Section | None = None, damping: float = 1e-3,
+        self, num_envs: int = 1, *, length: float = 1.5, section: tb.Section | None = None, damping: float = 5e-4,
         gravity: tuple[float, float, float] | None = (0.0, 0.0, -9.81), elements: int = 6, control_interval: float = 0.02,
-        substeps: int = 2, force: tuple[float, float] = FORCE, reach: float = 0.8, control_cost: float = 1e-3,
+        substeps: int = 2, delay: int = 1, force: tuple[float, float] = FORCE, reach: float = 0.8, control_cost: float = 1e-3,
         failure_reward: float = -100.0, max_episode_steps: int | None = 50,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, output: str = "numpy",
     ) -> None:
@@ -127,9 +130,9 @@ class TipReachVectorEnv(BeamVectorEnv):
                                 elements, section)
         weight = () if gravity is None else (tb.Gravity(gravity),)
         scene = tb.Scene(beam, [tb.TipLoad(force=tb.Input("force", 3)), tb.Damping(damping), *weight])
-        high = np.repeat(np.float32([4, 2, 20, 2, 20]), 3)
+        high = np.repeat(np.float32([4, 2, 20, 2, 20, 1]), [3, 3, 3, 3, 3, 2 * max(delay, 0)])
         super().__init__(
-            num_envs, scene, Box(-high, high), Box(-1, 1, (2,)), control_interval=control_interval, substeps=substeps,
+            num_envs, scene, Box(-high, high), Box(-1, 1, (2,)), control_interval=control_interval, substeps=substeps, delay=delay,
             max_episode_steps=max_episode_steps, failure_reward=failure_reward, autoreset_mode=autoreset_mode, output=output,
         )
         self.length, self.control_cost = length, control_cost
@@ -149,12 +152,12 @@ class TipReachVectorEnv(BeamVectorEnv):
     def inputs(self, action: Tensor) -> dict[str, Tensor]:
         return {"force": (action * self.force) @ self.axes}
 
-    def observe(self, beam: tb.State, goal: Tensor) -> Tensor:
+    def observe(self, beam: tb.State, goal: Tensor, pending: Tensor) -> Tensor:
         position, velocity, start = beam.position, beam.velocity, self.start.position
         lengths = [goal - position[:, -1], *(position[:, i] - start[:, i] for i in (-1, self.middle))]
         speeds = [velocity[:, i] / self.speed for i in (-1, self.middle)]
         gap, tip, middle = (x / self.length for x in lengths)
-        return torch.cat((gap, tip, speeds[0], middle, speeds[1]), -1)
+        return torch.cat((gap, tip, speeds[0], middle, speeds[1], pending.flatten(1)), -1)
 
     def reward(self, beam: tb.State, goal: Tensor, action: Tensor) -> Tensor:
         soft = SOFT * self.length

@@ -52,7 +52,7 @@ def test_registration():
     assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     assert "autoreset_mode" not in TipReachVectorEnv.metadata  # of the instance, not of the class
     observation, _ = env.reset(seed=0)
-    assert observation.shape == (256, 15) and observation.dtype == np.float32
+    assert observation.shape == (256, 17) and observation.dtype == np.float32
     observation, reward, terminated, truncated, _ = env.step(env.action_space.sample())
     assert observation.dtype == np.float32 and reward.dtype == np.float64
     assert terminated.dtype == truncated.dtype == np.bool_
@@ -111,8 +111,8 @@ def test_autoreset(mode):
     assert truncated.all() and not terminated.any() and (reward < 0).all()
     if mode == "SameStep":
         np.testing.assert_array_equal(observation, second)
-        assert info["final_obs"].shape == (2, 15) and info["final_obs"].dtype == np.float32 and info["_final_obs"].all()
-        assert (np.abs(info["final_obs"][:, 3:]).max(1) > 0).all() and info["final_info"]["_distance"].all()
+        assert info["final_obs"].shape == (2, 17) and info["final_obs"].dtype == np.float32 and info["_final_obs"].all()
+        assert (np.abs(info["final_obs"][:, 3:15]).max(1) > 0).all() and info["final_info"]["_distance"].all()
     if mode == "NextStep":
         observation, reward, terminated, truncated, info = env.step(push)
         np.testing.assert_array_equal(observation, second)
@@ -208,7 +208,7 @@ def test_sections_by_sub_env():
 @pytest.mark.parametrize(("arguments", "message"), [
     (dict(num_envs=0), "num_envs = 0"), (dict(elements=1), "elements = 1"), (dict(reach=0), "reach = 0"),
     (dict(force=(1.0, -1.0)), "force"), (dict(output="jax"), "output = 'jax'"), (dict(substeps=0), "substeps = 0"),
-    (dict(control_interval=0.0), "control_interval = 0.0"),
+    (dict(delay=-1), "delay = -1"), (dict(control_interval=0.0), "control_interval = 0.0"),
     (dict(max_episode_steps=0), "max_episode_steps"), (dict(failure_reward=-np.inf), "failure_reward"),
 ])
 def test_bad_arguments_are_refused(arguments, message):

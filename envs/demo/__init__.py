@@ -64,7 +64,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
                         help="some seconds on a coarse strip: everything runs, little is learned")
     parser.add_argument("--seed", type=int, default=0, help="of targets, network and search (default: %(default)s)")
     parser.add_argument("--threads", type=int, default=1,
-                        help="of torch; tensors are small here, and on a busy machine 2 are far slower than 1 (default: %(default)s)")
+                        help="of torch; tensors are small, and on a busy machine 2 are much slower (default: %(default)s)")
     options = parser.parse_args(argv)
     if options.threads < 1:
         parser.error(f"--threads {options.threads} was given; at least 1 is wanted")

@@ -1,4 +1,4 @@
-"""Controllers of TipReach: (observation (n, 15), hold (n, 2)) -> action (n, 2). `hold` is the action that holds the target in
+"""Controllers of TipReach: (observation (n, 17), hold (n, 2)) -> action (n, 2). `hold` is the action that holds the target in
 static equilibrium; every controller but `nothing` is given it.
 """
 
@@ -11,7 +11,8 @@ from torch import Tensor, nn
 
 GAP, VELOCITY = [1, 2], [7, 8]  # y and z in the observation: target - tip, tip velocity
 MIDDLE = [13, 14]  # mid-span velocity
-SCALE = [4.0, 4.0, 10.0, 4.0, 4.0, 10.0, 2.0, 2.0, 5.0, 8.0, 8.0, 20.0, 4.0, 4.0, 10.0]  # observations to about one
+PENDING = [15, 16]  # the action that is still to act
+SCALE = [4.0, 4.0, 10.0, 4.0, 4.0, 10.0, 2.0, 2.0, 5.0, 8.0, 8.0, 20.0, 4.0, 4.0, 10.0, 1.0, 1.0]  # observations to about one
 
 
 def nothing(observation: Tensor, hold: Tensor) -> Tensor:
@@ -36,14 +37,15 @@ class PD:
 
 
 class Policy(nn.Module):
-    """tanh(atanh(hold) + G e): feedback on e = (target - tip, tip velocity, mid-span velocity) along y and z, whose gains
-    G (2, 6) a small network reads off the observation and `hold`. At rest on the target it gives `hold`, whatever was learned.
+    """tanh(atanh(hold) + G e): feedback on e = (target - tip, tip velocity, mid-span velocity, pending action - hold) along y
+    and z, whose gains G (2, 8) a small network reads off the observation and `hold`. At rest on the target it gives `hold`,
+    whatever was learned.
     """
 
     def __init__(self, hidden: int = 64) -> None:
         super().__init__()
         self.gains = nn.Sequential(
-            nn.Linear(17, hidden), nn.Tanh(), nn.Linear(hidden, hidden), nn.Tanh(), nn.Linear(hidden, 12)
+            nn.Linear(19, hidden), nn.Tanh(), nn.Linear(hidden, hidden), nn.Tanh(), nn.Linear(hidden, 16)
         )
         self.register_buffer("scale", torch.tensor(SCALE))
         self.double()
@@ -52,5 +54,6 @@ class Policy(nn.Module):
 
     def forward(self, observation: Tensor, hold: Tensor) -> Tensor:
         x = observation * self.scale
-        G = self.gains(torch.cat((x, hold), -1)).unflatten(-1, (2, 6))
-        return torch.tanh(torch.atanh(hold) + (G @ x[:, GAP + VELOCITY + MIDDLE, None])[..., 0])
+        G = self.gains(torch.cat((x, hold), -1)).unflatten(-1, (2, 8))
+        e = torch.cat((x[:, GAP + VELOCITY + MIDDLE], observation[:, PENDING] - hold), -1)
+        return torch.tanh(torch.atanh(hold) + (G @ e[..., None])[..., 0])
