@@ -9,6 +9,7 @@ from torchbeam import quaternions as quat
 from torchbeam.beam import Beam
 from torchbeam.effects import Damping, Gravity, Input, TipLoad
 from torchbeam.integrate.mixed import simulate_mixed
+from torchbeam.mixed.block import block_rate
 from torchbeam.mixed.consistent import consistent_state
 from torchbeam.mixed.state import Fields, MixedState
 from torchbeam.scene import Frame, RootMotion, Scene
@@ -123,7 +124,6 @@ def test_consistent_state_satisfies_every_equation():
     from mixed_cases import random_scene
 
     from torchbeam.mixed import minimal
-    from torchbeam.mixed.block import block_rate
 
     scene, at = random_scene(3, (4,)), torch.tensor(0.4)
     state = consistent_state(scene, *0.4 * torch.randn(4, 4, 3, 3), t=at)
@@ -137,25 +137,28 @@ def test_consistent_state_satisfies_every_equation():
 
 @pytest.mark.slow
 def test_projection_keeps_the_invariants():
-    """One soft element through large rotations for 10 s at rtol 1e-6: the undifferentiated equations drift (beyond 1e-8,
-    more at 10 s than at 2 s); with project=True they hold to 1e-8 at every output, and it is the same motion.
+    """One very soft element through large rotations for 10 s at rtol 1e-5: the undifferentiated equations drift (beyond
+    1e-8, ten times as far at 10 s as at 1 s); with project=True they hold to 1e-8 at every output, and it is the same
+    motion.
     """
-    scene, t = soft_scene(1, effects=(TipLoad(force=pull),)), torch.linspace(0, 10, 41)
-    free = simulate_mixed(scene, t, "block_rate", atol=1e-8)
-    early = simulate_mixed(scene, t[:9], "block_rate", atol=1e-8)
-    held = simulate_mixed(scene, t, "block_rate", atol=1e-8, project=True)
-    assert free.stats.drift > 1e-8 and free.stats.drift > early.stats.drift
+    section = Section.from_stiffness(8.0, 5.0, 0.4, (0.5, 0.8), 1.0, 0.3)
+    scene, t = soft_scene(1, section, (TipLoad(force=lambda t: 0.5 * pull(t)),)), torch.linspace(0, 10, 41)
+    options = dict(rtol=1e-5, atol=1e-7)
+    free = simulate_mixed(scene, t, "block_rate", **options)
+    early, late = (block_rate(scene, free.state[i], t[i]).drift.abs().max() for i in (4, -1))
+    held = simulate_mixed(scene, t, "block_rate", project=True, **options)
+    assert free.stats.drift > 1e-8 and late > 10 * early
     assert held.stats.drift < 1e-8
     assert_close(held.tip.position, free.tip.position, rtol=0, atol=1e-3)
 
 
 def test_restart_continues():
-    t = torch.linspace(0, 0.4, 5)
-    whole = simulate_mixed(soft_scene(), t, "block_rate", **TIGHT)
-    half = simulate_mixed(soft_scene(), t[:3], "block_rate", **TIGHT)
-    rest = simulate_mixed(soft_scene(), t[2:], "block_rate", initial=half.state[-1], **TIGHT)
-    assert isinstance(half.state[-1], MixedState)
-    assert_close(rest.tip.position, whole.tip.position[2:], rtol=0, atol=1e-9)
+    """From a state in the middle, made consistent again: the same to the drift it had (1e-9 at these steps)."""
+    t = torch.linspace(0, 0.2, 41)
+    whole = simulate_mixed(soft_scene(), t, "block_rate", method="rk4")
+    rest = simulate_mixed(soft_scene(), t[20:], "block_rate", initial=whole.state[20], method="rk4")
+    assert isinstance(whole.state[20], MixedState)
+    assert_close(rest.tip.position, whole.tip.position[20:], rtol=0, atol=1e-8)
 
 
 # -- rotations -------------------------------------------------------------------------------------------------------
@@ -179,8 +182,8 @@ def test_several_turns_out_of_plane():
         return torch.func.jvp(spun, (t,), (torch.ones_like(t),))[1]
 
     beam = Beam.straight(1.0, 2, section)
-    turned = simulate_mixed(Scene(beam, root=RootMotion(rotation=spun)), t, "minimal")
-    framed = simulate_mixed(Scene(beam, frame=Frame(angular_velocity=omega)), t, "minimal")
+    turned = simulate_mixed(Scene(beam, root=RootMotion(rotation=spun)), t, "minimal", rtol=1e-5, atol=1e-6)
+    framed = simulate_mixed(Scene(beam, frame=Frame(angular_velocity=omega)), t, "minimal", rtol=1e-5, atol=1e-6)
     R = quat.matrix(quat.exponential(torch.stack([spun(s) for s in t])))
     seen = (R @ framed.tip.position[..., None])[..., 0]
     assert turned.state.theta.norm(dim=-1).max() < 8
@@ -188,7 +191,8 @@ def test_several_turns_out_of_plane():
     assert_close(turned.tip.position, seen, rtol=0, atol=0.03)
 
     one = Beam.straight(1.0, 1, section)
-    forms = [simulate_mixed(Scene(one, root=RootMotion(rotation=spun)), t, form) for form in ("minimal", "block_rate")]
+    scene, t = Scene(one, root=RootMotion(rotation=spun)), t[:25]
+    forms = [simulate_mixed(scene, t, form) for form in ("minimal", "block_rate")]
     assert_close(forms[0].tip.position, forms[1].tip.position, rtol=0, atol=1e-5)
 
 
@@ -239,7 +243,7 @@ def test_input_is_held_and_batches():
 def final_height(EI, form, **options):
     section = Section.from_stiffness(20.0, 20.0, 0.5, EI, 1.0, 0.1)
     scene = soft_scene(1, section, (TipLoad(force=lambda t: torch.stack((0 * t, 0 * t, torch.sin(2 * t)))),))
-    return simulate_mixed(scene, torch.linspace(0, 0.5, 26), form, **options).tip.position[-1, 2]
+    return simulate_mixed(scene, torch.linspace(0, 0.3, 16), form, **options).tip.position[-1, 2]
 
 
 @pytest.mark.parametrize("form", ["minimal", "block_rate"])

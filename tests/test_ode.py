@@ -10,11 +10,11 @@ from torchbeam.integrate.ode import ADAPTIVE, METHODS, integrate
 
 torch.set_default_dtype(torch.float64)
 T = torch.linspace(0, 1, 201)
-# Error of an oscillator over one second at omega = 2: from each method's order at 5 ms, or the local tolerance of 1e-9
+# Error of an oscillator over one second at omega = 2: from each method's order at 5 ms, or the local tolerance of 1e-8
 # times the steps (the fewer, the higher the order); dopri8 steps over several outputs and interpolates with a quartic.
 BOUND = {"euler": 2e-2, "midpoint": 1e-4, "heun2": 1e-4, "heun3": 1e-6, "rk4": 1e-8, "explicit_adams": 1e-6,
-         "implicit_adams": 1e-6, "fixed_adams": 1e-6, "scipy_solver": 1e-6, "dopri8": 5e-6, "dopri5": 1e-7,
-         "bosh3": 5e-6, "fehlberg2": 5e-6, "adaptive_heun": 5e-6}
+         "implicit_adams": 1e-6, "fixed_adams": 1e-6, "scipy_solver": 1e-6, "dopri8": 5e-5, "dopri5": 1e-6,
+         "bosh3": 5e-5, "fehlberg2": 5e-5, "adaptive_heun": 5e-5}
 OPTIONS = {"explicit_adams": {"max_order": 4}}  # its default, order 12, is unstable at this step
 
 
@@ -26,8 +26,8 @@ def oscillator(omega=2.0):
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_solves_the_oscillator(method):
     """y'' = -4 y, y(0) = 1, y'(0) = 0: y = cos 2t exactly."""
-    ys, status, evaluations = integrate(oscillator(), torch.tensor([[1.0, 0]]), T, method=method, rtol=1e-9,
-                                        atol=1e-9, options=OPTIONS.get(method))
+    ys, status, evaluations = integrate(oscillator(), torch.tensor([[1.0, 0]]), T, method=method, rtol=1e-8,
+                                        atol=1e-8, options=OPTIONS.get(method))
     assert_close(ys[:, 0, 0], torch.cos(2 * T), rtol=0, atol=BOUND[method])
     assert status.tolist() == [0] and evaluations > 0
 
