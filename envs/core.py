@@ -66,8 +66,8 @@ class BeamVectorEnv(VectorEnv):
     start: State
 
     def __init__(self, num_envs: int, scene: Scene, observation_space: Box, action_space: Box, *, control_interval: float,
-                 substeps: int, delay: int, max_episode_steps: int | None, failure_reward: float, autoreset_mode: str | AutoresetMode,
-                 output: str) -> None:
+                 substeps: int, delay: int, max_episode_steps: int | None, failure_reward: float,
+                 autoreset_mode: str | AutoresetMode, output: str) -> None:
         for name, value in (("num_envs", num_envs), ("substeps", substeps), ("max_episode_steps", max_episode_steps)):
             whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= 1
             if not whole and not (name == "max_episode_steps" and value is None):
@@ -185,15 +185,16 @@ class BeamVectorEnv(VectorEnv):
         reward = torch.where(active, reward, 0.0)
         steps = before.steps + active
         late = torch.zeros_like(active) if self.max_episode_steps is None else steps >= self.max_episode_steps
-        after = replace(before, beam=beam, pending=pending, steps=steps, observation=observation, terminated=before.terminated | failed,
-                        truncated=before.truncated | (active & late & ~failed))
+        after = replace(before, beam=beam, pending=pending, steps=steps, observation=observation,
+                        terminated=before.terminated | failed, truncated=before.truncated | (active & late & ~failed))
         return after, reward, failed
 
     def _fresh(self) -> Episodes:
         goal = self.begin(self.streams, torch.arange(self.num_envs, device=self.device))
         pending = self.high.new_zeros(self.num_envs, self.delay, *self.single_action_space.shape)
         zero = torch.zeros(self.num_envs, dtype=torch.long, device=self.device)
-        return Episodes(self.start, goal, pending, zero, zero.bool(), zero.bool(), self._observation(self.start, goal, pending))
+        observation = self._observation(self.start, goal, pending)
+        return Episodes(self.start, goal, pending, zero, zero.bool(), zero.bool(), observation)
 
     def _renew(self, episodes: Episodes, mask: Tensor) -> Episodes:
         """The episodes with those in the mask started afresh; the cost is that of a selection, not of a solve."""

@@ -55,8 +55,9 @@ class TipReachVectorEnv(BeamVectorEnv):
     `info["action_invalid"]` says so.
 
     ## Observation space
-    `Box(-high, high, (15 + 2 delay,), float32)`: lengths over the strip's length L, velocities over L omega with omega its first
-    natural frequency (L omega = 10.3 m/s by default), clipped to the bounds, which motion within reach does not touch.
+    `Box(-high, high, (15 + 2 delay,), float32)`: lengths over the strip's length L, velocities over L omega with omega
+    its first natural frequency (L omega = 10.3 m/s by default), clipped to the bounds, which motion within reach does
+    not touch.
 
     | index | observation | high |
     |---|---|---|
@@ -132,8 +133,9 @@ class TipReachVectorEnv(BeamVectorEnv):
         scene = tb.Scene(beam, [tb.TipLoad(force=tb.Input("force", 3)), tb.Damping(damping), *weight])
         high = np.repeat(np.float32([4, 2, 20, 2, 20, 1]), [3, 3, 3, 3, 3, 2 * max(delay, 0)])
         super().__init__(
-            num_envs, scene, Box(-high, high), Box(-1, 1, (2,)), control_interval=control_interval, substeps=substeps, delay=delay,
-            max_episode_steps=max_episode_steps, failure_reward=failure_reward, autoreset_mode=autoreset_mode, output=output,
+            num_envs, scene, Box(-high, high), Box(-1, 1, (2,)), control_interval=control_interval, substeps=substeps,
+            delay=delay, max_episode_steps=max_episode_steps, failure_reward=failure_reward,
+            autoreset_mode=autoreset_mode, output=output,
         )
         self.length, self.control_cost = length, control_cost
         self.force = torch.tensor(force, dtype=self.dtype, device=self.device)

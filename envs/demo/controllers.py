@@ -11,6 +11,7 @@ from torch import Tensor, nn
 
 GAP, VELOCITY = [1, 2], [7, 8]  # y and z in the observation: target - tip, tip velocity
 MIDDLE = [13, 14]  # mid-span velocity
+START = [-0.4, -0.1]  # the network's gains on the (scaled) tip velocity before learning: light damping
 PENDING = [15, 16]  # the action that is still to act
 SCALE = [4.0, 4.0, 10.0, 4.0, 4.0, 10.0, 2.0, 2.0, 5.0, 8.0, 8.0, 20.0, 4.0, 4.0, 10.0, 1.0, 1.0]  # observations to about one
 
@@ -39,7 +40,7 @@ class PD:
 class Policy(nn.Module):
     """tanh(atanh(hold) + G e): feedback on e = (target - tip, tip velocity, mid-span velocity, pending action - hold) along y
     and z, whose gains G (2, 8) a small network reads off the observation and `hold`. At rest on the target it gives `hold`,
-    whatever was learned.
+    whatever was learned; before learning it is `hold` with light damping.
     """
 
     def __init__(self, hidden: int = 64) -> None:
@@ -51,6 +52,8 @@ class Policy(nn.Module):
         self.double()
         nn.init.zeros_(self.gains[-1].weight)
         nn.init.zeros_(self.gains[-1].bias)
+        with torch.no_grad():
+            self.gains[-1].bias.unflatten(0, (2, 8)).diagonal(2).copy_(torch.tensor(START))
 
     def forward(self, observation: Tensor, hold: Tensor) -> Tensor:
         x = observation * self.scale

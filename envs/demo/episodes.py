@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchbeam import Section
+
 from ..reach import holding_action
-from ..tip_reach import TipReachVectorEnv
+from ..tip_reach import TipReachVectorEnv, aluminium_strip
 
 Controller = Callable[[Tensor, Tensor], Tensor]
 WINDOW = 0.2  # s at the end of an episode, over which the final distance is the mean
@@ -24,11 +26,13 @@ class Targets:
     hold: Tensor
 
     @classmethod
-    def of(cls, settings: dict, first: int, count: int) -> Targets:
-        env = make(settings, count)
-        seeds = [first + i for i in range(count)]
-        env.reset(seed=seeds)
-        return cls(seeds, holding_action(env.scene, env.state.goal, env.force, env.axes))
+    def of(cls, env: TipReachVectorEnv, first: int, rounds: int = 1) -> Targets:
+        """num_envs * rounds targets; number i belongs to the strip of sub-env i % num_envs."""
+        holds = []
+        for k in range(rounds):
+            env.reset(seed=first + k * env.num_envs)
+            holds.append(holding_action(env.scene, env.state.goal, env.force, env.axes))
+        return cls([first + i for i in range(env.num_envs * rounds)], torch.cat(holds))
 
     def pick(self, rows: Tensor) -> Targets:
         return Targets([self.seeds[i] for i in rows.tolist()], self.hold[rows])
@@ -77,6 +81,13 @@ class Record:
             "return": self.reward.sum(0).mean().item(),
             "solver_failures": int(self.failed.sum()),
         }
+
+
+def varied(count: int, spread: float) -> Section:
+    """`count` strips whose stiffness goes evenly from 1 - spread to 1 + spread times the default one's."""
+    strip = aluminium_strip()
+    factor = torch.linspace(1 - spread, 1 + spread, count, dtype=strip.mass.dtype)[:, None, None]
+    return Section(strip.compliance / factor, strip.mass)
 
 
 def make(settings: dict, num_envs: int) -> TipReachVectorEnv:

@@ -34,7 +34,7 @@ def picture(records: dict[str, Record], result: dict, path: Path) -> None:
 
 
 def example(record: Record) -> int:
-    """The episode to show: the one of the far quarter of targets that shows both directions best."""
+    """The episode to show: a target far off in both directions."""
     away = (record.target - record.nodes[0, :, -1]).abs()
     return int((away[:, 1] / away[:, 1].max() * away[:, 2] / away[:, 2].max()).argmax())
 
@@ -50,7 +50,7 @@ def _learning(ax: plt.Axes, result: dict) -> None:
         level = 1e3 * result["scores"][name]["final_distance_m"]
         ax.axhline(level, color=COLORS[name], ls="--", lw=1)
         ax.annotate(f"{name}, unseen targets", (updates[-1], level), ha="right", va="bottom", color=COLORS[name], fontsize=8)
-    ax.set(title=f"Learning: mean over {result['settings']['batch']} training episodes", xlabel="update",
+    ax.set(title=f"Learning: mean over {result['settings']['batch']} training episodes, varied strips", xlabel="update",
            ylabel=f"final distance, mean of last {WINDOW} s (mm)")
 
 
@@ -76,12 +76,12 @@ def _spread(ax: plt.Axes, records: dict[str, Record]) -> None:
 
 def _shapes(ax: plt.Axes, record: Record, one: int) -> None:
     nodes = record.nodes[:, one]
-    shown = range(0, len(nodes), max(1, len(nodes) // 16))
-    for k in shown:
-        ax.plot(nodes[k, :, 0], nodes[k, :, 1], color=plt.cm.viridis(k / len(nodes)), lw=1.4)
+    last = min(20, len(nodes) - 1)
+    for k in range(last + 1):
+        ax.plot(nodes[k, :, 0], nodes[k, :, 1], color=plt.cm.viridis(k / last), lw=1.2)
     ax.plot(*record.target[one, :2], "x", color="crimson", ms=9, mew=2, zorder=5)
     ax.plot(0, 0, "s", color="k", ms=7)
-    scale = plt.Normalize(0, (len(nodes) - 1) * record.interval)
+    scale = plt.Normalize(0, last * record.interval)
     plt.colorbar(plt.cm.ScalarMappable(scale, "viridis"), ax=ax, orientation="horizontal", shrink=0.8, label="time (s)")
     ax.set(title="Learned: the strip from above (true proportions)", xlabel="x (m)", ylabel="y (m)", aspect="equal")
 

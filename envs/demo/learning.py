@@ -7,15 +7,16 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from ..tip_reach import TipReachVectorEnv
 from .controllers import PD, Policy
 from .episodes import Targets, make, rollout
 
 FIRST_GAINS, WIDTHS = (1.0, 3.0, 1.0, 3.0), (1.5, 0.7, 0.35)  # of the search: where it starts, and log-normal widths by round
 
 
-def train(settings: dict, targets: Targets, *, updates: int, batch: int, rate: float, seed: int,
+def train(env: TipReachVectorEnv, targets: Targets, *, updates: int, rate: float, seed: int,
           progress: Callable[[dict], None]) -> tuple[Policy, list[dict]]:
-    """Analytic policy gradient: ascend the mean return of `batch` whole episodes, differentiated through every step.
+    """Analytic policy gradient: ascend the mean return of one whole episode in each sub-env, differentiated through every step.
 
     Adam with a cosine schedule from `rate` to rate/20, gradient norm clipped at 1. Returns the last policy and the history.
     """
@@ -23,12 +24,12 @@ def train(settings: dict, targets: Targets, *, updates: int, batch: int, rate: f
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         policy = Policy()
-    env = make(settings, batch)
+    batch = env.num_envs
     optimizer = torch.optim.Adam(policy.parameters(), lr=rate, betas=(0.9, 0.95))
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates, rate / 20)
     history = []
     for update in range(updates):
-        rows = torch.randperm(len(targets.seeds), generator=generator)[:batch]
+        rows = torch.arange(batch) + batch * torch.randint(len(targets.seeds) // batch, (batch,), generator=generator)
         record = rollout(env, policy, targets.pick(rows))
         loss = -record.reward.mean()
         optimizer.zero_grad()
