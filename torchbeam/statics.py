@@ -15,6 +15,7 @@ from .state import State, rest
 
 TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on another branch
 LEAST = 1e-4  # smallest load step, as a share of the whole load
+LIMIT = 12  # iterations in a load step: one that takes more is quicker in two
 REASON = {**STATUS, DIVERGED: "Newton's method found none; the load may be past a limit point"}
 
 
@@ -68,7 +69,7 @@ def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, toleran
             if not climbing.any():
                 return x, reaction, status
             share = torch.where(climbing, (reached + step).clamp(max=1), reached)
-            outcome = newton(Still(model, t, inputs, share), x, climbing, tolerance)
+            outcome = newton(Still(model, t, inputs, share), x, climbing, tolerance, LIMIT)
             cosine = (outcome.x.rotation * x.rotation).sum(-1).abs().amin(-1)
             calm = cosine > torch.cos(torch.as_tensor(TURN / 2))
             good = climbing & (outcome.status == 0) & calm
