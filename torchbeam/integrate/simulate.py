@@ -51,10 +51,12 @@ def simulate(
                               then fit in memory, for one more forward
                  progress=    called with (steps done, steps in all) after each step
                  lumped=, conserve=, tolerance=, iterations=, halvings=    see `Stepper`
+             "generalized_alpha" with the same but conserve=, and rho_inf=
              or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=; the mixed
              forms also take project=, solver=, see `torchbeam.integrate.mixed.simulate_mixed`
     form     "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the index-reduced derivation)
-    inputs   by name: (..., size) held throughout, or (nodal form) a function of t, by "midpoint" taken at mid step
+    inputs   by name: (..., size) held throughout, or (nodal form) a function of t: "midpoint" takes it at mid step,
+             "generalized_alpha" at its end
     throw    raise RuntimeError where a sample fails; otherwise `sol.status` and a warning say so, and the sample keeps its
              last good state
 
@@ -93,14 +95,16 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     counts = [max(1, math.ceil(gap / step - 1e-6)) for gap in intervals.tolist()]
     plan = [(k, i, count) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it, of how many
     stepper = Stepper(scene, step, method, **options)
-    states, iterations = [_begin(scene, initial, t[0])], []
+    first_inputs = _held(inputs, t[0])
+    states, iterations = [stepper.begin(_begin(scene, initial, t[0]), (t[1] - t[0]) / counts[0], **first_inputs)], []
+    kind, instant = type(states[0]), stepper.method.INSTANT
 
     def march(part: list[tuple[int, int, int]], *fields: Tensor) -> tuple[Tensor, ...]:
         """Fields of the states that `part` of the plan asks for and of the last, then the iterations of each step."""
-        state, wanted, counted = State(*fields), [], []
+        state, wanted, counted = kind(*fields), [], []
         for k, i, count in part:
             dt = (t[k + 1] - t[k]) / count
-            state = stepper(state, dt=dt, **_held(inputs, t[k] + (i + 0.5) * dt))
+            state = stepper(state, dt=dt, **_held(inputs, t[k] + (i + instant) * dt))
             counted.append(stepper.iterations)
             if i == count - 1:
                 wanted.append(state)
@@ -115,7 +119,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
         fields = tuple(vars(state).values())
         tensors = recompute(march, part, *fields, use_reentrant=False) if checkpoint else march(part, *fields)
         iterations.extend(tensors[-len(part):])
-        *outputs, state = (State(*tensors[i:i + size]) for i in range(0, len(tensors) - len(part), size))
+        *outputs, state = (kind(*tensors[i:i + size]) for i in range(0, len(tensors) - len(part), size))
         states.extend(outputs)
     trajectory = State.stack(states)
     stats = Stats(steps=len(plan), iterations=torch.stack(torch.broadcast_tensors(*iterations)))

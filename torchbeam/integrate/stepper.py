@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import fields, replace
+from functools import partial
 from typing import Any
 
 import torch
@@ -12,14 +14,14 @@ from torch import Tensor
 from ..checks import step_size
 from ..effects import Inputs
 from ..newton import DIVERGED, LIMIT, SUCCESS, attach, newton, wants_gradient
+from ..nodal.alpha import Alpha, AlphaState
 from ..nodal.model import Model
 from ..nodal.step import Step
 from ..scene import Scene
 from ..state import State, rest
 
-METHODS = ("midpoint",)
+METHODS = {"midpoint": Step, "generalized_alpha": Alpha}
 TURN = 1.2  # rad that a node may turn in one step; larger turns have more than one solution, and the wrong one gains energy
-COS_QUARTER_TURN = math.cos(TURN / 4)
 
 
 class Stepper:
@@ -28,6 +30,9 @@ class Stepper:
     scene      what is simulated; its tensors may carry gradient
     dt         s
     method     "midpoint": the mean-strain step (second order, unconditionally stable in practice, keeps momentum)
+               "generalized_alpha": balance at the end of the step, high frequencies damped (second order; stress and reaction
+               are then those at the end); the state remembers accelerations, `begin` starts them
+    rho_inf    of generalized_alpha: what a step leaves of an infinitely fast motion, 1 (nothing is lost) to 0
     lumped     mass at the nodes alone, as the explicit form has it; by default neighbours are coupled, which makes the
                error of the translational inertia fourth order
     conserve   scale the velocities after each step so that the energy balance closes exactly: for long undamped runs
@@ -39,13 +44,24 @@ class Stepper:
 
     def __init__(self, scene: Scene, dt: float, method: str = "midpoint", *, lumped: bool = False,
                  tolerance: float | None = None, iterations: int = LIMIT, halvings: int = 6,
-                 conserve: bool = False) -> None:
+                 conserve: bool = False, rho_inf: float | None = None) -> None:
         if method not in METHODS:
             raise ValueError(f"method = {method!r} was given; {' or '.join(map(repr, METHODS))} is wanted")
+        own = dict(conserve=conserve)
+        if method == "generalized_alpha":
+            if conserve:
+                raise ValueError("conserve was given; generalized_alpha loses energy by design ('midpoint' takes it)")
+            own = dict(rho_inf=0.8 if rho_inf is None else rho_inf)
+            if not 0 <= own["rho_inf"] <= 1:
+                raise ValueError(f"rho_inf = {rho_inf!r} was given; a number from 0 to 1 is wanted")
+        elif rho_inf is not None:
+            raise ValueError(f"rho_inf was given; {method!r} has none (generalized_alpha has)")
+        self._step = partial(METHODS[method], **own)
+        self.method = METHODS[method]
         self.scene = scene
         self.dt = torch.as_tensor(step_size("dt", dt), dtype=scene.dtype, device=scene.device)
         self.model = Model.of(scene, lumped)
-        self.tolerance, self.limit, self.halvings, self.conserve = tolerance, iterations, halvings, conserve
+        self.tolerance, self.limit, self.halvings = tolerance, iterations, halvings
         self.iterations: Tensor | None = None  # (...) of the last step
 
     def rest(self, batch_shape: tuple[int, ...] | None = None) -> State:
@@ -66,16 +82,18 @@ class Stepper:
         dt = self.dt if dt is None else dt
         given = self.scene.tensors(inputs)
         state = state if state.velocity.ndim == state.position.ndim else state.level()
+        state = self.begin(state, dt, **inputs)
         moving = state.status == SUCCESS if active is None else (state.status == SUCCESS) & active
         t = state.t.detach().amax()
-        after, status, self.iterations = self._attempt(state, dt, t + dt / 2, given, moving)
+        after, status, self.iterations = self._attempt(state, dt, t + self.method.INSTANT * dt, given, moving)
         failed = moving & (status == DIVERGED)
         for level in range(1, self.halvings + 1):
             if not failed.any():
                 break
             parts, trial, left = 2**level, state, failed
             for k in range(parts):
-                trial, again, iterations = self._attempt(trial, dt / parts, t + (k + 0.5) * dt / parts, given, left)
+                now = t + (k + self.method.INSTANT) * dt / parts
+                trial, again, iterations = self._attempt(trial, dt / parts, now, given, left)
                 self.iterations = self.iterations + torch.where(left, iterations, 0)
                 left = left & (again == SUCCESS)
                 if not left.any():
@@ -85,11 +103,22 @@ class Stepper:
             failed = failed & ~left
         return replace(after, status=torch.where(moving, status, state.status))
 
+    def begin(self, state: State, dt: Tensor | None = None, **inputs: Any) -> State:
+        """`state` with what the method remembers beside it: the mean rates of a trial step by "midpoint"."""
+        if self.method is not Alpha or isinstance(state, AlphaState):
+            return state
+        dt = self.dt if dt is None else dt
+        trial = copy(self)
+        trial.method = trial._step = Step
+        after = trial(state, dt=dt, **inputs)
+        rise = Step(self.model, after, dt, dt, {}).strain - Step(self.model, state, dt, dt, {}).strain
+        return AlphaState.between(state, after, rise, dt)
+
     def _attempt(self, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor) -> tuple[State, Tensor, Tensor]:
         """One Newton solve: (state after, of a failed sample before; status; iterations)."""
-        problem = Step(self.model, state, dt, t, inputs, self.conserve)
+        problem = self._step(self.model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(problem, problem.guess(), moving, self.tolerance, self.limit)
-        status = torch.where((status == SUCCESS) & (x.m[..., 0].amin(-1) < COS_QUARTER_TURN), DIVERGED, status)
+        status = torch.where((status == SUCCESS) & (x.m[..., 0].amin(-1) < math.cos(TURN * problem.PART / 2)), DIVERGED, status)
         good = moving & (status == SUCCESS)
         problem = replace(problem)  # what it had cached carries no gradient
         if wants_gradient(*self._tensors(problem)):

@@ -57,6 +57,9 @@ class Step:
     inputs: Inputs
     conserve: bool = False
 
+    INSTANT = 0.5  # of the step: when loads are taken
+    PART = 0.5  # of the step's rotation: what the unknown m holds
+
     @cached_property
     def h(self) -> Tensor:
         """dt as (..., 1, 1)."""
