@@ -54,8 +54,7 @@ def past_beck(p: Tensor, size: int) -> Answer:
     """A compressive follower force of 30 EI/L^2 (critical: 20.05), started by 1e-3 across: the deflection has to grow."""
     scene = cantilever(p, 8, tip_force(p, -30.0, 0, 0, follower=True), tip_force(p, 0, 1e-3, 0))
     sol = motion(scene, size, 0.01)
-    across = sol.tip.position[..., 1].detach().abs()
-    grown = across[len(across) // 2:].amax(0) > 10 * across[: len(across) // 4].amax(0)
+    grown = sol.tip.position[..., 1].detach().abs().amax(0) > 10 * 1e-3 / 3  # what the force across does by itself
     return moved(sol, torch.where(grown, energy_error(sol), torch.inf))
 
 
@@ -123,12 +122,14 @@ def poisoned(p: Tensor, size: int) -> Answer:
 
 
 NOISE = {"float32": "the motion is right, its strain energy is not: strains are held to 1e-7, 1e12 times their square adds up"}
+CHAOS = dict.fromkeys(("float32", "gradient"),
+                      "violent motion magnifies every difference, that of other sub-steps among them; short runs agree")
 
 CASES = [
     *(Case(f"slenderness {ratio:g}", "axial waves run slenderness times faster than bending", ENERGY, slender(ratio),
            size=(100, 20)) for ratio in (10.0, 1e3)),
     Case("slenderness 1e6", "EA = 1e12 EI/L^2", ENERGY, slender(1e6), size=(100, 20), gradient=1e-4, fails=NOISE),
-    Case("EA = GA = inf", "the compliance is singular", "length of an element", inextensible, bound=1e-8, size=(100, 20)),
+    Case("EA = GA = inf", "the compliance is singular", "length of an element", inextensible, bound=1e-6, size=(100, 20)),
     Case("no rotary inertia", "the mass matrix is singular", ENERGY, sudden(inertia=0.0), size=(100, 20)),
     Case("elements 1e6 times stiffer by turns", "neighbours of unlike stiffness", ENERGY, chain(1e6, 1.0),
          size=(100, 20), fails=NOISE),
@@ -137,15 +138,15 @@ CASES = [
     Case("P L^2/EI = 10, sudden, dt = 10 ms", "the tip turns by 90 degrees in a sixth of a second", ENERGY, sudden(10.0),
          bound=2e-2, size=(100, 20)),
     Case("P L^2/EI = 50, sudden, dt = 10 ms", "Newton's method has no solution nearby in a whole step", ENERGY, sudden(50.0),
-         bound=5e-2, size=(100, 20)),
+         bound=5e-2, size=(100, 20), later=CHAOS),
     Case("load reversed every step", "the highest frequency that the steps can hold", ENERGY, reversed_each_step,
          size=(100, 20)),
     Case("follower load past Beck's", "P = 30 EI/L^2: flutter from a kick of 1e-3", "energy less work, if it grows",
-         past_beck, size=(300, 100)),
+         past_beck, bound=5e-2, size=(300, 100), later=CHAOS),
     Case("dead load past Euler's, dynamics", "P = 5 EI/L^2, imperfection 1e-6", "energy less work, if it buckles", past_euler,
-         size=(200, 120)),
+         size=(200, 120), single=1e-2, gradient=1e-4),
     Case("snap-through", "a bent column thrown to its other side", "energy less work, if it gets there", snap_through,
-         size=(100, 40)),
+         size=(100, 40), gradient=1e-4),
     Case("100,000 steps undamped", "errors pile up", ENERGY, sudden(1.0, elements=4), size=(1000, 100), long=100_000),
     Case("1 element", "the coarsest mesh", ENERGY, sudden(elements=1), size=(100, 20)),
     Case("256 elements", "short elements: stiff, and differences of near numbers", ENERGY, sudden(elements=256), size=(20, 4)),
