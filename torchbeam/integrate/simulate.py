@@ -92,7 +92,8 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
               **options: Any) -> Solution:
     intervals = t.detach().diff()
     step = step_size("step", step) if step is not None else min(intervals.min().item(), (t[-1] - t[0]).item() / STEPS)
-    counts = [max(1, math.ceil(gap / step - 1e-6)) for gap in intervals.tolist()]
+    rounding = 1e-6 + 2 * torch.finfo(t.dtype).eps * t.abs().max().item() / step  # of an interval, in steps
+    counts = [max(1, math.ceil(gap / step - rounding)) for gap in intervals.tolist()]
     plan = [(k, i, count) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it, of how many
     stepper = Stepper(scene, step, method, **options)
     first_inputs = _held(inputs, t[0])
