@@ -14,9 +14,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from torchbeam import Scene, State, Stepper
+from torchbeam import ExplicitStepper, MixedState, Scene, State, Stepper
 
 OUTPUTS = ("numpy", "torch")
+IMPLICIT = ("midpoint", "generalized_alpha")
 HALVINGS = 2  # a failed step is made again in 2 and 4 parts; more would cost the whole batch more than the episode is worth
 
 
@@ -63,11 +64,12 @@ class BeamVectorEnv(VectorEnv):
     gradient from actions to observations and rewards, over as many steps as `detach()` is not called.
     """
 
-    start: State
+    start: State | MixedState
 
     def __init__(self, num_envs: int, scene: Scene, observation_space: Box, action_space: Box, *, control_interval: float,
-                 substeps: int, delay: int, max_episode_steps: int | None, failure_reward: float,
-                 autoreset_mode: str | AutoresetMode, output: str) -> None:
+                 substeps: int, form: str, method: str, solver: dict[str, Any] | None, delay: int,
+                 max_episode_steps: int | None, failure_reward: float, autoreset_mode: str | AutoresetMode,
+                 output: str) -> None:
         for name, value in (("num_envs", num_envs), ("substeps", substeps), ("max_episode_steps", max_episode_steps)):
             whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= 1
             if not whole and not (name == "max_episode_steps" and value is None):
@@ -82,7 +84,7 @@ class BeamVectorEnv(VectorEnv):
             raise ValueError(f"control_interval = {control_interval!r} was given; a positive finite number (s) is wanted")
         self.num_envs, self.scene, self.control_interval, self.substeps = num_envs, scene, control_interval, substeps
         self.delay = delay
-        self.stepper = Stepper(scene, control_interval / substeps, halvings=HALVINGS)
+        self.stepper = stepper(scene, control_interval / substeps, form, method, solver or {})
         self.max_episode_steps, self.failure_reward, self.output = max_episode_steps, failure_reward, output
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -260,3 +262,10 @@ class BeamVectorEnv(VectorEnv):
             return value
         array = value.detach().cpu().numpy()
         return array.astype(dtype) if array.dtype.kind == "f" else array.copy()
+
+
+def stepper(scene: Scene, dt: float, form: str, method: str, solver: dict[str, Any]) -> Stepper | ExplicitStepper:
+    """What advances the beam by dt (s): the implicit step (form "nodal", method "midpoint"), or torchdiffeq in any form."""
+    if form == "nodal" and method in IMPLICIT:
+        return Stepper(scene, dt, method, **{"halvings": HALVINGS, **solver})
+    return ExplicitStepper(scene, dt, method, form, **solver)

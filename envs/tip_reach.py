@@ -28,6 +28,17 @@ def aluminium_strip(dtype: torch.dtype = torch.float64) -> tb.Section:
     return tb.Section.rectangle(*values)
 
 
+def silicone_rod(dtype: torch.dtype = torch.float64) -> tb.Section:
+    """Round rod of silicone rubber, radius 10 mm: E = 1 MPa, nu = 0.45, density 1100 kg/m^3. Waves are slow enough in it for
+    an explicit method: a fixed step of 0.5 ms is stable with two elements in 0.3 m.
+    """
+    values = (torch.tensor(v, dtype=dtype) for v in (0.01, 1e6, 0.45, 1100.0))
+    return tb.Section.circle(*values)
+
+
+SECTIONS = {"aluminium strip": aluminium_strip, "silicone rod": silicone_rod}
+
+
 class TipReachVectorEnv(BeamVectorEnv):
     """`num_envs` flexible cantilevers, stepped as one batch.
 
@@ -40,7 +51,7 @@ class TipReachVectorEnv(BeamVectorEnv):
     force of 1.2 N moves the tip by 0.67 m) and eleven times stiffer up and down (z: 3.6 Hz), with the two directions
     coupled through bending and torsion at these deflections. It stays elastic: statically the bounds stress it to about
     160 of 276 MPa. An episode is 1 s, little more than one period. The strip is geometrically exact (torchbeam's nodal
-    form), with implicit steps of control_interval / substeps.
+    form), with implicit steps of control_interval / substeps, unless `form` and `method` say otherwise.
 
     ## Action space
     `Box(-1, 1, (2,), float32)`: the tip force, held over one control interval; it keeps its direction in space. It acts
@@ -88,12 +99,16 @@ class TipReachVectorEnv(BeamVectorEnv):
     ## Arguments
     num_envs           sub-envs
     length             m, of the strip: 1.5
-    section            `torchbeam.Section`; None is the strip above. Its dtype and device are those of the simulation;
-                       batch axes (num_envs,) give every sub-env its own
-    damping            s, tau in [F; M] = S^-1 (strain + tau strain rate): 5e-4, 0.2 % of critical in the first mode
+    section            `torchbeam.Section`, or "aluminium strip" (above) or "silicone rod" (see `silicone_rod`). Its dtype and
+                       device are those of the simulation; batch axes (num_envs,) give every sub-env its own
+    damping            s, or None; tau in [F; M] = S^-1 (strain + tau strain rate): 5e-4, 0.2 % of critical in the first mode
     gravity            (3,) m/s^2, or None
     elements           6; at least 2
-    control_interval   s, 0.02;  substeps: implicit steps in one, 2
+    control_interval   s, 0.02;  substeps: calls of the stepper in one, 2
+    form, method       "nodal" and "midpoint" (implicit); or, for a soft section, a form and a method of torchdiffeq as in
+                       `torchbeam.ExplicitStepper`. "torchbeam/TipReachBlockRate-v0" is the silicone rod, 0.3 m, in two elements
+                       of the index-reduced block rate form, by rk4, without gravity and damping
+    solver             more arguments for the stepper, by name
     delay              1, control intervals from an action to its effect
     force              (2,) N along y and z: (1.2, 2)
     reach              0.8: share of the force bounds that targets need at most, above 0 and up to 1
@@ -112,9 +127,11 @@ class TipReachVectorEnv(BeamVectorEnv):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
 
     def __init__(
-        self, num_envs: int = 1, *, length: float = 1.5, section: tb.Section | None = None, damping: float = 5e-4,
+        self, num_envs: int = 1, *, length: float = 1.5, section: tb.Section | str = "aluminium strip",
+        damping: float | None = 5e-4,
         gravity: tuple[float, float, float] | None = (0.0, 0.0, -9.81), elements: int = 6, control_interval: float = 0.02,
-        substeps: int = 2, delay: int = 1, force: tuple[float, float] = FORCE, reach: float = 0.8, control_cost: float = 1e-3,
+        substeps: int = 2, form: str = "nodal", method: str = "midpoint", solver: dict[str, Any] | None = None,
+        delay: int = 1, force: tuple[float, float] = FORCE, reach: float = 0.8, control_cost: float = 1e-3,
         failure_reward: float = -100.0, max_episode_steps: int | None = 50,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, output: str = "numpy",
     ) -> None:
@@ -126,15 +143,22 @@ class TipReachVectorEnv(BeamVectorEnv):
             raise ValueError(f"force = {force} was given; two positive finite numbers (N, along y and z) are wanted")
         if not control_cost >= 0:
             raise ValueError(f"control_cost = {control_cost} was given; a non-negative number is wanted")
-        section = aluminium_strip() if section is None else section
+        if isinstance(section, str):
+            if section not in SECTIONS:
+                raise ValueError(f"section = {section!r} was given; a Section is wanted, or one of {', '.join(SECTIONS)}")
+            section = SECTIONS[section]()
+        if form != "nodal" and gravity is not None:
+            raise ValueError(f"gravity with form = {form!r} was given; episodes of that form start undeformed: gravity=None")
         beam = tb.Beam.straight(torch.as_tensor(length, dtype=section.compliance.dtype, device=section.compliance.device),
                                 elements, section)
-        weight = () if gravity is None else (tb.Gravity(gravity),)
-        scene = tb.Scene(beam, [tb.TipLoad(force=tb.Input("force", 3)), tb.Damping(damping), *weight])
+        named = () if damping is None else (tb.Damping(damping),)
+        named += () if gravity is None else (tb.Gravity(gravity),)
+        scene = tb.Scene(beam, [tb.TipLoad(force=tb.Input("force", 3)), *named])
         high = np.repeat(np.float32([4, 2, 20, 2, 20, 1]), [3, 3, 3, 3, 3, 2 * max(delay, 0)])
         super().__init__(
             num_envs, scene, Box(-high, high), Box(-1, 1, (2,)), control_interval=control_interval, substeps=substeps,
-            delay=delay, max_episode_steps=max_episode_steps, failure_reward=failure_reward,
+            form=form, method=method, solver=solver, delay=delay, max_episode_steps=max_episode_steps,
+            failure_reward=failure_reward,
             autoreset_mode=autoreset_mode, output=output,
         )
         self.length, self.control_cost = length, control_cost
@@ -143,7 +167,8 @@ class TipReachVectorEnv(BeamVectorEnv):
         self.middle = elements // 2
         self.speed = (length * first_frequency(section, length))[..., None]  # m/s, (1,) or (num_envs, 1)
         self.reach = Reach.of(scene, reach * self.force, self.axes)
-        self.start = tb.equilibrium(scene, force=torch.zeros(num_envs, 3, dtype=self.dtype, device=self.device))
+        still = torch.zeros(num_envs, 3, dtype=self.dtype, device=self.device)
+        self.start = tb.equilibrium(scene, force=still) if form == "nodal" else self.stepper.rest((num_envs,))
 
     def begin(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
         """(k, 3) m: targets that forces in the ellipse hold."""
