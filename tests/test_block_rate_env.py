@@ -4,10 +4,10 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+import torchbeam_envs
 from gymnasium.utils.env_checker import check_env
 
 import torchbeam as tb
-import torchbeam_envs
 
 ID = "torchbeam/TipReachBlockRate-v0"
 
@@ -82,7 +82,7 @@ def test_it_moves_as_the_nodal_form_does():
 def test_what_it_refuses():
     with pytest.raises(ValueError, match="gravity with form = 'minimal'"):
         vector(form="minimal", gravity=(0, 0, -9.81))
-    with pytest.raises(ValueError, match="Damping|damping"):
+    with pytest.raises(ValueError, match=r"[Dd]amping"):
         vector(damping=0.01)
     with pytest.raises(ValueError, match="section = 'spaghetti'"):
         vector(section="spaghetti")
