@@ -41,7 +41,7 @@ class Case:
     gradient  relative tolerance of the gradient by p against central differences
     size      steps (or turns) in full, and reduced (for tests)
     long      steps that only --long runs, without batch and gradient
-    fails     variant -> why: what is known to fail. Strict: it has to;  later: the same, at the full size alone
+    fails     variant -> why: what is known to fail. Strict: it has to;  later: the same, at the full size alone;  last: at `long`
     needs     what is missing for the case to be built at all
     """
 
@@ -56,6 +56,7 @@ class Case:
     long: int | None = None
     fails: dict[str, str] = field(default_factory=dict)
     later: dict[str, str] = field(default_factory=dict)
+    last: dict[str, str] = field(default_factory=dict)
     needs: str = ""
 
 
@@ -88,7 +89,7 @@ def run(case: Case, quick: bool = False, long: bool = False) -> list[Result]:
         return []
     long = long and case.long is not None
     size = case.long if long else case.size[quick]
-    known = case.fails if quick else {**case.fails, **case.later}
+    known = {**case.fails, **(case.last if long else {} if quick else case.later)}
     results, alone = [], None
     for variant in VARIANTS[:2] if long else VARIANTS:
         begin = time.perf_counter()
