@@ -41,7 +41,7 @@ class Case:
     gradient  relative tolerance of the gradient by p against central differences
     size      steps (or turns) in full, and reduced (for tests)
     long      steps that only --long runs, without batch and gradient
-    fails     variant -> why: what is known to fail. Strict: it has to;  later: the same, at the full size alone;  last: at `long`
+    fails     variant -> why: what is known to fail. Strict: it has to;  later: at the full size alone;  last: at `long`
     needs     what is missing for the case to be built at all
     """
 
