@@ -101,7 +101,7 @@ class TipReachVectorEnv(BeamVectorEnv):
     length             m, of the strip: 1.5
     section            `torchbeam.Section`, or "aluminium strip" (above) or "silicone rod" (see `silicone_rod`). Its dtype and
                        device are those of the simulation; batch axes (num_envs,) give every sub-env its own
-    damping            s, or None; tau in [F; M] = S^-1 (strain + tau strain rate): 5e-4, 0.2 % of critical in the first mode
+    damping            s, or None; tau in [F; M] = S^-1 (strain + tau strain rate): 1e-3, 0.3 % of critical in the first mode
     gravity            (3,) m/s^2, or None
     elements           6; at least 2
     control_interval   s, 0.02;  substeps: calls of the stepper in one, 2
@@ -128,7 +128,7 @@ class TipReachVectorEnv(BeamVectorEnv):
 
     def __init__(
         self, num_envs: int = 1, *, length: float = 1.5, section: tb.Section | str = "aluminium strip",
-        damping: float | None = 5e-4,
+        damping: float | None = 1e-3,
         gravity: tuple[float, float, float] | None = (0.0, 0.0, -9.81), elements: int = 6, control_interval: float = 0.02,
         substeps: int = 2, form: str = "nodal", method: str = "midpoint", solver: dict[str, Any] | None = None,
         delay: int = 1, force: tuple[float, float] = FORCE, reach: float = 0.8, control_cost: float = 1e-3,

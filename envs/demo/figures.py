@@ -21,14 +21,15 @@ STYLE = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "
 def picture(records: dict[str, Record], result: dict, path: Path) -> None:
     """Learning curve, distances, one episode's tip paths and forces, the strip's shapes, and the spread over the targets."""
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(2, 3, figsize=(14, 8), layout="constrained")
+        figure, axes = plt.subplot_mosaic([["learning", "distances", "spread"], ["shapes", "paths", "forces"]],
+                                          figsize=(14, 7.2), height_ratios=(1.1, 1), width_ratios=(1.15, 1, 1), layout="constrained")
         one = example(records["learned"])
-        _learning(axes[0, 0], result)
-        _distances(axes[0, 1], records)
-        _spread(axes[0, 2], records)
-        _shapes(axes[1, 0], records["learned"], one)
-        _paths(axes[1, 1], records, one)
-        _forces(axes[1, 2], records, one)
+        _learning(axes["learning"], result)
+        _distances(axes["distances"], records)
+        _spread(axes["spread"], records)
+        _shapes(axes["shapes"], records["learned"], one)
+        _paths(axes["paths"], records, one)
+        _forces(axes["forces"], records, one)
         figure.savefig(path, dpi=130)
         plt.close(figure)
 
@@ -49,7 +50,8 @@ def _learning(ax: plt.Axes, result: dict) -> None:
     for name in ("static force", "PD + static force"):
         level = 1e3 * result["scores"][name]["final_distance_m"]
         ax.axhline(level, color=COLORS[name], ls="--", lw=1)
-        ax.annotate(f"{name}, unseen targets", (updates[-1], level), ha="right", va="bottom", color=COLORS[name], fontsize=8)
+        ax.annotate(f"{name}, unseen targets", (updates[-1], level), xytext=(0, 2), textcoords="offset points", ha="right",
+                    va="bottom", color=COLORS[name], fontsize=8)
     ax.set(title=f"Learning: mean over {result['settings']['batch']} training episodes, varied strips", xlabel="update",
            ylabel=f"final distance, mean of last {WINDOW} s (mm)")
 
@@ -82,7 +84,8 @@ def _shapes(ax: plt.Axes, record: Record, one: int) -> None:
     ax.plot(*record.target[one, :2], "x", color="crimson", ms=9, mew=2, zorder=5)
     ax.plot(0, 0, "s", color="k", ms=7)
     scale = plt.Normalize(0, last * record.interval)
-    plt.colorbar(plt.cm.ScalarMappable(scale, "viridis"), ax=ax, orientation="horizontal", shrink=0.8, label="time (s)")
+    plt.colorbar(plt.cm.ScalarMappable(scale, "viridis"), ax=ax, orientation="horizontal", shrink=0.7, aspect=40,
+                 label="time (s)")
     ax.set(title="Learned: the strip from above (true proportions)", xlabel="x (m)", ylabel="y (m)", aspect="equal")
 
 
