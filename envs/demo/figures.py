@@ -21,8 +21,10 @@ STYLE = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "
 def picture(records: dict[str, Record], result: dict, path: Path) -> None:
     """Learning curve, distances, one episode's tip paths and forces, the strip's shapes, and the spread over the targets."""
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplot_mosaic([["learning", "distances", "spread"], ["shapes", "paths", "forces"]],
-                                          figsize=(14, 7.2), height_ratios=(1.1, 1), width_ratios=(1.15, 1, 1), layout="constrained")
+        figure, axes = plt.subplot_mosaic(
+            [["learning", "distances", "spread"], ["shapes", "paths", "forces"]], figsize=(14, 7.2), height_ratios=(1.1, 1),
+            width_ratios=(1.15, 1, 1), layout="constrained",
+        )
         one = example(records["learned"])
         _learning(axes["learning"], result)
         _distances(axes["distances"], records)
@@ -50,7 +52,7 @@ def _learning(ax: plt.Axes, result: dict) -> None:
     for name in ("static force", "PD + static force"):
         level = 1e3 * result["scores"][name]["final_distance_m"]
         ax.axhline(level, color=COLORS[name], ls="--", lw=1)
-        ax.annotate(f"{name}, unseen targets", (updates[-1], level), xytext=(0, 2), textcoords="offset points", ha="right",
+        ax.annotate(f"{name}, unseen targets", (updates[0], level), xytext=(0, 2), textcoords="offset points", ha="left",
                     va="bottom", color=COLORS[name], fontsize=8)
     ax.set(title=f"Learning: mean over {result['settings']['batch']} training episodes, varied strips", xlabel="update",
            ylabel=f"final distance, mean of last {WINDOW} s (mm)")
@@ -77,7 +79,7 @@ def _spread(ax: plt.Axes, records: dict[str, Record]) -> None:
 
 
 def _shapes(ax: plt.Axes, record: Record, one: int) -> None:
-    nodes = record.nodes[:, one]
+    nodes = smooth(record.nodes[:, one])
     last = min(20, len(nodes) - 1)
     for k in range(last + 1):
         ax.plot(nodes[k, :, 0], nodes[k, :, 1], color=plt.cm.viridis(k / last), lw=1.2)
@@ -109,6 +111,20 @@ def _forces(ax: plt.Axes, records: dict[str, Record], one: int) -> None:
     ax.legend(fontsize=8)
 
 
+def smooth(nodes: torch.Tensor, points: int = 8) -> torch.Tensor:
+    """(..., N+1, 3) -> (..., points * N + 1, 3): cubics through the nodes, clamped along x at the root; for the eye only."""
+    inner = (nodes[..., 2:, :] - nodes[..., :-2, :]) / 2
+    chord = nodes.diff(dim=-2)
+    root = torch.zeros_like(chord[..., :1, :])
+    root[..., 0] = chord[..., :1, :].norm(dim=-1)
+    tip = (3 * chord[..., -1:, :] - (inner if nodes.shape[-2] > 2 else root)[..., -1:, :]) / 2
+    slope = torch.cat((root, inner, tip), -2)
+    s = torch.arange(points, dtype=nodes.dtype)[:, None] / points
+    a, b, m, n = (x[..., None, :] for x in (nodes[..., :-1, :], nodes[..., 1:, :], slope[..., :-1, :], slope[..., 1:, :]))
+    curve = a + s * m + s**2 * (3 * (b - a) - 2 * m - n) + s**3 * (m + n - 2 * (b - a))
+    return torch.cat((curve.flatten(-3, -2), nodes[..., -1:, :]), -2)
+
+
 def animation(records: dict[str, Record], path: Path, stride: int = 1) -> None:
     """The strip under each controller, from above and from the side, at half speed."""
     with plt.rc_context(STYLE):
@@ -118,6 +134,7 @@ def animation(records: dict[str, Record], path: Path, stride: int = 1) -> None:
         everything = torch.cat([records[name].nodes[:, one] for name in shown])
         low, high = everything.amin((0, 1)) - 0.05, everything.amax((0, 1)) + 0.05
         record, lines, trails = records["learned"], {}, {}
+        shapes = {name: smooth(records[name].nodes[:, one]) for name in shown}
         for ax, axis, label in ((top, 1, "y (m), from above"), (side, 2, "z (m), from the side")):
             ax.set(xlim=(-0.03, high[0].item()), ylim=(low[axis].item(), high[axis].item()), aspect="equal", ylabel=label)
             ax.plot(record.target[one, 0], record.target[one, axis], "x", color="crimson", ms=9, mew=2, zorder=5)
@@ -125,16 +142,16 @@ def animation(records: dict[str, Record], path: Path, stride: int = 1) -> None:
             for name in shown:
                 lines[ax, name] = ax.plot([], [], color=COLORS[name], lw=2.2 if name == "learned" else 1.5, label=name)[0]
                 trails[ax, name] = ax.plot([], [], color=COLORS[name], lw=0.6, alpha=0.7)[0]
-        top.legend(loc="lower left", fontsize=8)
+        top.legend(loc="upper left", fontsize=8)
         side.set_xlabel("x (m)")
         frames = [*range(0, len(record.nodes), stride)] + [len(record.nodes) - 1] * (15 // stride)
 
         def draw(k: int) -> list:
             for ax, axis in ((top, 1), (side, 2)):
                 for name in shown:
-                    nodes = records[name].nodes[:, one]
-                    lines[ax, name].set_data(nodes[k, :, 0], nodes[k, :, axis])
-                    trails[ax, name].set_data(nodes[: k + 1, -1, 0], nodes[: k + 1, -1, axis])
+                    shape = shapes[name]
+                    lines[ax, name].set_data(shape[k, :, 0], shape[k, :, axis])
+                    trails[ax, name].set_data(shape[: k + 1, -1, 0], shape[: k + 1, -1, axis])
             top.set_title(f"t = {k * record.interval:.2f} s (half speed)")
             return []
 
