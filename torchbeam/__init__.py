@@ -1,7 +1,7 @@
 """torchbeam: batched, differentiable, geometrically exact beam dynamics in PyTorch."""
 
 from .beam import Beam
-from .effects import Damping, Gravity, Input, LineLoad, PointLoad, TipLoad
+from .effects import Damping, Gravity, History, Input, LineLoad, PointLoad, TipLoad
 from .integrate.explicit import ExplicitStepper
 from .integrate.simulate import simulate
 from .integrate.stepper import Stepper
@@ -16,7 +16,7 @@ from .state import State, rest
 from .statics import equilibrium
 
 __all__ = [
-    "Beam", "BlockRate", "Damping", "Energy", "ExplicitStepper", "Frame", "Gravity", "Input", "LineLoad", "MixedState", "Modes",
-    "PointLoad", "RootMotion", "Scene", "Section", "Solution", "State", "Stats", "Stepper", "TipLoad", "block_rate",
-    "consistent_state", "equilibrium", "modes", "rest", "simulate",
+    "Beam", "BlockRate", "Damping", "Energy", "ExplicitStepper", "Frame", "Gravity", "History", "Input", "LineLoad",
+    "MixedState", "Modes", "PointLoad", "RootMotion", "Scene", "Section", "Solution", "State", "Stats", "Stepper",
+    "TipLoad", "block_rate", "consistent_state", "equilibrium", "modes", "rest", "simulate",
 ]

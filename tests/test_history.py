@@ -1,0 +1,47 @@
+"""History: a load sampled in time, in every form."""
+
+import pytest
+import torch
+
+import torchbeam as tb
+
+T = [0.0, 0.1, 0.3]
+VALUES = [[0.0, 0, 0], [0, 1.0, 0], [0, 0, 2.0]]
+
+
+def test_value_and_rate():
+    """On the lines, at the samples and outside: arithmetic."""
+    load = tb.History(T, VALUES)
+    cases = [(0.05, [0, 0.5, 0], [0, 10.0, 0]), (0.2, [0, 0.5, 1.0], [0, -5.0, 10.0]), (-1.0, VALUES[0], [0.0, 0, 0]),
+             (9.0, VALUES[2], [0.0, 0, 0])]
+    for t, value, rate in cases:
+        got = torch.func.jvp(load, (torch.tensor(t),), (torch.tensor(1.0),))
+        torch.testing.assert_close(got[0], torch.tensor(value), rtol=0, atol=1e-15)
+        torch.testing.assert_close(got[1], torch.tensor(rate), rtol=1e-13, atol=1e-13)
+    assert torch.equal(load(torch.tensor(0.1)), torch.tensor(VALUES[1]))
+
+
+def test_batch_and_gradient():
+    values = torch.tensor(VALUES).expand(5, 3, 3).clone().requires_grad_()
+    at = tb.History(T, values)(torch.tensor(0.05))
+    (gradient,) = torch.autograd.grad(at.sum(), values)
+    assert at.shape == (5, 3) and torch.allclose(gradient[0, :, 0], torch.tensor([0.5, 0.5, 0.0]))
+
+
+def test_block_rate_follows_it():
+    """A ramp given as samples and as a function is one load: trajectories agree to the integration's tolerance, 1e-8."""
+    section = tb.Section.from_stiffness(100.0, 40.0, 0.8, 1.0, 1.0, 0.05)
+
+    def tip(load):
+        scene = tb.Scene(tb.Beam.straight(1.0, 2, section), [tb.TipLoad(force=load)])
+        return tb.simulate(scene, [0.0, 0.1], form="block_rate", rtol=1e-9, atol=1e-10).tip.position[-1]
+
+    sampled = tip(tb.History([0.0, 1.0], [[0, 0, 0], [0, 1.0, 3.0]]))
+    torch.testing.assert_close(sampled, tip(lambda t: t * torch.tensor([0, 1.0, 3.0])), rtol=0, atol=1e-8)
+
+
+def test_what_it_refuses():
+    with pytest.raises(ValueError, match="strictly increasing"):
+        tb.History([0.0, 0.0], [[0, 0, 0], [0, 0, 1.0]])
+    with pytest.raises(ValueError, match=r"shape \(3, 3\) were given; \(..., 2, 3\) are wanted"):
+        tb.History([0.0, 1.0], VALUES)
