@@ -54,23 +54,22 @@ def markdown(cases: list[Case], results: list[Result], precision: list[dict], ba
     """The tables: one row a case, then what fails and why, what cannot be built, and single precision."""
     lines = []
     if cases:
-        lines += ["# Hard cases", "",
-                  "`error` is what the case checks, in float64. float32: distance from float64. Batch "
+        lines += ["`error` is what the case checks, in float64. float32: distance from float64. Batch "
                   f"of {batch}: 0 = its first sample has the same bits as alone. Gradient: distance from central "
                   "differences. `iterations a step` and `s` (all four runs): as measured here.", ""]
         lines += _table(("case", "what makes it hard", "checked", "error", *VARIANTS[1:], "iterations a step", "s"),
                         (_row(case, [r for r in results if r.case == case.name]) for case in cases))
     failed = [r for r in results if not r.expected or not r.ok]
     if failed:
-        lines += ["", "## What fails", ""]
+        lines += ["", "### What fails", ""]
         lines += _table(("case", "in", "status", "what happens", "why"), (
             (r.case, r.variant, str(r.status), r.reason or "it passes", r.known or "NOT EXPECTED") for r in failed))
     missing = [case for case in cases if case.needs]
     if missing:
-        lines += ["", "## Not available", ""]
+        lines += ["", "### Not available", ""]
         lines += _table(("case", "what makes it hard", "needs"), ((c.name, c.hard, c.needs) for c in missing))
     if precision:
-        lines += ["", "## float32 against float64", "",
+        lines += ["", "### float32 against float64", "",
                   "Distance of the tips over the distance the tip has moved; P L^2/EI = 4 in statics, 1 in motion.", ""]
         lines += _table(tuple(precision[0]), (
             tuple("fails" if v is None else str(v) if isinstance(v, int) else f"{v:.0e}" for v in row.values())
