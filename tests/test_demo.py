@@ -32,7 +32,7 @@ def test_quick_demo_runs(quick):
     assert "learning" in done.stderr  # the progress bar
     for word in ("nothing", "static force", "PD + static force", "learned", "final distance", "settling time"):
         assert word in done.stdout
-    assert {path.name for path in out.iterdir()} == {"demo.png", "demo.gif", "demo.json", "policy.pt"}
+    assert {path.name for path in out.iterdir()} == {"demo.md", "demo.png", "demo.gif", "demo.json", "policy.pt"}
     assert (out / "demo.png").read_bytes()[:4] == b"\x89PNG" and (out / "demo.gif").read_bytes()[:6] == b"GIF89a"
 
 

@@ -55,9 +55,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         animation(records, out / "demo.gif", result["settings"]["stride"])
     (out / "demo.json").write_text(json.dumps(result, indent=2) + "\n")
     check = {f"{name}, finer model": s for name, s in result["scores_on_finer_model"].items() if name != "model"}
-    print(table({**result["scores"], **check}))
+    scores = table({**result["scores"], **check})
+    (out / "demo.md").write_text(scores + "\n")
+    print(scores)
     print(f"{', '.join(f'{name} {value:.0f} s' for name, value in result['seconds'].items())}; "
-          f"written to {out}: demo.png, demo.gif, demo.json, policy.pt")
+          f"written to {out}: demo.md, demo.png, demo.gif, demo.json, policy.pt")
     return 0
 
 
@@ -122,11 +124,12 @@ def run(settings: dict, seed: int, out: Path) -> tuple[dict, dict]:
 
 
 def table(scores: dict[str, dict]) -> str:
-    """One row a controller."""
-    lines = [f"{'controller':<30} {'final distance':>15} {'within 2 % of L':>16} {'effort (rms)':>13} {'settling time':>14}"]
+    """One row a controller, in Markdown."""
+    lines = [f"| {'controller':<30} | final distance | within 2 % of L | effort (rms) | settling time |",
+             f"|{'-' * 32}|---------------:|----------------:|-------------:|--------------:|"]
     for name, s in scores.items():
-        lines.append(f"{name:<30} {1e3 * s['final_distance_m']:>12.2f} mm {100 * s['share_within_2_percent']:>14.1f} % "
-                     f"{s['effort_N']:>11.2f} N {s['settling_time_s']:>12.2f} s")
+        lines.append(f"| {name:<30} | {1e3 * s['final_distance_m']:>11.2f} mm | {100 * s['share_within_2_percent']:>13.1f} % "
+                     f"| {s['effort_N']:>10.2f} N | {s['settling_time_s']:>11.2f} s |")
     return "\n".join(lines)
 
 
