@@ -60,8 +60,25 @@ class TensorFields:
         return states[0].map(lambda *x: torch.stack(torch.broadcast_tensors(*x)), *states[1:])
 
 
+class Instant(TensorFields):
+    """What every form's state at one instant shows: its nodes by `node(index)`, its tip, its support."""
+
+    @property
+    def tip(self) -> Point:
+        return self.node(-1)
+
+    @property
+    def nodes(self) -> Tensor:
+        """(..., N+1, 3) m, frame a."""
+        return self.position
+
+    @property
+    def root(self) -> Support:
+        return Support(self.reaction[..., :3], self.reaction[..., 3:])
+
+
 @dataclass(frozen=True)
-class State(TensorFields):
+class State(Instant):
     """The beam at one instant. Leading axes are batch axes (time first in a trajectory).
 
     position  (..., N+1, 3) m, frame a
@@ -75,7 +92,7 @@ class State(TensorFields):
     work      (...) J, done by the loads since the start
     defect    (...) J, gained by the time integration itself since the start; kept where `conserve` asks for it, else 0
     t         (...) s
-    status    (...) int: 0 = success; anything else names the failure, see `torchbeam.integrate.STATUS`. A failed sample
+    status    (...) int: 0 = success; anything else names the failure, see `torchbeam.newton.STATUS`. A failed sample
               keeps its last good state.
     """
 
@@ -100,19 +117,6 @@ class State(TensorFields):
         q = self.rotation[..., index, :]
         return Point(self.position[..., index, :], self.velocity[..., index, :], quat.matrix(q),
                      quat.rotate(q, self.spin[..., index, :]))
-
-    @property
-    def tip(self) -> Point:
-        return self.node(-1)
-
-    @property
-    def nodes(self) -> Tensor:
-        """(..., N+1, 3) m, frame a."""
-        return self.position
-
-    @property
-    def root(self) -> Support:
-        return Support(self.reaction[..., :3], self.reaction[..., 3:])
 
     @property
     def batch_shape(self) -> torch.Size:

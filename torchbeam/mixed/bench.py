@@ -1,17 +1,17 @@
 """How fast the rates are: sweep against dense, dense against its own linear solve, minimal beside them. One command:
 
-    python -m torchbeam.mixed.bench rates.csv
+    python -m torchbeam rates
 
 One thread, float64, a soft cantilever with a changing tip load at random small states; median and minimum of repeats.
 """
 
 from __future__ import annotations
 
+import argparse
 import csv
 import platform
-import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import torch
@@ -63,24 +63,35 @@ def measure(N: int, batch: int) -> dict[str, tuple[float, float]]:
     return found
 
 
-def main(path: str = "rates.csv") -> None:
+def main(argv: Sequence[str] | None = None) -> int:
+    """Time the rates of the mixed forms: O(N) sweep against the dense block rate matrix."""
+    parser = argparse.ArgumentParser(prog="python -m torchbeam rates", description=__doc__.split("\n\n")[0])
+    parser.add_argument("--out", type=Path, default=Path("out/rates"), help="folder for rates.csv (default: %(default)s)")
+    out = parser.parse_args(argv).out
+    out.mkdir(parents=True, exist_ok=True)
+    threads, dtype = torch.get_num_threads(), torch.get_default_dtype()
     torch.set_num_threads(1)
     torch.set_default_dtype(torch.float64)
-    with Path(path).open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        for N, batch in CASES:
-            found = measure(N, batch)
-            for what, (median, least) in found.items():
-                writer.writerow((N, batch, what, f"{median:.3f}", f"{least:.3f}", torch.__version__, "float64", 1,
-                                 platform.processor() or platform.machine()))
-            print(f"N = {N}, batch {batch}:", ", ".join(f"{what} {m:.1f} ms" for what, (m, _) in found.items()))
-            if "dense" in found:
-                dense = found["dense"][0]
-                print(f"    dense / sweep = {dense / found['sweep'][0]:.1f},"
-                      f" dense / its linear solve = {dense / found['linalg.solve alone'][0]:.2f}")
-    print("written to", path)
+    try:
+        with (out / "rates.csv").open("w", newline="") as file:
+            write(csv.writer(file))
+    finally:
+        torch.set_num_threads(threads)
+        torch.set_default_dtype(dtype)
+    print("written to", out / "rates.csv")
+    return 0
 
 
-if __name__ == "__main__":
-    main(*sys.argv[1:2])
+def write(table) -> None:
+    """Measure every case into a csv writer, and say what was found."""
+    table.writerow(COLUMNS)
+    for N, batch in CASES:
+        found = measure(N, batch)
+        for what, (median, least) in found.items():
+            table.writerow((N, batch, what, f"{median:.3f}", f"{least:.3f}", torch.__version__, "float64", 1,
+                            platform.processor() or platform.machine()))
+        print(f"N = {N}, batch {batch}:", ", ".join(f"{what} {m:.1f} ms" for what, (m, _) in found.items()), flush=True)
+        if "dense" in found:
+            dense = found["dense"][0]
+            print(f"    dense / sweep = {dense / found['sweep'][0]:.1f},"
+                  f" dense / its linear solve = {dense / found['linalg.solve alone'][0]:.2f}")

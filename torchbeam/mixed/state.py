@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..state import Point, Support, TensorFields
+from ..state import Instant, Point
 
 
 class Fields(NamedTuple):
@@ -52,7 +52,7 @@ def unpack_minimal(x: Tensor, N: int) -> tuple[Tensor, ...]:
 
 
 @dataclass(frozen=True)
-class MixedState(TensorFields):
+class MixedState(Instant):
     """The beam at one instant in a mixed form. Leading axes are batch axes (time first in a trajectory).
 
     The twelve of `Fields`; and what follows from them:
@@ -101,19 +101,6 @@ class MixedState(TensorFields):
         axes = (self.position, self.velocity, self.spin)
         position, velocity, spin = (a[..., index, :] for a in axes)
         return Point(position, velocity, self.rotation[..., index, :, :], spin)
-
-    @property
-    def tip(self) -> Point:
-        return self.node(-1)
-
-    @property
-    def nodes(self) -> Tensor:
-        """(..., N+1, 3) m, frame a."""
-        return self.position
-
-    @property
-    def root(self) -> Support:
-        return Support(self.reaction[..., :3], self.reaction[..., 3:])
 
     @property
     def batch_shape(self) -> torch.Size:
