@@ -45,6 +45,8 @@ class ChainSolve(torch.autograd.Function):
     carries it all. Second derivatives through it would be wrong and are refused.
     """
 
+    generate_vmap_rule = True
+
     @staticmethod
     def forward(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
         return block_tridiagonal(D, L, U, b)
@@ -52,18 +54,38 @@ class ChainSolve(torch.autograd.Function):
     @staticmethod
     def setup_context(ctx, inputs, output) -> None:
         D, L, U, b = inputs
-        ctx.save_for_backward(D, L, U)
-        ctx.save_for_forward(D, L, U)
-        ctx.shape = b.shape
+        ctx.save_for_backward(D, L, U, b)
+        ctx.save_for_forward(D, L, U, b)
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     def backward(ctx, grad: Tensor):
-        D, L, U = ctx.saved_tensors
-        g = block_tridiagonal(D.mT, U.mT, L.mT, grad)
-        return None, None, None, g.sum_to_size(ctx.shape)
+        D, L, U, b = ctx.saved_tensors
+        with torch.no_grad():
+            g = block_tridiagonal(D.mT, U.mT, L.mT, grad).sum_to_size(b.shape)
+        return None, None, None, _FirstOnly.apply(g, grad, b) if torch.is_grad_enabled() else g
 
     @staticmethod
     def jvp(ctx, _D, _L, _U, b_t: Tensor) -> Tensor:
-        D, L, U = ctx.saved_tensors
+        D, L, U, _ = ctx.saved_tensors
         return block_tridiagonal(D, L, U, b_t)
+
+
+class _FirstOnly(torch.autograd.Function):
+    """A first derivative, in the graph of all that a second one would have to follow: whoever asks for that gets an error."""
+
+    generate_vmap_rule = True
+
+    @staticmethod
+    def forward(gradient: Tensor, *sources: Tensor) -> Tensor:
+        return gradient.clone()
+
+    @staticmethod
+    def setup_context(ctx, inputs, output) -> None:
+        pass
+
+    @staticmethod
+    def backward(ctx, *_):
+        raise NotImplementedError("a second derivative through an equilibrium or an implicit step was asked for; there are "
+                                  "first ones only")
+
+    jvp = backward
