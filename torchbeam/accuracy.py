@@ -146,15 +146,20 @@ def _picture(rows: list[Row], path: Path) -> None:
         return
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     batches = sorted({r.batch for r in rows})
     figure, axes = plt.subplots(1, len(batches), figsize=(5 * len(batches), 4), sharey=True, squeeze=False,
                                 layout="constrained")
     for axis, batch in zip(axes[0], batches, strict=True):
         for N in sorted({r.elements for r in rows}):
-            line = sorted((r.cpu_s / batch, r.error) for r in rows if (r.elements, r.batch) == (N, batch))
+            line = sorted((r.cpu_s / batch, 100 * r.error) for r in rows if (r.elements, r.batch) == (N, batch))
             axis.loglog(*zip(*line, strict=True), "o-", label=f"{N} elements")
-        axis.set(title=f"batch {batch}", xlabel="CPU s for one sample's 2 s", ylabel="relative RMS error of the tip")
+        axis.set(title=f"batch {batch}", xlabel="CPU s for one sample's 2 s", ylabel="relative RMS error of the tip, %")
+        for ticks in (axis.xaxis, axis.yaxis):
+            ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ticks.set_major_formatter(StrMethodFormatter("{x:g}"))
+            ticks.set_minor_formatter(NullFormatter())
         axis.grid(True, which="both", alpha=0.3)
     axes[0][0].legend()
     figure.savefig(path, dpi=150)
