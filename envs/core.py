@@ -193,16 +193,20 @@ class BeamVectorEnv(VectorEnv):
 
     def _fresh(self) -> Episodes:
         goal = self.begin(self.streams, torch.arange(self.num_envs, device=self.device))
+        self.first = self.start
+        if isinstance(self.stepper, Stepper):  # with what the method remembers of a step without action
+            still = self.high.new_zeros(self.num_envs, *self.single_action_space.shape)
+            self.first = self.stepper.begin(self.start, **self.inputs(still))
         pending = self.high.new_zeros(self.num_envs, self.delay, *self.single_action_space.shape)
         zero = torch.zeros(self.num_envs, dtype=torch.long, device=self.device)
-        observation = self._observation(self.start, goal, pending)
-        return Episodes(self.start, goal, pending, zero, zero.bool(), zero.bool(), observation)
+        observation = self._observation(self.first, goal, pending)
+        return Episodes(self.first, goal, pending, zero, zero.bool(), zero.bool(), observation)
 
     def _renew(self, episodes: Episodes, mask: Tensor) -> Episodes:
         """The episodes with those in the mask started afresh; the cost is that of a selection, not of a solve."""
         rows = mask.nonzero()[:, 0]
         goal = episodes.goal.index_copy(0, rows, self.begin([self.streams[i] for i in rows.tolist()], rows))
-        beam = self.start.map(lambda new, old: torch.where(mask[(...,) + (None,) * (new.ndim - 1)], new, old), episodes.beam)
+        beam = self.first.map(lambda new, old: torch.where(mask[(...,) + (None,) * (new.ndim - 1)], new, old), episodes.beam)
         pending = torch.where(mask[:, None, None], 0.0, episodes.pending)
         observation = torch.where(mask[:, None], self._observation(beam, goal, pending), episodes.observation)
         return Episodes(beam, goal, pending, torch.where(mask, 0, episodes.steps), episodes.terminated & ~mask,

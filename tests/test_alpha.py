@@ -136,6 +136,16 @@ def test_restart_and_steps():
     assert_close(again.state[-1].position, whole.state[-1].position, rtol=0, atol=1e-12)
 
 
+def test_another_method_goes_on_from_its_state():
+    """ "midpoint" takes what it knows of the state and leaves the accelerations: bit for bit."""
+    middle = run(smooth(), 0.02).state[1]
+    assert type(middle) is not tb.State
+    t = torch.tensor([0.2, 0.3])
+    one, other = (tb.simulate(smooth(), t, start, step=0.02) for start in (middle, middle.plain()))
+    assert type(one.state) is tb.State
+    assert_close(one.state.position, other.state.position, rtol=0, atol=0)
+
+
 @pytest.mark.parametrize("options, says", [(dict(conserve=True), "conserve was given"), (dict(rho_inf=1.5), "from 0 to 1"),
                                            (dict(method="midpoint", rho_inf=0.5), "has none")])
 def test_options(options, says):

@@ -227,3 +227,21 @@ def test_bad_calls_are_refused():
         env.reset(options={"targets": 1})
     with pytest.raises(ValueError, match="seeds"):
         env.reset(seed=[1, 2, 3])
+
+
+@pytest.mark.parametrize("method", ["midpoint", "generalized_alpha"])
+def test_a_reset_does_not_touch_the_others(method):
+    """Member 0 starts afresh after two steps, member 1 goes on: bit for bit as without that. And member 0 then does what it
+    did at first, whatever its last action before the reset was.
+    """
+    push = np.array([[1.0, 0.5], [0.3, -0.4]])
+    alone, mixed = (TipReachVectorEnv(2, method=method, autoreset_mode="Disabled", **SMALL) for _ in range(2))
+    for env in (alone, mixed):
+        env.reset(seed=0)
+    first = [alone.step(push)[0] for _ in range(4)]
+    for _ in range(2):
+        mixed.step(push)
+    mixed.reset(options={"reset_mask": np.array([True, False])})
+    second = [mixed.step(push)[0] for _ in range(2)]
+    np.testing.assert_array_equal(second[-1][1], first[-1][1])
+    np.testing.assert_array_equal(second[-1][0, 3:], first[1][0, 3:])  # 0-2 hold the target, which is another

@@ -69,3 +69,18 @@ def test_what_it_refuses():
     for arguments, sentence in (({"form": "modal"}, "form = 'modal'"), ({"method": "rk5"}, "method = 'rk5'")):
         with pytest.raises(ValueError, match=sentence):
             tb.ExplicitStepper(scene(), 0.02, **arguments)
+
+
+def test_work_adds_up():
+    """The nodal form's work over four intervals is that of one run over them: the same steps, to rounding. Inactive members,
+    given as a plain list, keep theirs.
+    """
+    step, u = stepper("nodal"), torch.tensor([[0.0, 0.05, 0.0], [0.0, 0.0, 0.03]])
+    state = step.rest((2,))
+    for _ in range(4):
+        state = step(state, u=u)
+    run = tb.simulate(scene(), 0.02 * torch.arange(5), step.rest((2,)), "rk4", options={"step_size": 5e-4}, inputs={"u": u})
+    assert (run.energy.work[-1] > 0).all()
+    torch.testing.assert_close(state.work, run.energy.work[-1], rtol=1e-9, atol=0)
+    after = step(state, active=[True, False], u=u)
+    assert after.work[1] == state.work[1] and after.t[1] == state.t[1] and after.t[0] > state.t[0]

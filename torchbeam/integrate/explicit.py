@@ -57,7 +57,9 @@ class ExplicitStepper:
         """The state one interval later; `active`, a failing sample and its status as in `Stepper`."""
         given = self.scene.tensors(inputs)
         begin = state.t.detach().amax()
-        moving = state.status == 0 if active is None else (state.status == 0) & active
+        moving = state.status == 0
+        if active is not None:
+            moving = moving & torch.as_tensor(active, dtype=torch.bool, device=moving.device)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # a status says it
             try:
@@ -66,5 +68,8 @@ class ExplicitStepper:
             except RuntimeError:  # every sample failed
                 return replace(state, status=torch.where(moving, FAILED, state.status))
         good = moving & (run.status == 0)
-        return replace(run.state[-1].where(good, state), t=torch.where(good, state.t + self.dt, state.t),
+        after = run.state[-1]
+        if isinstance(state, State):  # a run counts the work from its own start
+            after = replace(after, work=state.work + after.work)
+        return replace(after.where(good, state), t=torch.where(good, state.t + self.dt, state.t),
                        status=torch.where(moving, run.status, state.status))

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..checks import step_size
+from ..checks import count, step_size
 from ..effects import Inputs
 from ..newton import DIVERGED, LIMIT, SUCCESS, attach, newton, wants_gradient
 from ..nodal.alpha import Alpha, AlphaState
@@ -59,16 +59,18 @@ class Stepper:
         self._step = partial(METHODS[method], **own)
         self.method = METHODS[method]
         self.scene = scene
-        self.dt = torch.as_tensor(step_size("dt", dt), dtype=scene.dtype, device=scene.device)
         self.model = Model.of(scene, lumped)
-        self.tolerance, self.limit, self.halvings = tolerance, iterations, halvings
+        self.dt = torch.as_tensor(step_size("dt", dt), dtype=scene.dtype, device=scene.device)
+        self.tolerance, self.limit = tolerance, count("iterations", iterations)
+        self.halvings = count("halvings", halvings, least=0)
         self.iterations: Tensor | None = None  # (...) of the last step
 
     def rest(self, batch_shape: tuple[int, ...] | None = None) -> State:
         """The beam undeformed and at rest."""
         return rest(self.scene, batch_shape)
 
-    def __call__(self, state: State, *, active: Tensor | None = None, dt: Tensor | None = None, **inputs: Any) -> State:
+    def __call__(self, state: State, *, active: Tensor | None = None, dt: float | Tensor | None = None, **inputs: Any
+                 ) -> State:
         """The state one step later.
 
         active  (...) bool: samples that are to move; the others, and those with a status other than 0, stay as they are
@@ -79,11 +81,13 @@ class Stepper:
         turns by more than 1.2 rad, the step of that sample is made again in 2, 4, ... smaller ones. If that fails too it keeps
         its state and gets a status (see `torchbeam.newton.STATUS`); its derivatives are those of standing still.
         """
-        dt = self.dt if dt is None else dt
+        dt = self.dt if dt is None else torch.as_tensor(dt).to(self.dt)
         given = self.scene.tensors(inputs)
         state = state if state.velocity.ndim == state.position.ndim else state.level()
         state = self.begin(state, dt, **inputs)
-        moving = state.status == SUCCESS if active is None else (state.status == SUCCESS) & active
+        moving = state.status == SUCCESS
+        if active is not None:
+            moving = moving & torch.as_tensor(active, dtype=torch.bool, device=moving.device)
         t = state.t.detach().amax()
         after, status, self.iterations = self._attempt(state, dt, t + self.method.INSTANT * dt, given, moving)
         failed = moving & (status == DIVERGED)
@@ -103,11 +107,13 @@ class Stepper:
             failed = failed & ~left
         return replace(after, status=torch.where(moving, status, state.status))
 
-    def begin(self, state: State, dt: Tensor | None = None, **inputs: Any) -> State:
-        """`state` with what the method remembers beside it: the mean rates of a trial step by "midpoint"."""
-        if self.method is not Alpha or isinstance(state, AlphaState):
+    def begin(self, state: State, dt: float | Tensor | None = None, **inputs: Any) -> State:
+        """`state` with what the method remembers beside it, and no more: the mean rates of a trial step by "midpoint"."""
+        if isinstance(state, AlphaState):
+            return state if self.method is Alpha else state.plain()
+        if self.method is not Alpha:
             return state
-        dt = self.dt if dt is None else dt
+        dt = self.dt if dt is None else torch.as_tensor(dt).to(self.dt)
         trial = copy(self)
         trial.method = trial._step = Step
         after = trial(state, dt=dt, **inputs)

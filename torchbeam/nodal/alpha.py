@@ -51,8 +51,11 @@ class AlphaState(State):
         """`state` with the mean rates up to a state a step later, in which the strains rose by `rise` (..., N, 6)."""
         h = dt[..., None, None]
         mean = torch.cat((after.velocity - state.velocity, after.spin - state.spin), -1) / h
-        own = {f.name: getattr(state, f.name) for f in fields(State)}
-        return cls(**own, acceleration=torch.cat((mean, mean), -1), straining=torch.cat((rise, rise), -1) / h)
+        return cls(**vars(state), acceleration=torch.cat((mean, mean), -1), straining=torch.cat((rise, rise), -1) / h)
+
+    def plain(self) -> State:
+        """What every method knows of the state."""
+        return State(*(getattr(self, f.name) for f in fields(State)))
 
 
 class End(NamedTuple):
