@@ -57,6 +57,23 @@ def test_from_nodes():
     assert_close(quat.matrix(upright.elements[0])[:, 2], torch.tensor([0.0, 1, 0]))
 
 
+def test_from_nodes_given_by_tensors():
+    """A list of points or of rows with tensors in it is what it is without them, and carries their gradient and dtype."""
+    rows = [[0.0, 0, 0], [1, 0.5, 0], [1, 2, 0.25]]
+    wanted = tb.Beam.from_nodes(rows, SECTION).nodes
+    x = torch.tensor(0.5, requires_grad=True)
+    points = [torch.tensor(row, dtype=x.dtype) for row in rows]
+    for given in (points, [rows[0], points[1], rows[2]], [rows[0], [1, x, 0], rows[2]]):
+        torch.testing.assert_close(tb.Beam.from_nodes(given, SECTION).nodes, wanted, rtol=0, atol=0)
+    length = tb.Beam.from_nodes([rows[0], [1, x, 0], rows[2]], SECTION).length
+    (slope,) = torch.autograd.grad(length[0], x)
+    assert slope.item() == pytest.approx(0.5 / 1.25**0.5, rel=1e-6)
+    tall = tb.Beam.from_nodes([rows[0], [1, torch.tensor([0.5, 0.6, 0.7, 0.8]), 0], rows[2]], SECTION)
+    assert tall.nodes.shape == (4, 3, 3)
+    with pytest.raises(ValueError, match="one dtype is wanted"):
+        tb.Beam.from_nodes([points[0].float(), points[1].double(), points[2].float()], SECTION)
+
+
 def test_from_nodes_with_frames():
     """The given axes come back."""
     R = quat.matrix(quat.exponential(torch.tensor([0.3, 0, 0])))

@@ -94,6 +94,8 @@ class Beam:
         Raises ValueError for fewer than two nodes, coinciding neighbours, or frames whose x axis leaves the chord.
         """
         dtype, device = _dtype_with(section, nodes, frames)
+        if isinstance(nodes, (list, tuple)) and any(isinstance(point, Tensor) for point in nodes):  # (..., 3) each
+            nodes = torch.stack(torch.broadcast_tensors(*(as_tensor(point, dtype, device) for point in nodes)), -2)
         nodes = finite("nodes", axis_last("nodes", as_tensor(nodes, dtype, device), 3))
         if nodes.ndim < 2 or nodes.shape[-2] < 2:
             raise ValueError(f"nodes of shape {tuple(nodes.shape)} were given; (..., N+1, 3) with N >= 1 is wanted")

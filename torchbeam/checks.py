@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import torch
@@ -18,29 +19,45 @@ def common_dtype(*values: Value) -> tuple[torch.dtype, torch.device]:
     Raises ValueError where tensors of different floating dtypes or devices meet.
     """
     dtype, device = None, None
-    for value in values:
-        for tensor in value if isinstance(value, (list, tuple)) else (value,):
-            if not isinstance(tensor, Tensor):
-                continue
-            if tensor.is_floating_point():
-                if dtype not in (None, tensor.dtype):
-                    raise ValueError(f"tensors of dtype {dtype} and {tensor.dtype} were given; one dtype is wanted")
-                dtype = tensor.dtype
-            if device not in (None, tensor.device):
-                raise ValueError(f"tensors on {device} and {tensor.device} were given; one device is wanted")
-            device = tensor.device
+    for tensor in _tensors(values):
+        if tensor.is_floating_point():
+            if dtype not in (None, tensor.dtype):
+                raise ValueError(f"tensors of dtype {dtype} and {tensor.dtype} were given; one dtype is wanted")
+            dtype = tensor.dtype
+        if device not in (None, tensor.device):
+            raise ValueError(f"tensors on {device} and {tensor.device} were given; one device is wanted")
+        device = tensor.device
     return dtype or torch.get_default_dtype(), device or torch.device("cpu")
 
 
 def as_tensor(value: Value, dtype: torch.dtype, device: torch.device | None = None) -> Tensor:
-    """`value` as a tensor of the given dtype; a sequence that holds tensors is stacked, so that gradients survive."""
-    if isinstance(value, (list, tuple)) and any(isinstance(v, Tensor) for v in value):
+    """`value` as a tensor of the given dtype. A (nested) sequence that holds tensors is stacked, so that gradients survive:
+    its axes come last, those of the tensors in it are batch axes.
+    """
+    if holds_tensor(value):
         parts = [as_tensor(v, dtype, device) for v in value]
-        return torch.stack(torch.broadcast_tensors(*parts), -1)
+        return torch.stack(torch.broadcast_tensors(*parts), -_depth(value))
     try:
         return torch.as_tensor(value, dtype=dtype, device=device)
     except (TypeError, ValueError):
         raise ValueError(f"{value!r} was given; numbers or a tensor are wanted") from None
+
+
+def holds_tensor(value: Value) -> bool:
+    """Whether `value` is a (nested) sequence with a tensor in it."""
+    return isinstance(value, (list, tuple)) and next(_tensors(value), None) is not None
+
+
+def _tensors(value: Value) -> Iterator[Tensor]:
+    if isinstance(value, Tensor):
+        yield value
+    elif isinstance(value, (list, tuple)):
+        for v in value:
+            yield from _tensors(v)
+
+
+def _depth(value: Value) -> int:
+    return 1 + max(map(_depth, value), default=0) if isinstance(value, (list, tuple)) else 0
 
 
 def broadcast(what: str, *shapes: torch.Size) -> torch.Size:
