@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from torchbeam.solve import ChainSolve, block_tridiagonal
+from torchbeam.solve import ChainSolve, block_tridiagonal, positive_definite
 
 
 def system(n=5, k=3, batch=(4,)):
@@ -76,3 +76,13 @@ def test_a_singular_sample_leaves_the_others_alone(bad):
     assert not torch.isfinite(x[1]).all()
     for i in (0, 2, 3):
         assert_close(x[i], good[i], rtol=0, atol=0)
+
+
+def test_positive_definite_is_what_the_eigenvalues_say():
+    """Random symmetric chains, half of them shifted to one side of zero by their least eigenvalue, half to the other."""
+    D, L, _, _ = system(4, batch=(64,))
+    U = L.mT
+    least = torch.linalg.eigvalsh(dense(D + D.mT, L, U))[:, 0]
+    shift = torch.where(torch.arange(64) % 2 == 0, 0.1, -0.1) - least
+    D = D + D.mT + shift[:, None, None, None] * torch.eye(D.shape[-1])
+    assert torch.equal(positive_definite(D, L, U), torch.arange(64) % 2 == 0)

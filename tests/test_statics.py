@@ -5,6 +5,7 @@ Elements are one-point and of second order: halving them divides the error by fo
 """
 
 import math
+import warnings
 
 import pytest
 import torch
@@ -222,3 +223,20 @@ def test_axes_turn_with_the_beam():
         return tb.equilibrium(tb.Scene(beam, [tb.TipLoad(force=R @ f, moment=R @ m), tb.Gravity(R @ f)]), tolerance=1e-12)
 
     assert_close(solve(Q).position, solve(torch.eye(3)).position @ Q.mT, rtol=0, atol=1e-12)
+
+
+def test_unstable_equilibrium_is_told():
+    """Column under a dead axial load with an imperfection of 1e-6: stable below Euler's load, pi^2/4 = 2.467, and on the
+    straight branch above it, where the solver's way up leads, unstable."""
+    def column(P):
+        P = torch.as_tensor(P)
+        section = tb.Section.from_stiffness(1e4, 5e3, 1.0, 1.0, 1.0)
+        return tb.Scene(tb.Beam.straight(1.0, 16, section), [tb.TipLoad(force=torch.stack((-P, 0 * P + 1e-6, 0 * P), -1))])
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tb.equilibrium(column(2.45))
+    with pytest.warns(RuntimeWarning, match="the beam .* unstable"):
+        tb.equilibrium(column(2.5))
+    with pytest.warns(RuntimeWarning, match=r"sample 1 \(2 of 3\) is in unstable equilibrium"):
+        tb.equilibrium(column([1.0, 5.0, 3.0]))

@@ -111,6 +111,11 @@ class _Load:
         """Whether the wrench depends on the beam's configuration."""
         return self.follower
 
+    @property
+    def conservative(self) -> bool:
+        """Whether its work depends on where the beam gets, not on how: a dead force's does, a dead moment's does not."""
+        return self.moment is None and not self.follower
+
     def wrench(self, site: Site, t: Tensor, inputs: Inputs) -> tuple[Tensor | None, Tensor | None]:
         """Force and moment in frame a, N and N m (per metre along the beam); None where absent."""
         values = [None if v is None else self._at_sites(value_at(v, t, inputs, site.R)) for v in (self.force, self.moment)]
@@ -164,6 +169,7 @@ class Gravity:
 
     hook = "load"
     node = None
+    conservative = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "g", _value("Gravity's g", self.g))

@@ -38,6 +38,17 @@ def _solve(A: Tensor, *right: Tensor) -> Tensor:
     return torch.linalg.solve_ex(A, torch.cat([r.expand(*shape, *r.shape[-2:]) for r in right], -1))[0]
 
 
+def positive_definite(D: Tensor, L: Tensor, U: Tensor) -> Tensor:
+    """(...) bool: whether a symmetric block tridiagonal matrix is positive definite: whether all of its pivot blocks are
+    (Haynsworth 1968). Shapes as in `block_tridiagonal`; O(n).
+    """
+    pivots = [D[..., 0, :, :]]
+    for i in range(1, D.shape[-3]):
+        pivots.append(D[..., i, :, :] - L[..., i - 1, :, :] @ _solve(pivots[-1], U[..., i - 1, :, :]))
+    blocks = torch.stack(torch.broadcast_tensors(*pivots), -3)
+    return (torch.linalg.cholesky_ex(blocks + blocks.mT).info == 0).all(-1)
+
+
 class ChainSolve(torch.autograd.Function):
     """`block_tridiagonal` with a matrix that is a constant: forward mode and backward (the transposed system) in b.
 

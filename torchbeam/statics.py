@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from .newton import DIVERGED, STATUS, attach, newton, wants_gradient
+from .newton import DIVERGED, STATUS, attach, newton, no_derivatives, wants_gradient
 from .nodal.model import Model
 from .nodal.still import Shape, Still
 from .scene import Scene
+from .solve import positive_definite
 from .state import State, rest
 
 TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on another branch
@@ -31,6 +33,9 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     The load is raised in steps, per sample, where Newton's method needs it: a step in which it fails, or a node turns by more
     than 1 rad, is halved. Infinite stiffness is taken as it is. Differentiable by the implicit function theorem.
 
+    Past a point of buckling the way up may keep to a branch that is no longer stable. Where all loads are conservative (dead
+    forces, gravity) a RuntimeWarning names the samples whose tangent is not positive definite.
+
     Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form does not take and
     RuntimeError for a sample without equilibrium.
     """
@@ -49,9 +54,23 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
         first = (~good).nonzero()[0].tolist()
         which = f"sample {first[0] if len(first) == 1 else tuple(first)} of {tuple(good.shape)}" if first else "the scene"
         raise RuntimeError(f"{which} has no equilibrium: {REASON[int(status[~good][0])]}")
+    if all(load.conservative for load in scene.loads):
+        _warn_of_unstable(Still(model, time, given, torch.ones_like(status, dtype=scene.dtype)), x, good)
     still, zero = torch.zeros_like(x.position), torch.zeros_like(status, dtype=scene.dtype)
     return State(*x[:2], velocity=still, spin=still, stress=x.stress, reaction=reaction, work=zero, defect=zero,
                  t=time.expand(status.shape), status=status)
+
+
+def _warn_of_unstable(problem: Still, x: Shape, good: Tensor) -> None:
+    with no_derivatives():
+        _, kin = problem.residual(x)
+        tangent = problem.linearise(x, kin)
+        unstable = good & ~positive_definite(tangent.D, tangent.L, tangent.U)
+    if unstable.any():
+        first = unstable.nonzero()[0].tolist()
+        which = f"sample {first[0] if len(first) == 1 else tuple(first)} " if first else "the beam "
+        warnings.warn(f"{which}({int(unstable.sum())} of {good.numel()}) is in unstable equilibrium: a small disturbance or "
+                      "imperfection leads to another", RuntimeWarning, stacklevel=3)
 
 
 def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, tolerance: float | None
