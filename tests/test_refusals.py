@@ -151,6 +151,9 @@ CASES = {
         "initial with 4 nodes was given; the beam has 3"),
     "initial dtype": (simulate(initial=tb.rest(SCENE).to(F32)),
         "initial of torch.float32 meets a scene of torch.float64"),
+    "mixed initial of another mesh": (
+        simulate(initial=tb.consistent_state(tb.Scene(tb.Beam.straight(1.0, 3, SECTION))), form="minimal"),
+        "initial with 3 elements was given; the beam has 2"),
     "missing input": (simulate(DRIVEN), "input 'u' is missing"),
     "unknown input": (simulate(inputs={"w": (0, 0, 1.0)}), "input 'w' was given; the scene has none"),
     "input's shape": (simulate(DRIVEN, inputs={"u": (0, 1.0)}), r"input 'u' of shape \(2,\)"),
@@ -169,10 +172,14 @@ CASES = {
     # stepper and statics
     "stepper's method": (lambda: tb.Stepper(SCENE, 0.1, method="dopri5"), "method = 'dopri5' was given; 'midpoint'"),
     "stepper's step": (lambda: tb.Stepper(SCENE, NAN), "dt = nan was given"),
+    "stepper's scene": (lambda: tb.Stepper(BEAM, 0.1), "scene of type Beam was given; a torchbeam.Scene"),
+    "no iterations": (simulate(iterations=0), "iterations = 0 was given; a whole number of at least 1"),
+    "negative halvings": (simulate(halvings=-1), "halvings = -1 was given"),
     "stepper's input missing": (step(), "input 'u' is missing; the scene wants u"),
     "stepper's unknown input": (step(u=(0, 0, 1.0), w=(0, 0, 1.0)), "input 'w' was given; the scene has u"),
     "stepper's input shape": (step(u=1.0), r"input 'u' of shape \(\)"),
     "static input missing": (lambda: tb.equilibrium(DRIVEN), "input 'u' is missing"),
+    "static scene": (lambda: tb.equilibrium(BEAM), "scene of type Beam was given; a torchbeam.Scene"),
     "static offset": (lambda: tb.equilibrium(tb.Scene(BEAM, root=tb.RootMotion(rotation=lambda t: torch.zeros(3)))),
         "moving frame or root"),
 }

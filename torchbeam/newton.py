@@ -13,11 +13,12 @@ TOLERANCE = {torch.float64: 1e-8, torch.float32: 1e-4}  # of the scaled residual
 LIMIT = 25  # iterations
 QUADRATIC = 0.01  # a residual that falls by this factor falls quadratically
 
-SUCCESS, DIVERGED, BROKEN = range(3)
+SUCCESS, DIVERGED, BROKEN, FAILED = range(4)
 STATUS = {
     SUCCESS: "success",
     DIVERGED: "Newton's method did not converge; a smaller step may help",
     BROKEN: "a parameter, a load or the state is infinite or not a number",
+    FAILED: "the explicit method failed: its step shrank to nothing, or the rates were not finite",
 }
 
 

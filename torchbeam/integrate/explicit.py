@@ -12,9 +12,9 @@ from torch import Tensor
 from ..checks import step_size
 from ..mixed.consistent import consistent_state
 from ..mixed.state import MixedState
+from ..newton import FAILED
 from ..scene import Scene
 from ..state import State, rest
-from .ode import FAILED
 from .ode import METHODS as ODE_METHODS
 from .simulate import FORMS, simulate
 

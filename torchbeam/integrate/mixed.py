@@ -14,9 +14,10 @@ from ..mixed.chain import Chain, check_times
 from ..mixed.consistent import at_rest, complete, consistent, drift, observe, rescaled
 from ..mixed.rates import block_system, solve_scaled, sweep, terms
 from ..mixed.state import MixedState, pack, unpack, unpack_minimal
+from ..newton import FAILED
 from ..scene import Scene
 from ..solution import Energy, Solution, Stats
-from .ode import ADAPTIVE, ADVICE, FAILED, integrate
+from .ode import ADAPTIVE, ADVICE, integrate
 
 RESTART_FREE = (*ADAPTIVE, "euler", "midpoint", "heun2", "heun3", "rk4")  # methods that remember nothing from step to step
 
@@ -27,7 +28,7 @@ def simulate_mixed(
     form: str,
     initial: MixedState | None = None,
     method: str = "dopri5",
-    inputs: dict[str, Tensor] | None = None,
+    inputs: dict[str, Any] | None = None,
     *,
     rtol: float = 1e-6,
     atol: float = 1e-8,
@@ -41,7 +42,7 @@ def simulate_mixed(
     form     'block_rate' (24 N + 12 states, the index-reduced system) or 'minimal' (12 N states)
     initial  MixedState; its u, theta, V, Omega count, the rest is made consistent with the loads at t[0].
              None = undeformed and at rest in frame a
-    inputs   values of the scene's inputs, held
+    inputs   of the scene by name: values (..., size) held throughout, or functions of t
     method, rtol, atol, options, adjoint: see `torchbeam.integrate.ode.integrate`
     project  block rate form: at every output set what the undifferentiated equations determine (F, M, accelerations, ends)
              from u, theta, V, Omega. Off by default: the form then shows its drift
@@ -64,6 +65,8 @@ def simulate_mixed(
     if initial is not None and not isinstance(initial, MixedState):
         raise ValueError(f"initial of type {type(initial).__name__} was given; the mixed forms want a MixedState, "
                          "see consistent_state")
+    if initial is not None and initial.u.shape[-2] != scene.beam.count:
+        raise ValueError(f"initial with {initial.u.shape[-2]} elements was given; the beam has {scene.beam.count}")
     chain = Chain(scene, form, dict(inputs or {}))
     t = increasing("t", as_tensor(t, scene.dtype, scene.device))
     check_times(chain, t)

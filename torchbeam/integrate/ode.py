@@ -14,10 +14,10 @@ from torchdiffeq._impl.odeint import SOLVERS  # torchdiffeq's own table of names
 from torchdiffeq._impl.solvers import AdaptiveStepsizeODESolver
 
 from ..checks import increasing
+from ..newton import FAILED
 
 METHODS = tuple(SOLVERS)
 ADAPTIVE = tuple(name for name, solver in SOLVERS.items() if issubclass(solver, AdaptiveStepsizeODESolver))
-FAILED = 3  # status of a sample whose explicit integration failed
 ADVICE = "try the implicit method 'midpoint' of the nodal form, a shorter step, or other tolerances"
 TRUSTED = 1e-3  # largest relative error of the state reconstructed backwards that a continuous adjoint may carry
 
@@ -85,7 +85,7 @@ def integrate(
         solve.dead = solve.dead | rows
         if solve.dead.all():
             raise RuntimeError(sentence)
-        warnings.warn(sentence, RuntimeWarning, stacklevel=2)
+        warnings.warn(sentence, RuntimeWarning, stacklevel=4)  # the caller of simulate
     if good:
         flat = ys.reshape(len(t), -1, y0.shape[-1])
         ys = torch.stack([good.get(row, flat[:, row]) for row in range(flat.shape[1])], 1).view_as(ys)
@@ -207,5 +207,5 @@ def _check_reconstruction(solve: _Solve, ys: Tensor, t: Tensor) -> None:
         warnings.warn(
             f"the continuous adjoint cannot be trusted here: integrated back, the state misses itself by {worst:.2g} "
             f"of its largest value (up to {TRUSTED:g} is accepted); use adjoint=False, or ask for more outputs",
-            UserWarning, stacklevel=3,
+            UserWarning, stacklevel=5,
         )

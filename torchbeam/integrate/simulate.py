@@ -13,14 +13,14 @@ from torch.utils.checkpoint import checkpoint as recompute
 
 from ..checks import as_tensor, increasing, step_size
 from ..checks import options as check_options
-from ..newton import STATUS
+from ..newton import FAILED, STATUS
 from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene import Scene
 from ..solution import Energy, Solution, Stats
 from ..state import State, rest
 from .mixed import simulate_mixed
-from .ode import ADVICE, FAILED, integrate
+from .ode import ADVICE, integrate
 from .ode import METHODS as ODE_METHODS
 from .stepper import METHODS as IMPLICIT_METHODS
 from .stepper import Stepper
@@ -55,7 +55,7 @@ def simulate(
              or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=; the mixed
              forms also take project=, solver=, see `torchbeam.integrate.mixed.simulate_mixed`
     form     "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the index-reduced derivation)
-    inputs   by name: (..., size) held throughout, or (nodal form) a function of t: "midpoint" takes it at mid step,
+    inputs   by name: (..., size) held throughout, or a function of t: "midpoint" of the nodal form takes it at mid step,
              "generalized_alpha" at its end
     throw    raise RuntimeError where a sample fails; otherwise `sol.status` and a warning say so, and the sample keeps its
              last good state
@@ -174,11 +174,13 @@ def _judged(solution: Solution, throw: bool) -> Solution:
     status = solution.status
     for code in sorted(set(status.flatten().tolist()) - {0}):
         failed = (status == code).nonzero().tolist()
-        moved = (solution.state.status == 0).sum(0).flatten()[(status == code).flatten().nonzero()[0, 0]]
-        when = solution.t[max(int(moved) - 1, 0)].item()
         which = f"sample {failed[0][0] if len(failed[0]) == 1 else tuple(failed[0])}" if failed[0] else "the sample"
         told = solution.stats.reason.get(code)
-        sentence = f"{which} ({len(failed)} of {status.numel()}) stopped after t = {when:.6g} s: {told or STATUS[code]}"
+        sentence = f"{which} ({len(failed)} of {status.numel()})"
+        if told is None:  # (an explicit method's status is the same at all instants, and its warning says when)
+            moved = (solution.state.status == 0).sum(0).flatten()[(status == code).flatten().nonzero()[0, 0]]
+            sentence += f" stopped after t = {solution.t[max(int(moved) - 1, 0)].item():.6g} s"
+        sentence += f": {told or STATUS[code]}"
         solution.stats.reason[code] = sentence
         if throw:
             raise RuntimeError(sentence)

@@ -62,7 +62,7 @@ class MixedState(Instant):
               recursion n_{i+1} = 2 q_i - n_i, which hands on every short wave undiminished: velocities of inner nodes
               are rough
     reaction  (..., 6) load of the support on the beam, frame a, N and N m
-    t (...) s;  status (...) int, 0 = success, see `torchbeam.integrate.ode`
+    t (...) s;  status (...) int, 0 = success, see `torchbeam.newton.STATUS`
     """
 
     u: Tensor

@@ -47,6 +47,8 @@ class Model:
     @classmethod
     def of(cls, scene: Scene, lumped: bool = False) -> Model:
         """Raises ValueError for what the nodal form does not take: a moving frame or root, an offset centre of mass."""
+        if not isinstance(scene, Scene):
+            raise ValueError(f"a scene of type {type(scene).__name__} was given; a torchbeam.Scene is wanted")
         beam = scene.beam
         if scene.frame is not None or scene.root is not None:
             raise ValueError("a moving frame or root was given; the nodal form wants a fixed clamp (form='minimal' takes both)")
