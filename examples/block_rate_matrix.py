@@ -3,8 +3,10 @@
 At a random state of a moving element (root and frame in motion, a tip load that changes) the rates x' are solved from the
 corrected rows, which hold in forward mode the time derivative of the undifferentiated equations. Put into the printed
 rows, they leave the residuals that are printed here. Run as a script, it also draws the two patterns to
-block_rate_matrix.png.
+out/block_rate_matrix.png.
 """
+
+from pathlib import Path
 
 import torch
 
@@ -76,7 +78,7 @@ for i in range(12):
 print("rows that are wrong as printed:", *WRONG_ROWS, "  ranks:", *RANKS)
 
 
-def draw(path: str = "block_rate_matrix.png") -> None:
+def draw(path: Path = Path("out/block_rate_matrix.png")) -> None:
     import matplotlib.pyplot as plt
 
     names = ("u", "theta", "F", "M", "V", "Omega", "V'", "Omega'", "F*1", "M*1", "u^2", "theta^2")
@@ -92,8 +94,9 @@ def draw(path: str = "block_rate_matrix.png") -> None:
             axis.axvline(edge - 0.5, color="0.8", lw=0.5)
     for i in WRONG_ROWS:
         axes[0].axhspan(3 * i - 3.5, 3 * i - 0.5, color="gold", alpha=0.25, zorder=-1)
+    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150)
-    print("drawn to", path)
+    print("wrote", path)
 
 
 if __name__ == "__main__":
