@@ -180,6 +180,9 @@ CASES = {
     "stepper's input shape": (step(u=1.0), r"input 'u' of shape \(\)"),
     "static input missing": (lambda: tb.equilibrium(DRIVEN), "input 'u' is missing"),
     "static scene": (lambda: tb.equilibrium(BEAM), "scene of type Beam was given; a torchbeam.Scene"),
+    "static initial": (lambda: tb.equilibrium(SCENE, initial=tb.consistent_state(SCENE)), "initial of type MixedState"),
+    "static initial of another mesh": (
+        lambda: tb.equilibrium(SCENE, initial=tb.rest(tb.Scene(tb.Beam.straight(1.0, 3, SECTION)))), "initial with 4 nodes"),
     "static offset": (lambda: tb.equilibrium(tb.Scene(BEAM, root=tb.RootMotion(rotation=lambda t: torch.zeros(3)))),
         "moving frame or root"),
 }

@@ -129,6 +129,17 @@ class State(Instant):
         return replace(self, **{n: x.expand((*shape, *x.shape[x.ndim - own.get(n, 2):])) for n, x in values.items()})
 
 
+def fitting(state: Any, scene: Any) -> State:
+    """`state`, to start from; ValueError where it is not one of the nodal form, of the scene's mesh and dtype."""
+    if not isinstance(state, State):
+        raise ValueError(f"initial of type {type(state).__name__} was given; the nodal form wants a torchbeam.State")
+    if state.position.shape[-2] != scene.beam.count + 1:
+        raise ValueError(f"initial with {state.position.shape[-2]} nodes was given; the beam has {scene.beam.count + 1}")
+    if state.position.dtype != scene.dtype:
+        raise ValueError(f"initial of {state.position.dtype} meets a scene of {scene.dtype}; one dtype is wanted")
+    return state
+
+
 def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float = 0.0) -> State:
     """The scene's beam undeformed and at rest, with the scene's batch axes (or those given)."""
     shape = torch.Size(scene.batch_shape if batch_shape is None else batch_shape)

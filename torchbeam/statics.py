@@ -13,7 +13,7 @@ from .nodal.model import Model
 from .nodal.still import Shape, Still
 from .scene import Scene
 from .solve import positive_definite
-from .state import State, rest
+from .state import State, fitting, rest
 
 TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on another branch
 LEAST = 1e-4  # smallest load step, as a share of the whole load
@@ -41,7 +41,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     """
     model = Model.of(scene)
     given = scene.tensors(inputs)
-    start = initial if initial is not None else rest(scene)
+    start = rest(scene) if initial is None else fitting(initial, scene)
     time = torch.as_tensor(t, dtype=scene.dtype, device=scene.device)
     start = Shape(start.position, start.rotation, start.stress)
     x, reaction, status = _climb(model, time, given, start, tolerance)

@@ -18,7 +18,7 @@ from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene import Scene
 from ..solution import Energy, Solution, Stats
-from ..state import State, rest
+from ..state import State, fitting, rest
 from .mixed import simulate_mixed
 from .ode import ADVICE, integrate
 from .ode import METHODS as ODE_METHODS
@@ -150,14 +150,7 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
 
 
 def _begin(scene: Scene, initial: State | None, t: Tensor) -> State:
-    state = rest(scene) if initial is None else initial
-    if not isinstance(state, State):
-        raise ValueError(f"initial of type {type(initial).__name__} was given; the nodal form wants a torchbeam.State")
-    if state.position.shape[-2] != scene.beam.count + 1:
-        raise ValueError(f"initial with {state.position.shape[-2]} nodes was given; the beam has {scene.beam.count + 1}")
-    if state.position.dtype != scene.dtype:
-        raise ValueError(f"initial of {state.position.dtype} meets a scene of {scene.dtype}; one dtype is wanted")
-    return state.level().at(t)
+    return (rest(scene) if initial is None else fitting(initial, scene)).level().at(t)
 
 
 def _held(inputs: dict[str, Any], t: Tensor) -> dict[str, Any]:
