@@ -124,6 +124,9 @@ def _mass(model: Model, rotation: Tensor) -> Tensor:
 def _dense(diagonal: Tensor, upper: Tensor | None = None, lower: Tensor | None = None) -> Tensor:
     """(..., 6 N, 6 N) of the free nodes, from blocks (..., N+1, 6, 6) of all and (..., N, 6, 6) between them."""
     N = diagonal.shape[-3] - 1
+    if upper is not None:
+        shape = torch.broadcast_shapes(*(x.shape[:-3] for x in (diagonal, upper, lower)))
+        diagonal, upper, lower = (x.expand(*shape, *x.shape[-3:]) for x in (diagonal, upper, lower))
     A = diagonal.new_zeros(*diagonal.shape[:-3], N, 6, N, 6)
     at = torch.arange(N, device=diagonal.device)
     A[..., at, :, at, :] = diagonal[..., 1:, :, :].movedim(-3, 0)

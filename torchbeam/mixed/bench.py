@@ -1,4 +1,4 @@
-"""How fast the rates are: sweep against dense, dense against its own linear solve, minimal beside them. One command:
+"""How fast the rates are: sweep against dense, dense against its own linear solve, minimal beside them.
 
     python -m torchbeam rates
 
