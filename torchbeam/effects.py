@@ -84,7 +84,7 @@ class Site:
         return (self.R @ v[..., None])[..., 0]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Load:
     """Force and moment with a value each: a tensor (..., 3), a function t -> (..., 3), an `Input`, or None = absent.
 
@@ -133,7 +133,7 @@ class _Load:
 class PointLoad(_Load):
     """Force (N) and moment (N m) on one node; nodes count from the root, -1 is the tip."""
 
-    node: int = -1
+    node: int
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -144,6 +144,8 @@ class PointLoad(_Load):
 @dataclass(frozen=True)
 class TipLoad(PointLoad):
     """Force (N) and moment (N m) on the last node."""
+
+    node: int = -1
 
     def __post_init__(self) -> None:
         super().__post_init__()

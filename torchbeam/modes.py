@@ -54,8 +54,8 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, t: float 
     inputs  by name, (..., size)
 
     Follower loads are in K: flutter is a positive real part, divergence a positive eigenvalue without frequency. Sections
-    without rotary inertia and with infinite stiffness are taken as they are. Dense, O(N^3). Gradients of eigenvalues need
-    them distinct.
+    without rotary inertia are taken as they are. An infinite stiffness is a very large one here: its own modes, far above
+    those of the finite stiffnesses, mean nothing. Dense, O(N^3). Gradients of eigenvalues need them distinct.
 
     Raises ValueError for more modes than the mesh has, or for what the nodal form does not take.
     """
