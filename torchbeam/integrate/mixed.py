@@ -17,7 +17,7 @@ from ..mixed.state import MixedState, pack, unpack, unpack_minimal
 from ..newton import FAILED
 from ..scene import Scene
 from ..solution import Energy, Solution, Stats
-from .ode import ADAPTIVE, ADVICE, integrate
+from .ode import ADAPTIVE, ADVICE, integrate, status_at
 
 RESTART_FREE = (*ADAPTIVE, "euler", "midpoint", "heun2", "heun3", "rk4")  # methods that remember nothing from step to step
 
@@ -81,7 +81,7 @@ def simulate_mixed(
         parameters=tuple(_leaves(problem.rates(t[0], y0.detach()))),
         after=problem.after if project or method in RESTART_FREE else None,
     )
-    states = [problem.observe(at, y, status.long()) for at, y in zip(t, ys, strict=True)]
+    states = [problem.observe(*at) for at in zip(t, ys, status_at(ys, status.long()), strict=True)]
     state = MixedState.stack(states)
     reason = {FAILED: f"{method}: the step shrank to nothing, or the rates were not finite; {ADVICE}"}
     return Solution(

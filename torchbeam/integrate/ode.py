@@ -94,6 +94,12 @@ def integrate(
     return ys, solve.dead * FAILED, solve.evaluations
 
 
+def status_at(ys: Tensor, status: Tensor) -> Tensor:
+    """(T, ...) the status at each output of ys (T, ..., n): 0 up to a failed sample's last good output, which it holds."""
+    held = ((ys == ys[-1:]) | ~torch.isfinite(ys)).all(-1)
+    return status * torch.cat((torch.zeros_like(held[:1]), held[:-1]))
+
+
 class _Solve:
     """One integration: what torchdiffeq calls, and what is needed to name the sample that stopped it."""
 

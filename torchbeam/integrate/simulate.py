@@ -20,7 +20,7 @@ from ..scene import Scene
 from ..solution import Energy, Solution, Stats
 from ..state import State, fitting, rest
 from .mixed import simulate_mixed
-from .ode import ADVICE, integrate
+from .ode import ADVICE, integrate, status_at
 from .ode import METHODS as ODE_METHODS
 from .stepper import METHODS as IMPLICIT_METHODS
 from .stepper import Stepper
@@ -144,7 +144,7 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     loads = tuple(v for load in scene.loads for v in load.values if isinstance(v, Tensor) and v.requires_grad)
     ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
                                         parameters=(*parameters, *loads))
-    trajectory = State.stack([rates.state(now, y, status) for now, y in zip(t, ys, strict=True)])
+    trajectory = State.stack([rates.state(*at) for at in zip(t, ys, status_at(ys, status), strict=True)])
     reason = {FAILED: f"{method} failed; {ADVICE}"} if status.any() else {}
     return Solution(t, trajectory, _energy(rates.model, trajectory), Stats(evaluations=evaluations, reason=reason))
 
@@ -168,12 +168,10 @@ def _judged(solution: Solution, throw: bool) -> Solution:
     for code in sorted(set(status.flatten().tolist()) - {0}):
         failed = (status == code).nonzero().tolist()
         which = f"sample {failed[0][0] if len(failed[0]) == 1 else tuple(failed[0])}" if failed[0] else "the sample"
+        moved = (solution.state.status == 0).sum(0).flatten()[(status == code).flatten().nonzero()[0, 0]]
+        when = solution.t[max(int(moved) - 1, 0)].item()
         told = solution.stats.reason.get(code)
-        sentence = f"{which} ({len(failed)} of {status.numel()})"
-        if told is None:  # (an explicit method's status is the same at all instants, and its warning says when)
-            moved = (solution.state.status == 0).sum(0).flatten()[(status == code).flatten().nonzero()[0, 0]]
-            sentence += f" stopped after t = {solution.t[max(int(moved) - 1, 0)].item():.6g} s"
-        sentence += f": {told or STATUS[code]}"
+        sentence = f"{which} ({len(failed)} of {status.numel()}) stopped after t = {when:.6g} s: {told or STATUS[code]}"
         solution.stats.reason[code] = sentence
         if throw:
             raise RuntimeError(sentence)
