@@ -15,9 +15,9 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from torchbeam import ExplicitStepper, MixedState, Scene, State, Stepper
+from torchbeam.integrate.stepper import METHODS as IMPLICIT_METHODS
 
 OUTPUTS = ("numpy", "torch")
-IMPLICIT = ("midpoint", "generalized_alpha")
 HALVINGS = 2  # a failed step is made again in 2 and 4 parts; more would cost the whole batch more than the episode is worth
 
 
@@ -270,6 +270,6 @@ class BeamVectorEnv(VectorEnv):
 
 def stepper(scene: Scene, dt: float, form: str, method: str, solver: dict[str, Any]) -> Stepper | ExplicitStepper:
     """What advances the beam by dt (s): the implicit step (form "nodal", method "midpoint"), or torchdiffeq in any form."""
-    if form == "nodal" and method in IMPLICIT:
+    if form == "nodal" and method in IMPLICIT_METHODS:
         return Stepper(scene, dt, method, **{"halvings": HALVINGS, **solver})
     return ExplicitStepper(scene, dt, method, form, **solver)

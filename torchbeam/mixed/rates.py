@@ -167,10 +167,10 @@ def block_system(chain: Chain, x: Fields, s: Terms) -> tuple[Tensor, Tensor]:
     inside = torch.tensor([[i * n + j for j in range(3)] for i in range(3)])
     index = (at[:, None, None] + inside).flatten().to(values.device)
     A = values.new_zeros(*batch, n * n).index_copy(-1, index, values.flatten(-3)).unflatten(-1, (n, n))
-    return A, _right_hand_side(chain, x, s)
+    return A, _right_hand_side(x, s)
 
 
-def _right_hand_side(chain: Chain, x: Fields, s: Terms) -> Tensor:
+def _right_hand_side(x: Fields, s: Terms) -> Tensor:
     """c^-/+ = +/- (R)' y + h line' - T at both ends, a at both ends, and the rates that are known."""
     line, nodal = halves(s.e.h * s.line), halves(s.nodal[..., 1:, :])
     plus, minus = [], []
