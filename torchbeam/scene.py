@@ -2,78 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from .beam import Beam
-from .checks import Value, as_tensor, axis_last, broadcast, finite
+from .checks import as_tensor, axis_last, broadcast
 from .effects import Damping, Effect, Input, Inputs
+from .supports import Frame, RootMotion, Support
 
-
-@dataclass(frozen=True)
-class Frame:
-    """Prescribed motion of frame a, in its own axes: values (..., 3) or functions t -> (..., 3).
-
-    velocity          v of the origin, m/s
-    angular_velocity  omega, rad/s
-    """
-
-    velocity: Value | Callable[[Tensor], Tensor] | None = None
-    angular_velocity: Value | Callable[[Tensor], Tensor] | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("velocity", "angular_velocity"):
-            _motion(self, name)
-
-
-@dataclass(frozen=True)
-class RootMotion:
-    """Motion of the clamp in frame a: functions t -> (..., 3).
-
-    displacement  of node 0 from its place in the beam, m
-    rotation      of node 0 from its axes in the beam: a rotation vector, rad, frame a
-    """
-
-    displacement: Callable[[Tensor], Tensor] | None = None
-    rotation: Callable[[Tensor], Tensor] | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("displacement", "rotation"):
-            _motion(self, name)
-
-
-def _motion(owner: Any, name: str) -> None:
-    value = getattr(owner, name)
-    if value is not None and not callable(value):
-        value = torch.as_tensor(value, dtype=None if isinstance(value, Tensor) else torch.get_default_dtype())
-        object.__setattr__(owner, name, finite(name, axis_last(name, value, 3)))
+PLANES = (None, "xy", "xz", "auto")
+HOOKS = ("load", "strain", "inertia", "eigenstrain")
 
 
 @dataclass(frozen=True)
 class Scene:
     """What is simulated; only what is named exists.
 
-    beam     `Beam`, clamped at node 0
-    effects  loads and damping, see `torchbeam.effects`
-    frame    `Frame`, None = frame a is inertial
-    root     `RootMotion`, None = node 0 stays where the beam has it
+    beam      `Beam`
+    effects   loads, damping, point masses ..., see `torchbeam.effects`
+    frame     `Frame`, None = frame a is inertial
+    root      `RootMotion` of the clamp at node 0, None = it stays where the beam has it
+    plane     None = 3D. "xy" or "xz": solved in that plane of frame a with three unknowns a node; what acts out of it is left
+              out where it is a function or an input, and refused where it is a number. "auto": in a plane if the beam, its
+              sections and all numbers lie in one and nothing else acts
+    supports  `Support`s; None = a clamp at node 0, () = free
+    small     small displacements and rotations: linear about the undeformed beam
 
-    Sorted once, here: `loads` (effects with the load hook), `damping` (one `Damping` or None), `inputs` (name -> size).
+    Sorted once, here: `loads`, `bodies` (point masses), `eigenstrains`, `damping` (one `Damping` or None), `inputs` (name ->
+    size), `supports` by node.
 
     Raises ValueError for an object without a hook, two dampings, a node that does not exist, a load whose dtype is not
-    the beam's, or two inputs of one name with different sizes.
+    the beam's, two inputs of one name with different sizes, two supports of one node, or what leaves the plane.
     """
 
     beam: Beam
     effects: Iterable[Effect] = ()
     frame: Frame | None = None
     root: RootMotion | None = None
+    plane: str | None = None
+    supports: Iterable[Support] | None = None
+    small: bool = False
     loads: tuple[Effect, ...] = field(init=False)
     damping: Damping | None = field(init=False)
+    bodies: tuple[Effect, ...] = field(init=False)
+    eigenstrains: tuple[Effect, ...] = field(init=False)
     inputs: dict[str, int] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -81,7 +57,7 @@ class Scene:
             raise ValueError(f"a beam of type {type(self.beam).__name__} was given; a torchbeam.Beam is wanted")
         effects = tuple(self.effects) if isinstance(self.effects, Iterable) else (self.effects,)
         for effect in effects:
-            if isinstance(effect, type) or getattr(effect, "hook", None) not in ("load", "strain"):
+            if isinstance(effect, type) or getattr(effect, "hook", None) not in HOOKS:
                 raise ValueError(f"{effect!r} is not an effect; see torchbeam.effects for what is")
             self._check_node(effect)
             self._check_dtype(effect)
@@ -94,10 +70,40 @@ class Scene:
                 raise ValueError(f"the input {value.name!r} has the sizes {inputs[value.name]} and {value.size}; one is wanted")
         set_ = object.__setattr__
         set_(self, "effects", effects)
-        set_(self, "loads", tuple(e for e in effects if e.hook == "load"))
+        for name, hook in (("loads", "load"), ("bodies", "inertia"), ("eigenstrains", "eigenstrain")):
+            set_(self, name, tuple(e for e in effects if e.hook == hook))
         set_(self, "damping", damping[0] if damping else None)
         set_(self, "inputs", inputs)
+        set_(self, "supports", self._supported())
         _ = self.batch_shape  # says so where the axes do not fit
+        if self.plane not in PLANES:
+            raise ValueError(f"plane = {self.plane!r} was given; {', '.join(map(repr, PLANES))} are there")
+
+    @property
+    def carried(self) -> bool:
+        """Whether anything that holds the beam moves: frame a, or a support."""
+        return self.frame is not None or any(s.moves for s in self.supports)
+
+    def _supported(self) -> tuple[Support, ...]:
+        """The supports by node, nodes counted from the root; the root's motion in that of node 0."""
+        freed = any(getattr(e, "frees_root", False) for e in self.effects)
+        given = (() if freed else (Support(0),)) if self.supports is None else self.supports
+        given = (given,) if isinstance(given, Support) else tuple(given)
+        count, found = self.beam.count + 1, {}
+        for support in given:
+            if not isinstance(support, Support):
+                raise ValueError(f"{support!r} was given as a support; a torchbeam.Support is wanted")
+            if not -count <= support.node < count:
+                raise ValueError(f"a support of node {support.node} was given; the beam has the nodes 0 to {count - 1}")
+            if found.setdefault(support.node % count, support) is not support:
+                raise ValueError(f"two supports of node {support.node % count} were given; one is wanted")
+        if self.root is not None and not freed and not (0 in found and found[0].turn is self.root.rotation
+                                                        and found[0].displacement is self.root.displacement):
+            if 0 not in found or not found[0].clamp or found[0].moves:
+                raise ValueError("root was given for a node 0 that is not clamped or has a motion of its own; one clamp with one "
+                                 "motion is wanted")
+            found[0] = replace(found[0], displacement=self.root.displacement, turn=self.root.rotation)
+        return tuple(replace(found[node], node=node) for node in sorted(found))
 
     def _check_node(self, effect: Effect) -> None:
         node, N = getattr(effect, "node", None), self.beam.count

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -22,8 +22,8 @@ class Point(NamedTuple):
     spin: Tensor
 
 
-class Support(NamedTuple):
-    """Load of the support on the beam at node 0, frame a: force (..., 3) N, moment (..., 3) N m."""
+class Reaction(NamedTuple):
+    """Load of a support on the beam, frame a: force (..., 3) N, moment (..., 3) N m."""
 
     force: Tensor
     moment: Tensor
@@ -34,8 +34,8 @@ class TensorFields:
 
     def map(self, function: Any, *others: Any) -> Any:
         """The same kind of object with `function` applied field by field."""
-        values = {f.name: function(*(getattr(x, f.name) for x in (self, *others))) for f in fields(self)}
-        return replace(self, **values)
+        values = {f.name: tuple(getattr(x, f.name) for x in (self, *others)) for f in fields(self)}
+        return replace(self, **{name: function(*x) for name, x in values.items() if x[0] is not None})
 
     def __getitem__(self, index: Any) -> Any:
         """Index the first axes of every field: `states[-1]` of a trajectory is its last state."""
@@ -73,8 +73,9 @@ class Instant(TensorFields):
         return self.position
 
     @property
-    def root(self) -> Support:
-        return Support(self.reaction[..., :3], self.reaction[..., 3:])
+    def root(self) -> Reaction:
+        """Of the first support: the clamp at node 0, where the scene does not say otherwise."""
+        return Reaction(self.reaction[..., :3], self.reaction[..., 3:])
 
 
 @dataclass(frozen=True)
@@ -87,13 +88,15 @@ class State(Instant):
     spin      (..., N+1, 3) rad/s, absolute angular velocity Omega in section axes (frame B)
     stress    (..., N, 6) [F1 F2 F3 M1 M2 M3] N and N m, frame B: of an equilibrium; after an implicit step its mean over
               that step
-    reaction  (..., 6) load of the support on the beam, force N and moment N m, frame a: of an equilibrium; after an
-              implicit step its mean over that step
-    work      (...) J, done by the loads since the start
+    reaction  (..., K, 6) load of each support on the beam, by node, force N and moment N m, frame a: of an equilibrium; after
+              an implicit step its mean over that step
+    work      (...) J, done by the loads and by supports that move since the start
     defect    (...) J, gained by the time integration itself since the start; kept where `conserve` asks for it, else 0
     t         (...) s
     status    (...) int: 0 = success; anything else names the failure, see `torchbeam.newton.STATUS`. A failed sample
               keeps its last good state.
+    frame     (..., 4) unit quaternion, frame a -> inertial axes; None where frame a does not turn
+    internal  (..., z) internal states of user loads, one after the other; None without
     """
 
     position: Tensor
@@ -106,6 +109,8 @@ class State(Instant):
     defect: Tensor
     t: Tensor
     status: Tensor
+    frame: Tensor | None = field(default=None, kw_only=True)
+    internal: Tensor | None = field(default=None, kw_only=True)
 
     def at(self, t: Tensor) -> State:
         """The same state at another time, its work counted from there and its failures forgotten."""
@@ -119,13 +124,26 @@ class State(Instant):
                      quat.rotate(q, self.spin[..., index, :]))
 
     @property
+    def root(self) -> Reaction:
+        """Of the first support: the clamp at node 0, where the scene does not say otherwise."""
+        if self.reaction.shape[-2] == 0:
+            raise ValueError("the load of a support was asked for; the beam has none")
+        return self.reaction_of(0)
+
+    def reaction_of(self, support: int) -> Reaction:
+        """Of the scene's supports, by their place in `scene.supports`."""
+        load = self.reaction[..., support, :]
+        return Reaction(load[..., :3], load[..., 3:])
+
+    @property
     def batch_shape(self) -> torch.Size:
         return torch.broadcast_shapes(*(getattr(self, n).shape[:-2] for n in ("position", "rotation", "velocity", "spin")))
 
     def level(self) -> State:
         """The same with the batch axes of all in every field, whichever field was given more of them."""
-        shape, own = self.batch_shape, dict(reaction=1, work=0, defect=0, t=0, status=0)  # axes of a field; 2 elsewhere
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        shape = self.batch_shape
+        own = dict(work=0, defect=0, t=0, status=0, frame=1, internal=1)  # axes of a field; 2 elsewhere
+        values = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) is not None}
         return replace(self, **{n: x.expand((*shape, *x.shape[x.ndim - own.get(n, 2):])) for n, x in values.items()})
 
 

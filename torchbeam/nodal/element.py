@@ -136,20 +136,6 @@ def geometric_stiffness(kin: Kinematics, stress: Tensor, length: Tensor) -> Tens
     return torch.cat((top, torch.cat((torch.cat((Y_i, Y_j), -2), A + AW - Q, A - AW + Q), -1)), -2)
 
 
-def to_nodes(n_mi_mj: Tensor) -> Tensor:
-    """(..., N, 9) of elements -> (..., N+1, 6) summed at nodes: -n and m_i at node i, n and m_j at node j."""
-    n, m_i, m_j = n_mi_mj[..., :3], n_mi_mj[..., 3:6], n_mi_mj[..., 6:]
-    return pad(torch.cat((-n, m_i), -1), (0, 0, 0, 1)) + pad(torch.cat((n, m_j), -1), (0, 0, 1, 0))
-
-
-def to_blocks(Y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """(..., N, 9, 9) of elements -> (diagonal (..., N+1, 6, 6), upper, lower (..., N, 6, 6)) of the chain of nodes."""
-    rows = torch.cat((-Y[..., :3, :], Y[..., 3:6, :], Y[..., :3, :], Y[..., 6:, :]), -2)
-    K = torch.cat((-rows[..., :3], rows[..., 3:6], rows[..., :3], rows[..., 6:]), -1)
-    diagonal = pad(K[..., :6, :6], (0, 0, 0, 0, 0, 1)) + pad(K[..., 6:, 6:], (0, 0, 0, 0, 1, 0))
-    return diagonal, K[..., :6, 6:], K[..., 6:, :6]
-
-
 SMALL = 1e-6  # of s2: below, the next term of a series is 1e-12; above, a closed form loses at most 1e-13/|l|
 
 

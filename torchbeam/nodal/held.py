@@ -1,0 +1,71 @@
+"""What of the nodes is held, and how the unknowns are what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..scene import Scene
+from .space import Space
+
+
+@dataclass(frozen=True)
+class Held:
+    """nodes  of the supports
+    first  the first node with unknowns: a clamp at node 0 leaves none there
+    fixed  (K, w) 1 where a support holds, 0 elsewhere
+    free   (N+1-first, w) 1 where a node is free, 0 where it is held; None = all are free
+    """
+
+    nodes: tuple[int, ...]
+    first: int
+    fixed: Tensor
+    free: Tensor | None
+
+    @classmethod
+    def of(cls, scene: Scene, space: Space) -> Held:
+        like = scene.beam.nodes
+        rows = [space.held(s.held) for s in scene.supports]
+        fixed = torch.tensor(rows, dtype=like.dtype, device=like.device).reshape(len(rows), space.unknowns)
+        nodes = tuple(s.node for s in scene.supports)
+        first = int(bool(nodes) and nodes[0] == 0 and all(rows[0]))
+        free = None
+        if len(nodes) > first:
+            free = torch.ones(scene.beam.count + 1, space.unknowns, dtype=like.dtype, device=like.device)
+            free[list(nodes)] = 1 - fixed
+            free = free[first:]
+        return cls(nodes, first, fixed, free)
+
+    def unknown(self, x: Tensor) -> Tensor:
+        """(..., N+1, w) of all nodes -> of those with unknowns, zero where held."""
+        x = x[..., self.first:, :]
+        return x if self.free is None else x * self.free
+
+    def matrix(self, D: Tensor, L: Tensor, U: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Blocks of all nodes -> of those with unknowns; what is held has a 1 on the diagonal and nothing beside it."""
+        D, L, U = (x[..., self.first:, :, :] for x in (D, L, U))
+        if self.free is None:
+            return D, L, U
+        row, column = self.free[..., None], self.free[..., None, :]
+        return (D * row * column + torch.diag_embed(1 - self.free), L * row[1:] * column[:-1], U * row[:-1] * column[1:])
+
+    def rows(self, D: Tensor, L: Tensor, U: Tensor) -> Tensor:
+        """(..., K, w, 3 w): the rows of the supports' nodes, to be met by the moves of the node before, the node and the next."""
+        parts = []
+        for i in self.nodes:
+            zero = torch.zeros_like(D[..., i, :, :])
+            before = L[..., i - 1, :, :] if i > 0 else zero
+            after = U[..., i, :, :] if i < D.shape[-3] - 1 else zero
+            parts.append(torch.cat(torch.broadcast_tensors(before, D[..., i, :, :], after), -1))
+        return torch.stack(parts, -3) if parts else D.new_zeros(*D.shape[:-3], 0, D.shape[-1], 3 * D.shape[-1])
+
+    def reaction(self, rows: Tensor, balance: Tensor, move: Tensor) -> Tensor:
+        """(..., K, w): the balance (..., N+1, w) at the supports after the moves (..., N+1, w)."""
+        if not self.nodes:
+            return balance[..., :0, :]
+        wide = torch.nn.functional.pad(move, (0, 0, 1, 1))
+        near = torch.stack([wide[..., i:i + 3, :].flatten(-2) for i in self.nodes], -2)
+        at = torch.stack([balance[..., i, :] for i in self.nodes], -2)
+        return self.fixed * (at + (rows @ near[..., None])[..., 0])

@@ -1,0 +1,283 @@
+"""A beam that moves in a plane: two positions, one angle and three strains of the same mathematics.
+
+The plane has the axes e_1, e_2 (two of frame a) and the normal e_3; a section has its axes 1 (along the beam), t in the plane and
+n = e_3. A rotation is (cos(phi/2), sin(phi/2)): what is left of the quaternion. Strains are [gamma_1, gamma_t, kappa_n]; see
+`element` for the names, with J x = e_3 x x:
+
+    d(gamma) = R^T (d(d) - (alpha + beta)/2 J d)      d(phi) = beta - alpha      c = h F x d      m_i = c/2 - M    m_j = c/2 + M
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from .. import quaternions as quat
+from ..scene import Scene
+from ..state import State
+from .space import Space
+
+PLANES = {"xy": ((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)), "xz": ((1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0))}  # e_1, e_2, e_3
+INSIDE, OUTSIDE = [0, 1, 5], [2, 3, 4]  # of [1 t n 1 t n]: strains that a plane has, and those it has not
+CLOSE = {torch.float64: 1e-9, torch.float32: 1e-5}
+
+
+class Kinematics(NamedTuple):
+    """An element at one configuration, (..., N): R (2, 2), d (2), half angle phi/2 (1), J d (2)."""
+
+    R: Tensor
+    d: Tensor
+    half: Tensor
+    Jd: Tensor
+
+
+def turned(x: Tensor) -> Tensor:
+    """J x = e_3 x x."""
+    return x @ torch.tensor(((0.0, 1), (-1, 0)), dtype=x.dtype, device=x.device)
+
+
+def kinematics(position: Tensor, rotation: Tensor, length: Tensor) -> Kinematics:
+    """position (..., N+1, 2) m, rotation (..., N+1, 2), length (..., N, 1) m."""
+    q_i, q_j = rotation[..., :-1, :], rotation[..., 1:, :]
+    relative = multiply(q_j, inverse(q_i))
+    sign = torch.where(relative[..., :1] < 0, -1.0, 1.0).to(relative)
+    relative = relative * sign
+    d = position.diff(dim=-2) / length
+    half = torch.atan2(relative[..., 1:], relative[..., :1])
+    return Kinematics(matrix(quat.normalize(q_i + sign * q_j)), d, half, turned(d))
+
+
+def strains(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
+    gamma = (kin.d[..., None, :] @ kin.R)[..., 0, :]
+    return torch.cat(torch.broadcast_tensors(gamma[..., :1], gamma[..., 1:], 2 / length * kin.half), -1) - reference
+
+
+def _resolved(kin: Kinematics, stress: Tensor) -> tuple[Tensor, Tensor]:
+    return (kin.R @ stress[..., :2, None])[..., 0], stress[..., 2:]
+
+
+def forces(kin: Kinematics, stress: Tensor, length: Tensor) -> Tensor:
+    F, M = _resolved(kin, stress)
+    half = -length / 2 * _dot(F, kin.Jd)  # F x d = -F . J d
+    return torch.cat((F, half - M, half + M), -1)
+
+
+def strain_operator(kin: Kinematics, length: Tensor) -> Tensor:
+    """B (..., N, 3, 4): d[gamma; kappa] = B (dr_j - dr_i, spin i, spin j)."""
+    h = length[..., None]
+    by_r = kin.R.mT / h
+    by_spin = -(kin.R.mT @ kin.Jd[..., None]) / 2
+    by_r, by_i, by_j = _level(by_r, by_spin, by_spin)
+    last = torch.tensor((0.0, 0, -1, 1), dtype=by_r.dtype, device=by_r.device) / h
+    return torch.cat((torch.cat((by_r, by_i, by_j), -1), last.expand(*by_r.shape[:-2], 1, 4)), -2)
+
+
+def geometric_stiffness(kin: Kinematics, stress: Tensor, length: Tensor) -> Tensor:
+    """[[0, JF/2, JF/2], [., -h F.d/4, -h F.d/4], [., ., .]] (..., N, 4, 4), symmetric."""
+    F, _ = _resolved(kin, stress)
+    JF = turned(F / 2)[..., None]
+    corner = (-length / 4 * _dot(F, kin.d))[..., None]
+    JF, corner = torch.broadcast_tensors(JF, corner)[0], corner
+    side = JF.mT
+    corner = corner.expand(*side.shape[:-2], 1, 1)
+    row = torch.cat((side, corner, corner), -1)
+    zero = torch.zeros_like(JF)
+    return torch.cat((torch.cat((zero, zero, JF, JF), -1), row, row), -2)
+
+
+def multiply(p: Tensor, q: Tensor) -> Tensor:
+    (a, b), (c, d) = p.split(1, -1), q.split(1, -1)
+    return torch.cat(torch.broadcast_tensors(a * c - b * d, a * d + b * c), -1)
+
+
+def inverse(q: Tensor) -> Tensor:
+    return q * torch.tensor((1.0, -1.0), dtype=q.dtype, device=q.device)
+
+
+def matrix(q: Tensor) -> Tensor:
+    """(..., 2, 2) [[c, -s], [s, c]] of the whole angle."""
+    q2 = multiply(q, q)
+    return (q2 @ torch.tensor(((1.0, 0, 0, 1), (0, -1, 1, 0)), dtype=q.dtype, device=q.device)).unflatten(-1, (2, 2))
+
+
+def _dot(x: Tensor, y: Tensor) -> Tensor:
+    return (x * y) @ torch.ones(2, 1, dtype=x.dtype, device=x.device)
+
+
+def _level(*blocks: Tensor) -> list[Tensor]:
+    shape = torch.broadcast_shapes(*(b.shape[:-2] for b in blocks))
+    return [b.expand(*shape, *b.shape[-2:]) for b in blocks]
+
+
+@dataclass(frozen=True)
+class Plane(Space):
+    """See above. Maps from 3D and back are constant matrices.
+
+    name    "xy" or "xz"
+    basis   (3, 3) columns e_1, e_2, e_3;  section (3, 3) columns: section axes 1, t, n
+    place   0-dim m, of the plane along e_3
+    """
+
+    name: str
+    basis: Tensor
+    section: Tensor
+    place: Tensor
+
+    position: ClassVar[int] = 2
+    spin: ClassVar[int] = 1
+    strain: ClassVar[int] = 3
+
+    kinematics = staticmethod(kinematics)
+    strains = staticmethod(strains)
+    forces = staticmethod(forces)
+    strain_operator = staticmethod(strain_operator)
+    geometric_stiffness = staticmethod(geometric_stiffness)
+    multiply = staticmethod(multiply)
+    inverse = staticmethod(inverse)
+    matrix = staticmethod(matrix)
+
+    @classmethod
+    def of(cls, scene: Scene, name: str) -> Plane:
+        """Raises ValueError where the beam or a section leaves the plane `name`."""
+        beam = scene.beam
+        close = CLOSE.get(beam.nodes.dtype, 1e-5)
+        basis = torch.tensor(PLANES[name], dtype=beam.nodes.dtype, device=beam.nodes.device).mT
+        normal = basis[:, 2]
+        place = beam.nodes.detach() @ normal
+        size = beam.length.detach().sum(-1).amax()
+        if (place - place.flatten()[0]).abs().max() > close * size:
+            raise ValueError(f"nodes out of the plane {name!r} were given; a beam in a plane of that direction is wanted")
+        across = torch.cat([(quat.matrix(q.detach()).mT @ normal).flatten(0, -2) for q in (beam.frames, beam.elements)])
+        n = across[0].round()
+        if (across - n).abs().max() > close or n[0] != 0:
+            raise ValueError(f"section axes at an angle to the plane {name!r} were given; y or z of every section is wanted along "
+                             "its normal")
+        e = torch.zeros_like(n)
+        e[0] = 1
+        section = torch.stack((e, torch.linalg.cross(n, e), n), -1)
+        both = torch.block_diag(section, section)
+        for what, given in (("compliance", beam.compliance), ("mass", beam.mass)):
+            local = (both.mT @ given.detach() @ both)
+            scale = local.diagonal(dim1=-2, dim2=-1).abs().sqrt()
+            coupling = local[..., INSIDE, :][..., OUTSIDE].abs()
+            if (coupling > close * scale[..., INSIDE][..., :, None] * scale[..., OUTSIDE][..., None, :]).any():
+                raise ValueError(f"a section whose {what} couples the plane {name!r} to what is out of it was given; plane=None "
+                                 "takes it")
+        return cls(name, basis, section, place.flatten()[0])
+
+    def _full(self, two: Tensor) -> Tensor:
+        return two @ self.basis[:, :2].mT
+
+    @cached_property
+    def _rotation_map(self) -> Tensor:
+        """(2, 4): the public quaternion of (cos, sin)."""
+        outer = quat.from_matrix(self.basis), quat.from_matrix(self.section.mT)
+        units = torch.eye(4, dtype=self.basis.dtype, device=self.basis.device)[[0, 3]]
+        return quat.multiply(quat.multiply(outer[0], units), outer[1])
+
+    @cached_property
+    def _stress_map(self) -> Tensor:
+        """(6, 3)"""
+        return torch.block_diag(self.section, self.section)[:, INSIDE]
+
+    @cached_property
+    def _load_map(self) -> Tensor:
+        """(6, 3)"""
+        return torch.block_diag(self.basis[:, :2], self.basis[:, 2:])
+
+    def enter(self, state: State) -> State:
+        to = self.basis[:, :2]
+        return replace(state, position=state.position @ to, rotation=state.rotation @ self._rotation_map.mT,
+                       velocity=state.velocity @ to, spin=state.spin @ self.section[:, 2:],
+                       stress=state.stress @ self._stress_map, reaction=state.reaction @ self._load_map,
+                       frame=None if state.frame is None else self._turn(state.frame))
+
+    def leave(self, state: State) -> State:
+        frame = None
+        if state.frame is not None:
+            frame = quat.exponential(self.basis[:, 2] * 2 * torch.atan2(state.frame[..., 1:], state.frame[..., :1]))
+        return replace(state, position=self._full(state.position) + self.place * self.basis[:, 2],
+                       rotation=state.rotation @ self._rotation_map, velocity=self._full(state.velocity),
+                       spin=state.spin @ self.section[:, 2:].mT, stress=state.stress @ self._stress_map.mT,
+                       reaction=state.reaction @ self._load_map.mT, frame=frame)
+
+    def _turn(self, q: Tensor) -> Tensor:
+        """A rotation about the normal as (cos, sin)."""
+        return torch.cat((q[..., :1], q[..., 1:] @ self.basis[:, 2:]), -1)
+
+    def whole(self, load: Tensor) -> Tensor:
+        return load @ self._load_map.mT
+
+    def part(self, load: Tensor) -> Tensor:
+        return load @ self._load_map
+
+    def part_of_map(self, by: Tensor) -> Tensor:
+        return self._load_map.mT @ by @ self._load_map
+
+    def part_of_strain(self, strain: Tensor) -> Tensor:
+        return strain @ self._stress_map
+
+    def part_of_section(self, matrix: Tensor) -> Tensor:
+        return self._stress_map.mT @ matrix @ self._stress_map
+
+    def part_of_inertia(self, J: Tensor) -> Tensor:
+        n = self.section[:, 2:]
+        return n.mT @ J @ n
+
+    def part_of_offset(self, e: Tensor) -> Tensor:
+        return e @ self.section[:, :2]
+
+    def part_of_vector(self, v: Tensor) -> Tensor:
+        return v @ self.basis[:, :2]
+
+    def part_of_spin(self, omega: Tensor) -> Tensor:
+        return omega @ self.basis[:, 2:]
+
+    def site(self, position: Tensor, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        return (self._full(position) + self.place * self.basis[:, 2], self._full(velocity), spin @ self.basis[:, 2:].mT)
+
+    def axes(self, rotation: Tensor, node: int | None = None) -> Tensor:
+        return quat.matrix((rotation if node is None else rotation[..., node, :]) @ self._rotation_map)
+
+    def held(self, letters: tuple[bool, ...]) -> tuple[bool, ...]:
+        at = [int(self.basis[:, i].abs().argmax()) for i in range(3)]
+        return letters[at[0]], letters[at[1]], letters[3 + at[2]]
+
+    def none(self, like: Tensor) -> Tensor:
+        return pad(torch.zeros_like(like[..., :1]), (1, 0), value=1.0)
+
+    def frame_turn(self, q: Tensor) -> Tensor:
+        return self._turn(q)
+
+    def theta_by_turn(self, theta: Tensor) -> Tensor:
+        return (1 + theta * theta / 4)[..., None]
+
+    def exponential(self, phi: Tensor) -> Tensor:
+        return torch.cat((torch.cos(phi / 2), torch.sin(phi / 2)), -1)
+
+    def logarithm(self, q: Tensor) -> Tensor:
+        q = torch.where(q[..., :1] < 0, -q, q)
+        return 2 * torch.atan2(q[..., 1:], q[..., :1])
+
+    def logarithm_by_turn(self, q: Tensor) -> Tensor:
+        return torch.ones_like(q[..., :1, None])
+
+    def to_frame(self, q: Tensor, spin: Tensor) -> Tensor:
+        return spin
+
+    def spin_matrix(self, q: Tensor) -> Tensor:
+        return torch.ones_like(q[..., :1, None])
+
+    def hat(self, spin: Tensor) -> Tensor:
+        return torch.zeros_like(spin)[..., None]
+
+    def carried(self, R: Tensor, before: Tensor) -> Tensor:
+        return torch.ones_like(R)
+
+    def arm(self, x: Tensor) -> Tensor:
+        return turned(x)[..., None]

@@ -1,0 +1,176 @@
+"""The dimensions a beam moves in: how nodes turn, and the element between them. Three of them are here; see `plane` and
+`small` for fewer unknowns and for fewer effects of the same mathematics.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from .. import quaternions as quat
+from ..state import State
+from . import element
+
+
+class Space:
+    """Rotations are unit quaternions, spins are 3-vectors. A spin has two axes to be told in: the section's and frame a's.
+
+    position, spin, strain  numbers of a node's positions and spins, and of an element's strains
+    """
+
+    turns: ClassVar[bool] = True  # whether what is fixed to a section turns with it
+    position: ClassVar[int] = 3
+    spin: ClassVar[int] = 3
+    strain: ClassVar[int] = 6
+
+    kinematics = staticmethod(element.kinematics)
+    strains = staticmethod(element.strain)
+    forces = staticmethod(element.forces)
+    strain_operator = staticmethod(element.strain_operator)
+    geometric_stiffness = staticmethod(element.geometric_stiffness)
+
+    multiply = staticmethod(quat.multiply)
+    inverse = staticmethod(quat.conjugate)
+    normalize = staticmethod(quat.normalize)
+    exponential = staticmethod(quat.exponential)
+    logarithm = staticmethod(quat.logarithm)
+    to_frame = staticmethod(quat.rotate)  # a spin, section axes -> frame a
+    matrix = staticmethod(quat.matrix)  # of a position, section axes -> frame a
+    spin_matrix = staticmethod(quat.matrix)  # of a spin
+    hat = staticmethod(quat.hat)  # of a spin, that another one is crossed with
+
+    @property
+    def unknowns(self) -> int:
+        """Of a node."""
+        return self.position + self.spin
+
+    # States, loads and maps of the public kind, in 3D
+
+    def enter(self, state: State) -> State:
+        """A state in these coordinates."""
+        return state
+
+    def leave(self, state: State) -> State:
+        """The public state."""
+        return state
+
+    def whole(self, load: Tensor) -> Tensor:
+        """[force; moment] (..., w) -> (..., 6)."""
+        return load
+
+    def part(self, load: Tensor) -> Tensor:
+        """[force; moment] (..., 6), frame a -> (..., w)."""
+        return load
+
+    def part_of_map(self, by: Tensor) -> Tensor:
+        """d[force; moment] by [displacement; spin], (..., 6, 6) -> (..., w, w)."""
+        return by
+
+    def part_of_strain(self, strain: Tensor) -> Tensor:
+        """(..., 6), frame B -> (..., k)."""
+        return strain
+
+    def site(self, position: Tensor, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Position, velocity and angular velocity, frame a, as (..., 3)."""
+        return position, velocity, spin
+
+    def axes(self, rotation: Tensor, node: int | None = None) -> Tensor:
+        """Section axes -> frame a, (..., 3, 3), of one node or of all."""
+        return quat.matrix(rotation if node is None else rotation[..., node, :])
+
+    def part_of_section(self, matrix: Tensor) -> Tensor:
+        """6x6 of a section -> (..., k, k)."""
+        return matrix
+
+    def part_of_inertia(self, J: Tensor) -> Tensor:
+        """(..., 3, 3), section axes -> (..., s, s)."""
+        return J
+
+    def part_of_offset(self, e: Tensor) -> Tensor:
+        """(..., 3), section axes -> (..., p)."""
+        return e
+
+    def part_of_vector(self, v: Tensor) -> Tensor:
+        """A displacement or velocity (..., 3), frame a -> (..., p)."""
+        return v
+
+    def part_of_spin(self, omega: Tensor) -> Tensor:
+        """(..., 3), frame a -> (..., s)."""
+        return omega
+
+    def held(self, letters: tuple[bool, ...]) -> tuple[bool, ...]:
+        """Which of a node's unknowns a support holds, from position x y z and rotation x y z."""
+        return letters
+
+    # Rotations
+
+    def none(self, like: Tensor) -> Tensor:
+        """The rotation that changes nothing, for positions `like` these."""
+        return pad(torch.zeros_like(like), (1, 0), value=1.0)
+
+    def cayley(self, theta: Tensor) -> Tensor:
+        """The rotation with Theta = 2 tan(angle/2) n."""
+        return quat.normalize(pad(theta / 2, (1, 0), value=1.0))
+
+    def theta(self, q: Tensor) -> Tensor:
+        """Theta = 2 tan(angle/2) n of a rotation."""
+        return 2 * q[..., 1:] / q[..., :1]
+
+    def theta_by_turn(self, theta: Tensor) -> Tensor:
+        """d(Theta) of R exp(~x) by x at 0: I + ~Theta/2 + Theta Theta^T/4."""
+        eye = torch.eye(3, dtype=theta.dtype, device=theta.device)
+        return eye + quat.hat(theta / 2) + theta[..., :, None] * theta[..., None, :] / 4
+
+    def cosine(self, q: Tensor) -> Tensor:
+        """cos(angle/2), (...)."""
+        return q[..., 0]
+
+    def half(self, q: Tensor) -> Tensor:
+        """The rotation that gives q when made twice."""
+        return quat.half_way(self.none(q[..., 1:]), q)
+
+    def carried(self, R: Tensor, before: Tensor) -> Tensor:
+        """(I + R R_before^T)/2 of spin matrices."""
+        return (torch.eye(3, dtype=R.dtype, device=R.device) + R @ before.mT) / 2
+
+    # Arms: a force at x has the moment arm(x)^T f; a spin moves x with arm(x) spin
+
+    def arm(self, x: Tensor) -> Tensor:
+        """(..., p, s) of a vector (..., p), frame a."""
+        return -quat.hat(x)
+
+    # The chain
+
+    def to_nodes(self, load: Tensor) -> Tensor:
+        """[n, m_i, m_j] (..., N, p + 2 s) of elements -> (..., N+1, w) summed at nodes: -n and m_i at node i, n and m_j at
+        node j.
+        """
+        n, m_i, m_j = load.split((self.position, self.spin, self.spin), -1)
+        return pad(torch.cat((-n, m_i), -1), (0, 0, 0, 1)) + pad(torch.cat((n, m_j), -1), (0, 0, 1, 0))
+
+    def to_blocks(self, Y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """(..., N, p + 2 s, p + 2 s) of elements -> (diagonal (..., N+1, w, w), upper, lower (..., N, w, w)) of the chain."""
+        p, s, w = self.position, self.spin, self.unknowns
+        rows = torch.cat((-Y[..., :p, :], Y[..., p:w, :], Y[..., :p, :], Y[..., w:, :]), -2)
+        K = torch.cat((-rows[..., :p], rows[..., p:w], rows[..., :p], rows[..., w:]), -1)
+        diagonal = pad(K[..., :w, :w], (0, 0, 0, 0, 0, 1)) + pad(K[..., w:, w:], (0, 0, 0, 0, 1, 0))
+        return diagonal, K[..., :w, w:], K[..., w:, :w]
+
+    def to_elements(self, move: Tensor) -> Tensor:
+        """Moves of the nodes (..., N+1, w) -> (..., N, p + 2 s): dr_j - dr_i, spin i, spin j."""
+        r, spin = move.split((self.position, self.spin), -1)
+        return torch.cat((r.diff(dim=-2), spin[..., :-1, :], spin[..., 1:, :]), -1)
+
+
+
+    def logarithm_by_turn(self, q: Tensor) -> Tensor:
+        """d(log) of R exp(~x) by x at 0: I + ~psi/2 + k ~psi ~psi, psi = log R."""
+        eye, psi = torch.eye(3, dtype=q.dtype, device=q.device), quat.hat(quat.logarithm(q))
+        s2 = q[..., 1:].square().sum(-1, keepdim=True)
+        small = s2 < 1e-6
+        g = quat.arc_ratio(q[..., :1], s2)
+        k = torch.where(small, 1 / 12 + s2 / 180, (1 - g * q[..., :1]) / torch.where(small, 1.0, 4 * g**2 * s2))
+        return eye + psi / 2 + k[..., None] * psi @ psi
