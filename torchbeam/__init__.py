@@ -14,9 +14,10 @@ from .section import Section
 from .solution import Energy, Solution, Stats
 from .state import State, rest
 from .statics import equilibrium
+from .stations import Stations, Table
 
 __all__ = [
     "Beam", "BlockRate", "Damping", "Energy", "ExplicitStepper", "Frame", "Gravity", "History", "Input", "LineLoad",
-    "MixedState", "Modes", "PointLoad", "RootMotion", "Scene", "Section", "Solution", "State", "Stats", "Stepper",
-    "TipLoad", "block_rate", "consistent_state", "equilibrium", "modes", "rest", "simulate",
+    "MixedState", "Modes", "PointLoad", "RootMotion", "Scene", "Section", "Solution", "State", "Stations", "Stats", "Stepper",
+    "Table", "TipLoad", "block_rate", "consistent_state", "equilibrium", "modes", "rest", "simulate",
 ]
