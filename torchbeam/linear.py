@@ -27,6 +27,7 @@ from .scene import Scene
 from .state import State, fitting
 from .statics import equilibrium
 
+SINGULAR = 1e-13
 BALANCING = 6  # sweeps over the scales of z before an exponential
 
 
@@ -201,10 +202,11 @@ def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor
         A = torch.cat((torch.cat((torch.zeros_like(K11), eye), -1), rows[..., :2 * len(one)]), -2)
         B = torch.cat((torch.zeros_like(G1), rows[..., 2 * len(one):]), -2)
         return A, B, torch.cat((Y1, V1), -1), Y_u, M11
-    creep, bad = torch.linalg.solve_ex(D00, torch.cat((-K01, -K00, -D01, G0), -1))
-    if (bad != 0).any() or not torch.isfinite(creep).all():
+    least, most = torch.linalg.svdvals(D00.detach()).aminmax(dim=-1)
+    if (least <= SINGULAR * most).any():
         raise ValueError("damping of some strains alone was given for a section without rotary inertia; damping of all of "
                          "them, or a rotary inertia, is wanted")
+    creep = torch.linalg.solve(D00, torch.cat((-K01, -K00, -D01, G0), -1))
     zero = torch.zeros_like(K11)
     right = torch.cat((-K11, -K10, -D11, G1), -1) - D10 @ creep
     rows = torch.linalg.solve(M11, right)
