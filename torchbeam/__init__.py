@@ -5,6 +5,7 @@ from .effects import Damping, Gravity, History, Input, LineLoad, PointLoad, TipL
 from .integrate.explicit import ExplicitStepper
 from .integrate.simulate import simulate
 from .integrate.stepper import Stepper
+from .linear import Linear, linearize
 from .mixed.block import BlockRate, block_rate
 from .mixed.consistent import consistent_state
 from .mixed.state import MixedState
@@ -14,9 +15,10 @@ from .section import Section
 from .solution import Energy, Solution, Stats
 from .state import State, rest
 from .statics import equilibrium
+from .stations import Stations, Table
 
 __all__ = [
-    "Beam", "BlockRate", "Damping", "Energy", "ExplicitStepper", "Frame", "Gravity", "History", "Input", "LineLoad",
-    "MixedState", "Modes", "PointLoad", "RootMotion", "Scene", "Section", "Solution", "State", "Stats", "Stepper",
-    "TipLoad", "block_rate", "consistent_state", "equilibrium", "modes", "rest", "simulate",
+    "Beam", "BlockRate", "Damping", "Energy", "ExplicitStepper", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear",
+    "MixedState", "Modes", "PointLoad", "RootMotion", "Scene", "Section", "Solution", "State", "Stations", "Stats", "Stepper",
+    "Table", "TipLoad", "block_rate", "consistent_state", "equilibrium", "linearize", "modes", "rest", "simulate",
 ]

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from . import quaternions as quat
 from .checks import Value, as_tensor, axis_last, common_dtype, count, finite, positive
 from .section import Section
+from .stations import Stations, of_elements
+
+Sections = Section | Sequence[Section] | Callable[[Tensor], Section]  # the last: a function of s, see `Beam.straight`
 
 
 @dataclass(frozen=True)
@@ -54,38 +59,89 @@ class Beam:
         cls,
         length: Value,
         elements: int,
-        section: Section | Sequence[Section],
+        section: Sections,
         direction: Value = (1.0, 0.0, 0.0),
         up: Value = (0.0, 0.0, 1.0),
         root: Value = (0.0, 0.0, 0.0),
+        twist: Value | Callable[[Tensor], Tensor] | None = None,
     ) -> Beam:
         """A straight beam of `elements` equal elements.
 
         length     (...) m
-        section    one Section, or a sequence of one per element
+        section    one `Section`; a sequence of one per element; or a function of the arc length s (..., m) m that gives one
+                   `Section` with a last batch axis m: a taper, or `Stations`
         direction  (..., 3) of the beam, frame a;  up (..., 3): the section's z axis is `up` made square to it
         root       (..., 3) m, position of node 0, frame a
+        twist      rad by which the section axes at rest are turned about the beam: a number (...) for that of the tip, growing
+                   evenly from none at the root; or a function of s (..., m) m that gives (..., m), a `Table` for one
 
         Raises ValueError for a length that is not positive, fewer than one element, or `up` along `direction`.
         """
         N = count("elements", elements)
-        dtype, device = _dtype_with(section, length, direction, up, root)
-        length = positive("length", as_tensor(length, dtype, device))
-        direction, up, root = (
-            finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
-            for name, value in (("direction", direction), ("up", up), ("root", root))
-        )
-        axes = axes_along(direction, up)
-        s = torch.linspace(0, 1, N + 1, dtype=dtype, device=device)
-        along = axes[..., :, 0]
-        nodes = root[..., None, :] + (length[..., None] * s)[..., None] * along[..., None, :]
+        (length,), axes, root = _placed(section, direction, up, root, length=length, _twist=twist)
+        s = torch.linspace(0, 1, N + 1, dtype=length.dtype, device=length.device)
+        nodes = root[..., None, :] + (length[..., None] * s)[..., None] * axes[..., None, :, 0]
         q = quat.from_matrix(axes)[..., None, :]
         each = (length / N)[..., None].expand(*length.shape, N)
-        return cls._with_section(section, N, nodes, q.expand(*q.shape[:-2], N + 1, 4), q.expand(*q.shape[:-2], N, 4),
-                                 each, curved=False)
+        if twist is None:
+            return cls._with_section(section, nodes, q.expand(*q.shape[:-2], N + 1, 4), q.expand(*q.shape[:-2], N, 4), each,
+                                     curved=False)
+        if callable(twist):
+            angle = as_tensor(twist(length[..., None] * s), length.dtype, length.device)
+            if angle.shape[-1:] != (N + 1,):
+                raise ValueError(f"a twist of shape {tuple(angle.shape)} was given; (..., {N + 1}) is wanted")
+        else:
+            angle = as_tensor(twist, length.dtype, length.device)[..., None] * s
+        frames = quat.multiply(q, quat.exponential(pad(finite("twist", angle)[..., None], (0, 2))))
+        return cls._with_section(section, nodes, frames, _middles(frames), each, curved=True)
 
     @classmethod
-    def from_nodes(cls, nodes: Value, section: Section | Sequence[Section], frames: Value | None = None) -> Beam:
+    def curve(
+        cls,
+        length: Value,
+        elements: int,
+        section: Sections,
+        curvature: Value | Callable[[Tensor], Tensor],
+        direction: Value = (1.0, 0.0, 0.0),
+        up: Value = (0.0, 0.0, 1.0),
+        root: Value = (0.0, 0.0, 0.0),
+    ) -> Beam:
+        """A beam that is curved and twisted at rest, of `elements` elements of equal arc length.
+
+        length     (...) m, along the axis
+        curvature  (..., 3) 1/m in section axes: rate of twist, of turning about y and about z. Constant (an arc, a helix), or
+                   a function of s (..., m) m that gives (..., m, 3): then of each element's middle, and constant over it
+        section, direction, up, root: as in `straight`, direction and up at node 0
+
+        Each element is integrated exactly: over a length h of constant curvature k the axes turn by exp(h ~k) and the axis
+        advances by the integral of exp(s ~k) e1. No element may turn by pi.
+
+        Raises ValueError for a length that is not positive, fewer than one element, or elements that turn by pi or more.
+        """
+        N = count("elements", elements)
+        (length,), axes, root = _placed(section, direction, up, root, length=length, _curvature=curvature)
+        h = (length / N)[..., None].expand(*length.shape, N)
+        if callable(curvature):
+            curvature = curvature(h.cumsum(-1) - h / 2)
+            k = finite("curvature", axis_last("curvature", as_tensor(curvature, length.dtype, length.device), 3))
+            if k.ndim < 2 or k.shape[-2] != N:
+                raise ValueError(f"a curvature of shape {tuple(k.shape)} was given for {N} places; (..., {N}, 3) is wanted")
+        else:
+            k = as_tensor(curvature, length.dtype, length.device)
+            k = finite("curvature", axis_last("curvature", k, 3))[..., None, :]
+        turn = h[..., None] * k
+        if (torch.linalg.vector_norm(turn, dim=-1) >= math.pi).any():
+            raise ValueError(f"a curvature that turns one of {N} elements by pi or more was given; more elements are wanted")
+        each, step = quat.exponential(turn), h[..., None] * _advance(turn)
+        frames, nodes = [quat.from_matrix(axes)], [root]
+        for i in range(N):
+            nodes.append(nodes[-1] + quat.rotate(frames[-1], step[..., i, :]))
+            frames.append(quat.normalize(quat.multiply(frames[-1], each[..., i, :])))
+        nodes, frames = (torch.stack(torch.broadcast_tensors(*x), -2) for x in (nodes, frames))
+        return cls._with_section(section, nodes, frames, _middles(frames), h, curved=True)
+
+    @classmethod
+    def from_nodes(cls, nodes: Value, section: Sections, frames: Value | None = None) -> Beam:
         """A chain through `nodes` (..., N+1, 3) m; elements are the chords.
 
         frames  (..., N, 3, 3) section axes of the elements as columns, frame a, the first along the chord; without
@@ -123,7 +179,7 @@ class Beam:
         radius: Value,
         angle: Value,
         elements: int,
-        section: Section | Sequence[Section],
+        section: Sections,
         direction: Value = (1.0, 0.0, 0.0),
         up: Value = (0.0, 0.0, 1.0),
         root: Value = (0.0, 0.0, 0.0),
@@ -135,41 +191,61 @@ class Beam:
         Raises ValueError for a radius or angle that is not positive or fewer than one element.
         """
         N = count("elements", elements)
-        dtype, device = _dtype_with(section, radius, angle, direction, up, root)
-        radius = positive("radius", as_tensor(radius, dtype, device))
-        angle = positive("angle", as_tensor(angle, dtype, device))
-        direction, up, root = (finite(n, axis_last(n, as_tensor(v, dtype, device), 3))
-                               for n, v in (("direction", direction), ("up", up), ("root", root)))
-        axes = axes_along(direction, up)
-        s = torch.linspace(0, 1, N + 1, dtype=dtype, device=device) * angle[..., None]
+        (radius, angle), axes, root = _placed(section, direction, up, root, radius=radius, angle=angle)
+        s = torch.linspace(0, 1, N + 1, dtype=angle.dtype, device=angle.device) * angle[..., None]
         in_plane = radius[..., None, None] * torch.stack((torch.sin(s), 1 - torch.cos(s), torch.zeros_like(s)), -1)
         nodes = root[..., None, :] + in_plane @ axes.mT
-        turn = torch.stack((torch.zeros_like(s), torch.zeros_like(s), s), -1)
-        frames = quat.multiply(quat.from_matrix(axes)[..., None, :], quat.exponential(turn))
-        middle = quat.half_way(frames[..., :-1, :], frames[..., 1:, :])
+        frames = quat.multiply(quat.from_matrix(axes)[..., None, :], quat.exponential(pad(s[..., None], (2, 0))))
         each = (radius * angle / N)[..., None].expand(*torch.broadcast_shapes(radius.shape, angle.shape), N)
-        return cls._with_section(section, N, nodes, frames, middle, each, curved=True)
+        return cls._with_section(section, nodes, frames, _middles(frames), each, curved=True)
 
     @classmethod
     def _chain(cls, section, nodes: Tensor, elements: Tensor, length: Tensor) -> Beam:
         """Node axes half way between the axes of the neighbouring elements; those of the end elements at the ends."""
         inner = quat.half_way(elements[..., :-1, :], elements[..., 1:, :])
         frames = torch.cat((elements[..., :1, :], inner, elements[..., -1:, :]), -2)
-        return cls._with_section(section, elements.shape[-2], nodes, frames, elements, length, curved=True)
+        return cls._with_section(section, nodes, frames, elements, length, curved=True)
 
     @classmethod
-    def _with_section(cls, section, N, nodes, frames, elements, length, curved) -> Beam:
-        sections = (section,) if isinstance(section, Section) else tuple(section)
-        if not all(isinstance(s, Section) for s in sections) or len(sections) not in (1, N):
-            raise ValueError(f"{len(sections)} sections were given for {N} elements; one Section or one each is wanted")
-        stack = (torch.stack(torch.broadcast_tensors(*[getattr(s, name) for s in sections]), -3)
-                 for name in ("compliance", "mass"))
-        return cls(
-            nodes, frames, elements, length, *stack,
-            rigid=tuple(any(r) for r in zip(*(s.rigid for s in sections), strict=True)),
-            coupled=any(s.coupled for s in sections), offset=any(s.offset for s in sections),
-            rotary=any(s.rotary for s in sections), curved=curved,
-        )
+    def _with_section(cls, section: Sections, nodes, frames, elements, length, curved) -> Beam:
+        one = isinstance(section, Section)
+        section = section if one else of_elements(section, length)
+        common_dtype(nodes, section.compliance)  # says so where a function of s gave another dtype
+        compliance, mass = (x[..., None, :, :] if one else x for x in (section.compliance, section.mass))
+        return cls(nodes, frames, elements, length, compliance, mass, rigid=section.rigid, coupled=section.coupled,
+                   offset=section.offset, rotary=section.rotary, curved=curved)
+
+
+def _placed(section: Sections, direction: Value, up: Value, root: Value, **sizes: Value
+            ) -> tuple[list[Tensor], Tensor, Tensor]:
+    """What all beams that start at a root are told: sizes by name, positive (those whose name begins with _ have a say in the
+    dtype alone); axes (..., 3, 3) of the root; its place (..., 3).
+    """
+    dtype, device = _dtype_with(section, direction, up, root, *(x for x in sizes.values() if not callable(x) and x is not None))
+    values = [positive(name, as_tensor(x, dtype, device)) for name, x in sizes.items() if not name.startswith("_")]
+    direction, up, root = (finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
+                           for name, value in (("direction", direction), ("up", up), ("root", root)))
+    return values, axes_along(direction, up), root
+
+
+def _middles(frames: Tensor) -> Tensor:
+    """Axes of the elements, half way between those of their nodes."""
+    return quat.half_way(frames[..., :-1, :], frames[..., 1:, :])
+
+
+def _advance(turn: Tensor) -> Tensor:
+    """The integral of exp(x ~turn) e1 over x from 0 to 1, (..., 3): e1 + b turn x e1 + c turn x (turn x e1), with
+    b = (1 - cos t)/t^2 and c = (t - sin t)/t^3 at t = |turn|.
+    """
+    t2 = (turn * turn).sum(-1, keepdim=True)
+    small = t2 < 1e-4
+    t = torch.where(small, torch.ones_like(t2), t2).sqrt()
+    half = torch.sin(t / 2) / t
+    b = torch.where(small, 0.5 - t2 / 24 + t2 * t2 / 720, 2 * half * half)
+    c = torch.where(small, 1 / 6 - t2 / 120 + t2 * t2 / 5040, (t - torch.sin(t)) / t**3)
+    e1 = pad(torch.ones_like(t2), (0, 2))
+    across = torch.linalg.cross(turn, e1)
+    return e1 + b * across + c * torch.linalg.cross(turn, across)
 
 
 def axes_along(direction: Tensor, up: Tensor) -> Tensor:
@@ -188,7 +264,11 @@ def axes_along(direction: Tensor, up: Tensor) -> Tensor:
     return torch.stack((x, torch.linalg.cross(z, x), z), -1)
 
 
-def _dtype_with(section: Section | Sequence[Section], *values: Value) -> tuple[torch.dtype, torch.device]:
+def _dtype_with(section: Sections, *values: Value) -> tuple[torch.dtype, torch.device]:
+    if isinstance(section, Stations):
+        return common_dtype(*values, section.s, section.section.compliance)
+    if callable(section):
+        return common_dtype(*values)
     sections = tuple(section) if isinstance(section, Sequence) else (section,)
     for s in sections:
         if not isinstance(s, Section):

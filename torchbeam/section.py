@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from .checks import Value, as_tensor, axis_last, broadcast, common_dtype, finite, positive
+from .quaternions import hat
 
 SHEAR_FACTOR_RECTANGLE = 5 / 6  # Timoshenko's, Poisson's ratio neglected
 SHEAR_FACTOR_CIRCLE = 9 / 10  # solid circle, Poisson's ratio neglected (Cowper 1966 at nu = 0 gives 6/7)
@@ -61,6 +62,42 @@ class Section:
     @property
     def batch_shape(self) -> torch.Size:
         return torch.broadcast_shapes(self.compliance.shape[:-2], self.mass.shape[:-2])
+
+    def rotated(self, angle: Value) -> Section:
+        """The same section turned about x by `angle` (...) rad: what lay along its y axis now lies at `angle` from the y axis
+        of the beam, towards z. For principal axes that are not the beam's, or a twist in steps.
+
+        Raises ValueError where one of the two shears, or of the two bendings, is impossible and the other is not.
+        """
+        if self.rigid[1] != self.rigid[2] or self.rigid[4] != self.rigid[5]:
+            raise ValueError("a section with an impossible strain across one axis was given; both or none is wanted to turn it")
+        angle = finite("angle", self._value(angle))
+        zero, one, c, s = torch.zeros_like(angle), torch.ones_like(angle), torch.cos(angle), torch.sin(angle)
+        R = torch.stack((one, zero, zero, zero, c, -s, zero, s, c), -1).unflatten(-1, (3, 3))
+        both = _blocks(R, torch.zeros_like(R), torch.zeros_like(R), R)
+        return Section(_congruent(both.mT, self.compliance), _congruent(both.mT, self.mass))
+
+    def shifted(self, y: Value = 0.0, z: Value = 0.0) -> Section:
+        """The same section described about another reference axis, which runs through the point (0, y, z) (...) m of its own
+        axes: the beam's nodes then lie there, and its loads act there. With r = (0, y, z), what is known about the new axis is
+
+            gamma' = gamma + kappa x r      kappa' = kappa      F' = F      M' = M - r x F      V' = V + Omega x r
+
+        so that bending and extension are coupled, and mass couples V and Omega. Exact for a straight beam without twist; for
+        a curved one the length of the axis changes too, and the beam's nodes must be those of the new axis.
+
+        Raises ValueError where a strain is impossible: about another axis that is a constraint between strains.
+        """
+        if any(self.rigid):
+            raise ValueError("a section with an impossible strain was given; one to be shifted needs finite stiffness")
+        y, z = (finite(name, self._value(value)) for name, value in (("y", y), ("z", z)))
+        r = hat(torch.stack(torch.broadcast_tensors(torch.zeros_like(y), y, z), -1))
+        eye, zero = torch.eye(3, dtype=r.dtype, device=r.device).expand_as(r), torch.zeros_like(r)
+        stress, velocity = _blocks(eye, zero, r, eye), _blocks(eye, r, zero, eye)  # about the old axis by about the new
+        return Section(_congruent(stress, self.compliance), _congruent(velocity, self.mass))
+
+    def _value(self, value: Value) -> Tensor:
+        return as_tensor(value, *common_dtype(self.compliance, value))
 
     @classmethod
     def from_stiffness(
@@ -148,6 +185,17 @@ def _pair(name: str, value: Value, dtype: torch.dtype, device: torch.device) -> 
 def _diagonal(entries: list[Tensor]) -> Tensor:
     shape = broadcast("a section's numbers", *(x.shape for x in entries))
     return torch.diag_embed(torch.stack([x.expand(shape) for x in entries], -1))
+
+
+def _blocks(a: Tensor, b: Tensor, c: Tensor, d: Tensor) -> Tensor:
+    """[[a, b], [c, d]]"""
+    return torch.cat((torch.cat((a, b), -1), torch.cat((c, d), -1)), -2)
+
+
+def _congruent(A: Tensor, matrix: Tensor) -> Tensor:
+    """A^T matrix A, symmetric to the last bit."""
+    turned = A.mT @ matrix @ A
+    return (turned + turned.mT) / 2
 
 
 def _symmetric(name: str, matrix: Tensor) -> Tensor:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from .. import quaternions as quat
 from .. import rotations as rot
-from ..effects import Gravity, Input, Site, value_at
+from ..effects import Gravity, Input, Site, of_time, value_at
 from ..scene import Scene
 
 IMPLICIT = "the implicit method 'midpoint' of the nodal form takes it"
@@ -63,7 +63,7 @@ class Chain:
             Mass=beam.mass,
             Mass_inverse=torch.linalg.inv(beam.mass),
             inputs={**held, **moving},
-            changing=tuple(e for e in self.scene.loads if e.moves(beam) or any(_of_time(v, moving) for v in e.values)),
+            changing=tuple(e for e in self.scene.loads if e.moves(beam) or any(_changes(v, moving) for v in e.values)),
             turning=any(e.node is not None and e.moves(beam) for e in self.scene.loads),
         )
         for name, value in values.items():
@@ -72,6 +72,11 @@ class Chain:
     @property
     def count(self) -> int:
         return self.scene.beam.count
+
+    @property
+    def s(self) -> Tensor:
+        """(..., N) m, arclength of the elements' middles."""
+        return 2 * self.h[..., 0].cumsum(-1) - self.h[..., 0]
 
     def frame(self, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
         """v, omega (..., 1, 3) of frame a; None = at rest."""
@@ -104,7 +109,8 @@ class Chain:
             at, node = R, effect.node
             if node is not None:
                 at = R_nodes[..., node, :, :]
-            wrench = effect.wrench(Site(at, self.Mass if node is None else None), t, inputs)
+            site = Site(at) if node is not None else Site(at, self.Mass, s=self.s)
+            wrench = effect.wrench(site, t, inputs)
             wrench = torch.cat(torch.broadcast_tensors(*(zero if w is None else w for w in wrench)), -1)
             if node is None:
                 line = line + wrench
@@ -125,8 +131,8 @@ class Chain:
         return torch.func.jvp(lambda *x: self.loads(*x, effects=self.changing), at, moving)[1]
 
 
-def _of_time(value: Any, moving: dict[str, Any]) -> bool:
-    return callable(value) or (isinstance(value, Input) and value.name in moving)
+def _changes(value: Any, moving: dict[str, Any]) -> bool:
+    return value.name in moving if isinstance(value, Input) else callable(value)
 
 
 def _jvp(function: Any, t: Tensor) -> tuple[Any, Any]:
@@ -135,6 +141,9 @@ def _jvp(function: Any, t: Tensor) -> tuple[Any, Any]:
 
 def _refuse(scene: Scene, form: str) -> None:
     beam = scene.beam
+    for effect in scene.effects:
+        if effect.hook not in ("load", "strain") or (effect.hook == "load" and effect.reads(beam) - {"rotation"}):
+            raise ValueError(f"{type(effect).__name__} was given for form={form!r}; form='nodal' takes it")
     if any(beam.rigid):
         names = ", ".join(name for name, rigid in zip(STRAINS, beam.rigid, strict=True) if rigid)
         raise ValueError(f"the compliance S must not be singular for form={form!r}, but is rigid in {names}; {IMPLICIT}")
@@ -164,7 +173,7 @@ def check_times(chain: Chain, t: Tensor) -> None:
     """
     scene, functions = chain.scene, []
     if chain.form == "block_rate":
-        functions += [(type(e).__name__, v) for e in scene.loads for v in e.values]
+        functions += [(type(e).__name__, of_time(v, chain.s)) for e in scene.loads for v in e.values]
         functions += [(f"the input {name!r}", v) for name, v in chain.inputs.items()]
     if scene.root is not None:
         functions += [(f"RootMotion's {n}", getattr(scene.root, n)) for n in ("displacement", "rotation")]

@@ -117,15 +117,17 @@ class Model:
     def external_tangent(self, rotation: Tensor, t: Tensor, inputs: Inputs, loads: tuple[Any, ...]) -> Tensor | float:
         """Derivative of `external` with respect to the nodes' spins, (..., N+1, 6, 3); 0.0 where there is none."""
         def columns(load, site):
-            by_spin = load.spin_tangent(site, t, inputs)
-            each = [_spread(self, load, tuple(None if x is None else x[..., i] for x in by_spin)) for i in range(3)]
-            return torch.stack(each, -1)
+            by_spin = load.tangent(site, t, inputs)["rotation"]
+            if load.node is None:
+                return self.share[..., None] * by_spin
+            at = load.node % (self.scene.beam.count + 1)
+            return pad(by_spin[..., None, :, :], (0, 0, 0, 0, at, self.scene.beam.count - at))
         return sum((columns(load, site) for load, site in self._sites(rotation, loads)), 0.0)
 
     def _sites(self, rotation: Tensor, loads: tuple[Any, ...]):
         for load in loads:
             if load.node is None:
-                yield load, Site(quat.matrix(rotation), self.section_mass)
+                yield load, Site(quat.matrix(rotation), self.section_mass, s=pad(self.length[..., 0].cumsum(-1), (1, 0)))
             else:
                 yield load, Site(quat.matrix(rotation[..., load.node, :]))
 

@@ -1,0 +1,134 @@
+"""linearize: against simulation, equilibrium and modes; held inputs, reduction, derivatives, what is refused."""
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+
+U = torch.tensor([0.1, 0.5, 0.5])  # N, where the beam is linearised: its tip hangs 0.2 m to the side
+
+
+def section(EI=(1.0, 1.3), inertia=1e-3):
+    return tb.Section.from_stiffness(EA=4e4, GA=1.4e4, GJ=0.8, EI=EI, mass=0.2, inertia=inertia)
+
+
+def scene(*effects, N=4, follower=False, **of):
+    load = tb.TipLoad(force=tb.Input("u", 3), follower=follower)
+    return tb.Scene(tb.Beam.straight(1.0, N, section(**of)), [load, tb.Gravity((0, 0, -3.0)), *effects])
+
+
+def tip(state):
+    return state.tip.position
+
+
+SENSORS = (tip, lambda s: s.tip.velocity, lambda s: s.stress[..., 0, 3:], lambda s: s.root.moment)
+KINDS = [(1e-3, ()), (0.0, ()), (1e-3, (tb.Damping(0.01),)), (0.0, (tb.Damping(0.01),))]
+
+
+@pytest.mark.parametrize(("inertia", "damping"), KINDS)
+def test_agrees_with_a_small_motion(inertia, damping):
+    """A load step of 1e-4 of the load across: tip and its velocity over 0.1 s. Midpoint at 1 ms against the exact
+    exponential: period errors of (omega dt)^2/12, 1e-4 for the fourth mode (60 rad/s) and more above, so 1 % of the largest
+    value; the lateral tip alone, which the first mode rules, 2e-3. With and without rotary inertia and damping.
+    """
+    beam = scene(*damping, inertia=inertia)
+    start = tb.equilibrium(beam, u=U, tolerance=1e-12)
+    model = tb.linearize(beam, start, SENSORS, u=U)
+    held, stepper, du = model.discrete(1e-3), tb.Stepper(beam, 1e-3, tolerance=1e-12), 1e-4 * torch.tensor([0.0, 0.5, -1.0])
+    z, state, linear, full = torch.zeros(model.A.shape[-1]), start, [], []
+    for _ in range(100):
+        z, state = held.A @ z + held.B @ du, stepper(state, u=U + du)
+        linear.append((held.C @ z + held.D @ du)[:6])
+        full.append(torch.cat((state.tip.position, state.tip.velocity)) - model.output[:6])
+    linear, full = torch.stack(linear), torch.stack(full)
+    size = linear.abs().amax(0)
+    gap = (linear - full).abs().amax(0)
+    assert (gap[1:3] < 2e-3 * size[1:3]).all()
+    assert gap[0] < 1e-2 * size[0]
+    assert (gap[4:] < (1e-2 if damping else 5e-2) * size[4:]).all()
+
+
+@pytest.mark.parametrize(("inertia", "damping"), KINDS)
+def test_steady_response_is_the_equilibrium_next_door(inertia, damping):
+    """D - C A^-1 B against the difference of two equilibria, 2e-4 N apart in 0.7: what is left is of second order, 1e-4."""
+    beam = scene(*damping, inertia=inertia)
+    model = tb.linearize(beam, outputs=SENSORS, u=U)
+    du = 1e-4 * torch.tensor([1.0, 0.5, -1.0])
+    there = tb.equilibrium(beam, u=U + du, tolerance=1e-12)
+    change = torch.cat([sensor(there) for sensor in SENSORS]) - model.output
+    for k in (0, 2, 3):
+        rows = model.outputs[k]
+        got = model.response(0.0).real[rows] @ du
+        assert_close(got, change[rows], rtol=0, atol=1e-4 * change[rows].abs().max().item())
+
+
+@pytest.mark.parametrize(("inertia", "damping"), KINDS)
+def test_eigenvalues_are_the_modes(inertia, damping):
+    beam = scene(*damping, inertia=inertia)
+    start = tb.equilibrium(beam, u=U)
+    modes = tb.modes(beam, start, count=3, u=U)
+    found = torch.linalg.eigvals(tb.linearize(beam, start, u=U).A)
+    found = found[found.imag > 0]
+    assert_close(found[found.abs().argsort()][:3], modes.eigenvalue, rtol=1e-7, atol=1e-7)
+
+
+def test_inputs_held_where_A_is_singular():
+    """A mass on a frictionless rail: x'' = u over dt is dt^2/2 and dt, exactly."""
+    model = tb.linearize(scene(N=1), outputs=tip, u=U)
+    rail = tb.Linear(A=torch.tensor([[0.0, 1], [0, 0]]), B=torch.tensor([[0.0], [1]]), C=torch.tensor([[1.0, 0]]),
+                     D=torch.zeros(1, 1), state=model.state, output=torch.zeros(1), inputs={"u": slice(0, 1)},
+                     outputs=(slice(0, 1),)).discrete(0.5)
+    assert_close(rail.A, torch.tensor([[1.0, 0.5], [0, 1]]), rtol=1e-15, atol=1e-15)
+    assert_close(rail.B, torch.tensor([[0.125], [0.5]]), rtol=1e-15, atol=1e-15)
+
+
+@pytest.mark.parametrize("follower", [False, True])
+def test_reduced_by_modes(follower):
+    """The eigenvalues that are kept are the full model's slowest; with `static` the steady response is too, and at 3 rad/s
+    (first mode: 8 rad/s) what is missing is (3/omega)^2 of the modes left out: less than a hundredth of it.
+    """
+    beam, load = scene(follower=follower), torch.tensor([-1.0, 0.3, 0.2])
+    model = tb.linearize(beam, outputs=(tip, lambda s: s.root.moment), u=load)
+    small = model.reduced(4, static=True)
+    assert small.A.shape == (8, 8)
+    assert_close(small.response(0.0), model.response(0.0), rtol=1e-9, atol=1e-11)
+    kept, all_ = (torch.linalg.eigvals(m.A) for m in (small, model))
+    kept, all_ = kept[kept.imag > 0], all_[all_.imag > 0]
+    assert_close(kept[kept.abs().argsort()], all_[all_.abs().argsort()][:4], rtol=1e-7, atol=1e-7)
+    left_out = model.reduced(4).response(0.0) - model.response(0.0)
+    assert (small.response(3.0) - model.response(3.0)).abs().max() < 1e-2 * left_out.abs().max()
+    if not follower:
+        assert_close(small.mass, torch.eye(4))
+
+
+def test_a_batch_and_its_gradients():
+    """EI = 1 and 2 as a batch: each as alone, to rounding; d|response|/d(EI) backward and forward against central differences
+    (1e-5 apart: 1e-6 of the value).
+    """
+    def gain(EI):
+        return tb.linearize(scene(N=3, EI=EI), outputs=SENSORS, u=U).discrete(0.01).response(3.0).abs().flatten(1).sum(-1)
+
+    EI = torch.tensor([1.0, 2.0], requires_grad=True)
+    both = gain(EI)
+    assert_close(gain(EI.detach()[1:]), both.detach()[1:], rtol=1e-11, atol=0)
+    (slope,) = torch.autograd.grad(both.sum(), EI)
+    EI = EI.detach()
+    _, forward = torch.func.jvp(gain, (EI,), (torch.ones_like(EI),))
+    wanted = (gain(EI + 1e-5) - gain(EI - 1e-5)) / 2e-5
+    assert_close(slope, wanted, rtol=1e-5, atol=0)
+    assert_close(forward, slope, rtol=1e-6, atol=0)
+
+
+def test_refusals():
+    model = tb.linearize(scene(N=1), outputs=tip, u=U)
+    with pytest.raises(ValueError, match="a model in discrete time"):
+        model.discrete(0.1).discrete(0.1)
+    with pytest.raises(ValueError, match="count = 9 was given; the model has 6 modes"):
+        model.reduced(9)
+    with pytest.raises(ValueError, match="a sensor that returns float"):
+        tb.linearize(scene(N=1), outputs=lambda s: 1.0, u=U)
+    with pytest.raises(ValueError, match="without rotary inertia"):
+        tb.linearize(scene(tb.Damping([0.1, 0.1, 0.1, 0, 0, 0]), N=1, inertia=0.0), u=U)
+    with pytest.raises(ValueError, match="the input 'u' is missing"):
+        tb.linearize(scene(N=1))

@@ -1,0 +1,22 @@
+"""Effects: what acts on a beam besides its own elasticity and inertia. Only what a scene names exists.
+
+An effect is a small frozen dataclass with one hook:
+    load         force and moment that act on sites of the beam: `wrench(site, t, inputs)`, `tangent(site, t, inputs)`
+    strain       `Damping`: stress that follows the strain rate
+    inertia      `PointMass`: mass at a node
+    eigenstrain  `Actuation`: strain and curvature that the beam takes by itself
+A load acts on one node (`node` is an index) or along the beam, per unit length (`node` is None). Sites may be nodes or
+elements: an effect does not know which form of the beam asks.
+"""
+
+from .damping import Damping, MassDamping
+from .gravity import Gravity
+from .loads import LineLoad, PointLoad, TipLoad
+from .site import Acting, Effect, Pose, Site, Wrench, jacobians, together
+from .values import Along, History, Input, Inputs, LoadValue, PerElement, of_time, plain, value_along, value_at
+
+__all__ = [
+    "Acting", "Along", "Damping", "Effect", "Gravity", "History", "Input", "Inputs", "LineLoad", "LoadValue", "MassDamping",
+    "PerElement", "PointLoad", "Pose", "Site", "TipLoad", "Wrench", "jacobians", "of_time", "plain", "together", "value_along",
+    "value_at",
+]

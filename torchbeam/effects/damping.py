@@ -1,0 +1,78 @@
+"""Damping: proportional to stiffness (the strain rate makes stress), and to mass (the velocity meets a force)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..checks import Value, axis_last, positive
+from ..quaternions import hat
+from .site import ROTATION, SPIN, VELOCITY, Acting, Site, Wrench
+from .values import Inputs, like, parameter, plain
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Stiffness-proportional damping: [F; M] = S^-1 (strain + tau * strain rate).
+
+    tau  (...) s, one value; or (..., 6), one for each strain [gamma1..3, kappa1..3]: then the damping matrix is
+         D^1/2 S^-1 D^1/2 with D = diag(tau), which is symmetric and never pumps energy.
+    six  whether tau has six values; found from the shape (a last axis of six) unless given.
+
+    Raises ValueError for a negative tau.
+    """
+
+    tau: Value
+    six: bool | None = None
+
+    hook = "strain"
+    values = ()
+
+    def __post_init__(self) -> None:
+        tau = plain(self.tau)
+        positive("tau", torch.as_tensor(tau), zero=True)
+        six = self.six if self.six is not None else tau.ndim > 0 and tau.shape[-1] == 6
+        object.__setattr__(self, "tau", axis_last("tau", tau, 6) if six else tau)
+        object.__setattr__(self, "six", six)
+
+
+@dataclass(frozen=True)
+class MassDamping(Acting):
+    """Mass-proportional damping: force and moment per length -alpha R Mass R^T [velocity; spin], against the absolute motion.
+
+    alpha  (...) 1/s; a free vibration decays as exp(-alpha t / 2), whatever its frequency
+
+    A rigid motion is damped too: it models the air around a beam, not the beam. Raises ValueError for a negative alpha.
+    """
+
+    alpha: Value
+
+    node = None
+    depends = frozenset({ROTATION, VELOCITY, SPIN})
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "alpha", parameter("alpha", self.alpha))
+
+    @property
+    def values(self) -> tuple[Tensor, ...]:
+        return (self.alpha[..., None],)
+
+    def wrench(self, site: Site, t: Tensor, inputs: Inputs) -> Wrench:
+        momenta = self._mass(site) @ torch.cat(torch.broadcast_tensors(site.velocity, site.spin), -1)[..., None]
+        return momenta[..., :3, 0], momenta[..., 3:, 0]
+
+    def tangent(self, site: Site, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """By the motion: -alpha R Mass R^T; by spin: R and R^T turn."""
+        M = self._mass(site)
+        force, moment = self.wrench(site, t, inputs)
+        turned = M @ torch.cat(torch.broadcast_tensors(hat(site.velocity), hat(site.spin)), -2)
+        turned = turned - torch.cat((hat(force), hat(moment)), -2)
+        return {ROTATION: turned, VELOCITY: M[..., :3], SPIN: M[..., 3:]}
+
+    def _mass(self, site: Site) -> Tensor:
+        """-alpha times the mass per length in frame a, (..., sites, 6, 6)."""
+        zero = torch.zeros_like(site.R)
+        both = torch.cat((torch.cat((site.R, zero), -1), torch.cat((zero, site.R), -1)), -2)
+        return -like(self.alpha, site.R)[..., None, None, None] * (both @ site.mass @ both.mT)

@@ -1,0 +1,234 @@
+"""linearize: small motions about an equilibrium as a state-space model, from the scene's inputs to sensors.
+
+With q the moves of the free nodes (displacement in frame a, turn in section axes), M, D, K as in `modes` and G, Y, Y_v the
+derivatives of loads and sensors:
+
+    M q'' + D q' + K q = G du        dy = Y q + Y_v q' + Y_u du
+
+Coordinates q_0 without inertia (turns of a section without rotary inertia) have no equation of motion. Undamped they follow
+the others, K_00 q_0 = G_0 du - K_01 q_1; damped they creep, D_00 q_0' = G_0 du - K_00 q_0 - K_01 q_1 - D_01 q_1'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from .checks import count as check_count
+from .checks import step_size
+from .nodal.matrices import matrices
+from .nodal.model import Model
+from .perturbation import Perturbation, Sensor
+from .scene import Scene
+from .state import State, fitting
+from .statics import equilibrium
+
+SINGULAR = 1e-13
+BALANCING = 6  # sweeps over the scales of z before an exponential
+
+
+@dataclass(frozen=True)
+class Linear:
+    """z' = A z + B du, dy = C z + D du; with `dt`, z_{k+1} = A z_k + B du_k. du, dy: departures from the equilibrium.
+
+    A        (..., n, n);  B (..., n, m);  C (..., p, n);  D (..., p, m)
+    state    the equilibrium;  output (..., p): what the sensors say there
+    inputs   name -> its columns of B and D;  outputs: each sensor's rows of C and D
+    dt       s, of a model in discrete time; else None
+    mass     (..., n/2, n/2) where z = [q; q'] and undamped frequencies are those of K - omega^2 mass; else None
+
+    z = [q_1; q_1'], or [q_1; q_0; q_1'] where coordinates without inertia are damped: m, rad, m/s, rad/s.
+    """
+
+    A: Tensor
+    B: Tensor
+    C: Tensor
+    D: Tensor
+    state: State
+    output: Tensor
+    inputs: dict[str, slice]
+    outputs: tuple[slice, ...]
+    dt: float | None = None
+    mass: Tensor | None = None
+
+    def discrete(self, dt: float) -> Linear:
+        """The same with the inputs held over steps of dt (s): exact, by the exponential of [[A, B], [0, 0]] dt, whether or
+        not A is singular.
+
+        Raises ValueError for a model in discrete time or a dt that is not positive.
+        """
+        self._continuous("discrete")
+        dt = step_size("dt", dt)
+        n, m = self.B.shape[-2:]
+        scale = _balance(self.A)
+        rows = torch.cat((self.A * scale[..., None, :], self.B), -1) / scale[..., :, None]
+        below = torch.zeros_like(rows[..., :1, :]).expand(*rows.shape[:-2], m, n + m)
+        held = torch.linalg.matrix_exp(dt * torch.cat((rows, below), -2))
+        held = held[..., :n, :] * scale[..., :, None]
+        return replace(self, A=held[..., :n] / scale[..., None, :], B=held[..., n:], dt=dt, mass=None)
+
+    def reduced(self, count: int, *, static: bool = False) -> Linear:
+        """The `count` slowest modes: those of the undamped beam where K is symmetric (z = their amplitudes, normalised by
+        mass, and rates), else those of A itself, each pair as its real and imaginary part.
+
+        static  keep the response to a steady input exact: what the other modes add to it goes into D
+
+        Derivatives want distinct frequencies. Raises ValueError for a model in discrete time, for more modes than there are,
+        and for rigid motions (A singular) where K is not symmetric.
+        """
+        self._continuous("reduced")
+        n = self.A.shape[-1]
+        if check_count("count", count) > n // 2:
+            raise ValueError(f"count = {count} was given; the model has {n // 2} modes")
+        right, left = self._by_mass(count) or self._by_pairs(count)
+        small = replace(self, A=left @ self.A @ right, B=left @ self.B, C=self.C @ right,
+                        mass=None if self.mass is None else torch.eye(count, dtype=self.A.dtype, device=self.A.device))
+        if static:
+            small = replace(small, D=small.D + self.response(0.0).real - small.response(0.0).real)
+        return small
+
+    def response(self, omega: float | Tensor) -> Tensor:
+        """C (s I - A)^-1 B + D at s = i omega, complex: (*omega's axes, ..., p, m); omega in rad/s.
+
+        In discrete time exp(i omega dt) stands for s. Not finite at an undamped resonance.
+        """
+        omega = torch.as_tensor(omega, dtype=self.A.dtype, device=self.A.device)
+        omega = omega.reshape(*omega.shape, *[1] * self.A.ndim)
+        s = 1j * omega if self.dt is None else torch.exp(1j * omega * self.dt)
+        scale = _balance(self.A)
+        A, B, C = self.A * scale[..., None, :] / scale[..., :, None], self.B / scale[..., :, None], self.C * scale[..., None, :]
+        eye = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)
+        within = torch.linalg.solve_ex(s * eye - A, B.to(s.dtype).expand(*(s * eye - A).shape[:-1], B.shape[-1]))[0]
+        return C.to(s.dtype) @ within + self.D
+
+    def _continuous(self, what: str) -> None:
+        if self.dt is not None:
+            raise ValueError(f"{what}() of a model in discrete time (dt = {self.dt:g}) was asked for; it wants continuous time")
+
+    def _by_mass(self, count: int) -> tuple[Tensor, Tensor] | None:
+        if self.mass is None:
+            return None
+        k = self.mass.shape[-1]
+        K = -self.mass @ self.A[..., k:, :k]
+        if (K - K.mT).detach().abs().amax() > 1e-6 * K.detach().abs().amax():
+            return None
+        root = torch.linalg.cholesky(self.mass)
+        balanced = torch.linalg.solve_triangular(root, torch.linalg.solve_triangular(root, (K + K.mT) / 2, upper=False).mT,
+                                                 upper=False)
+        shapes = torch.linalg.eigh((balanced + balanced.mT) / 2)[1][..., :count]
+        right, left = torch.linalg.solve_triangular(root.mT, shapes, upper=True), (root @ shapes).mT
+        return _twice(right), _twice(left)
+
+    def _by_pairs(self, count: int) -> tuple[Tensor, Tensor]:
+        """By the largest eigenvalues of A^-1, one of each pair: right (..., n, 2 count), left with left @ right = I."""
+        scale = _balance(self.A)
+        inverse, bad = torch.linalg.inv_ex(self.A * scale[..., None, :] / scale[..., :, None])
+        if (bad != 0).any():
+            raise ValueError("a model with rigid motions and unsymmetric stiffness was given; supports that hold the beam are "
+                             "wanted for its reduction")
+        found, vectors = torch.linalg.eig(inverse)
+        size = torch.where(found.detach().imag > 0, -1.0, found.detach().abs())  # of 1/eigenvalue: one of each pair
+        chosen = size.sort(dim=-1, descending=True, stable=True)[1][..., :count]
+        if (found.detach().imag.gather(-1, chosen) == 0).any():
+            raise ValueError(f"count = {count} was given; a motion among the slowest does not oscillate and has no pair")
+        at = chosen[..., None, :].expand(*chosen.shape[:-1], self.A.shape[-1], count)
+        right = torch.view_as_real(vectors.gather(-1, at)).flatten(-2)
+        left = torch.view_as_real(torch.linalg.inv(vectors).mT.gather(-1, at)).flatten(-2).mT
+        sign = left.new_tensor([2.0, -2.0]).repeat(count)
+        return right * scale[..., :, None], sign[:, None] * left / scale[..., None, :]
+
+
+def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterable[Sensor] = (), *, t: float = 0.0,
+              lumped: bool = False, **inputs: Any) -> Linear:
+    """The small motions of the nodal form about an equilibrium, from the scene's `Input`s to sensors.
+
+    state    an equilibrium of the scene under its loads at time t (s) and `inputs`; None = that one
+    outputs  one sensor or several: state -> (..., p), of one sample axis at most after the batch axes; stress and reaction
+             are those that go with the move and its rate (a reaction without the inertia of the root's own element)
+    lumped   as in `Stepper`
+    inputs   by name, (..., size), at the equilibrium
+
+    Dense: n = 12 a free node. Differentiable. A load that turns with the beam is in A. An infinite stiffness is a very large
+    one here. Raises ValueError for what the nodal form does not take, or for damping that leaves a coordinate without
+    inertia undamped.
+    """
+    model = Model.of(scene, lumped)
+    state = (equilibrium(scene, t=t, **inputs) if state is None else fitting(state, scene)).level()
+    given = scene.tensors(inputs)
+    time = torch.as_tensor(t, dtype=scene.dtype, device=scene.device)
+    M, D, K = matrices(model, state, time, given)
+    M, K = torch.broadcast_tensors(M, K)
+    near = Perturbation.of(model, state, time, given, M.shape[:-2])
+    T = near.axes
+    M, K = T.mT @ M @ T, T.mT @ K @ T
+    D = torch.zeros_like(K) if D is None else T.mT @ D @ T
+    outputs = (outputs,) if callable(outputs) else tuple(outputs)
+    G, Y_u = near.by_inputs(outputs)
+    value, Y, Y_v, rows = near.by_moves(outputs)
+    names, columns = {}, 0
+    for name, size in scene.inputs.items():
+        names[name] = slice(columns, columns + size)
+        columns += size
+    parts = _assemble(M, D, K, G, Y, Y_v, Y_u, near.without_inertia(M))
+    return Linear(*parts[:4], state=state, output=value, inputs=names, outputs=rows, mass=parts[4])
+
+
+def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor, Y_u: Tensor, massless: Tensor
+              ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor | None]:
+    """A, B, C, D and the mass of the first half of z. massless (n,) bool."""
+    one, none = (~massless).nonzero()[:, 0], massless.nonzero()[:, 0]
+    rank = len(none)
+
+    def parts(X: Tensor) -> list[Tensor]:
+        return [X[..., i, :][..., j] for i in (one, none) for j in (one, none)]
+
+    K11, K10, K01, K00 = parts(K)
+    D11, D10, D01, D00 = parts(D)
+    M11 = M[..., one, :][..., one]
+    G1, G0 = G[..., one, :], G[..., none, :]
+    Y1, Y0, V1, V0 = Y[..., one], Y[..., none], Y_v[..., one], Y_v[..., none]
+    damped = rank > 0 and bool((D[..., none, :].detach() != 0).any())
+    eye = torch.eye(len(one), dtype=K.dtype, device=K.device).expand_as(K11)
+    if not damped:
+        if rank:  # q_0 = follow u - lead q_1
+            lead, follow = torch.linalg.solve(K00, torch.cat((K01, G0), -1)).split((len(one), G0.shape[-1]), -1)
+            K11, G1 = K11 - K10 @ lead, G1 - K10 @ follow
+            Y1, V1, Y_u = Y1 - Y0 @ lead, V1 - V0 @ lead, Y_u + Y0 @ follow
+        rows = torch.linalg.solve(M11, torch.cat((-K11, -D11, G1), -1))
+        A = torch.cat((torch.cat((torch.zeros_like(K11), eye), -1), rows[..., :2 * len(one)]), -2)
+        B = torch.cat((torch.zeros_like(G1), rows[..., 2 * len(one):]), -2)
+        return A, B, torch.cat((Y1, V1), -1), Y_u, M11
+    least, most = torch.linalg.svdvals(D00.detach()).aminmax(dim=-1)
+    if (least <= SINGULAR * most).any():
+        raise ValueError("damping of some strains alone was given for a section without rotary inertia; damping of all of "
+                         "them, or a rotary inertia, is wanted")
+    creep = torch.linalg.solve(D00, torch.cat((-K01, -K00, -D01, G0), -1))
+    zero = torch.zeros_like(K11)
+    right = torch.cat((-K11, -K10, -D11, G1), -1) - D10 @ creep
+    rows = torch.linalg.solve(M11, right)
+    n = 2 * len(one) + rank
+    top = torch.cat((zero, torch.zeros_like(K10), eye), -1)
+    A = torch.cat((top, creep[..., :n], rows[..., :n]), -2)
+    B = torch.cat((torch.zeros_like(G1), creep[..., n:], rows[..., n:]), -2)
+    return A, B, torch.cat((Y1, Y0, V1), -1) + V0 @ creep[..., :n], Y_u + V0 @ creep[..., n:], None
+
+
+def _twice(X: Tensor) -> Tensor:
+    zero = torch.zeros_like(X)
+    return torch.cat((torch.cat((X, zero), -1), torch.cat((zero, X), -1)), -2)
+
+
+def _balance(A: Tensor) -> Tensor:
+    """(..., n) scales d that make rows and columns of diag(1/d) A diag(d) alike in size (Osborne 1960); constants."""
+    size = A.detach().abs()
+    size = size - torch.diag_embed(size.diagonal(dim1=-2, dim2=-1))
+    scale = torch.ones_like(size[..., 0])
+    for _ in range(BALANCING):
+        now = size * scale[..., None, :] / scale[..., :, None]
+        ratio = now.sum(-1) / now.sum(-2)
+        scale = scale * torch.where(torch.isfinite(ratio) & (ratio > 0), ratio, 1.0) ** 0.25
+    return scale

@@ -1,0 +1,204 @@
+"""What the learners share: the loop around `Learner.iteration` with its log, checkpoints and scores, and the command line."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import csv
+import inspect
+import os
+import textwrap
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Protocol, get_type_hints
+
+import torch
+from gymnasium.vector import VectorEnv
+
+from .evaluate import evaluate
+from .policies import Policy, save, write
+from .tuned import TASKS, TRAINING, Task
+
+
+class Learner(Protocol):
+    """What `train` drives. Everything random comes from the generators in its state."""
+
+    policy: Policy
+    batch: int
+    """environment steps that one iteration takes"""
+
+    def iteration(self, done: float) -> dict[str, float]:
+        """Collect, learn, and say how it went; `done` is the share of the budget that is used up (for schedules)."""
+
+    def state_dict(self) -> dict[str, Any]: ...
+
+    def load_state_dict(self, state: dict[str, Any]) -> None: ...
+
+
+@dataclass(frozen=True)
+class Budget:
+    """When a run ends: at so many environment steps, or minutes of training, whichever comes first (None: no such limit)."""
+
+    steps: int | None = 1_000_000
+    minutes: float | None = None
+
+    def done(self, steps: int, seconds: float) -> float:
+        """The share that is used up, 0 to 1. With `minutes` it depends on the machine, and so do schedules and results."""
+        by_steps = 0.0 if self.steps is None else steps / self.steps
+        return min(1.0, max(by_steps, 0.0 if self.minutes is None else seconds / (60 * self.minutes)))
+
+
+def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, name: str = "run", every: int = 20,
+          episodes: int = 64, progress: bool = True) -> dict[str, Any]:
+    """Iterate until the budget is used up; writes NAME.csv (log), NAME.pt (policy) and, meanwhile, NAME.checkpoint.
+
+    A run whose checkpoint is there goes on from it. With a budget of steps alone, it then ends in the same bits as a run that
+    was never stopped. Every `every` iterations the policy is scored on `episodes` held-out episodes and a checkpoint is
+    written; the time that takes is not in `seconds`.
+    """
+    folder = Path(folder)
+    checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
+    iteration, steps, seconds = 0, 0, 0.0
+    if checkpoint.exists():
+        state = torch.load(checkpoint, weights_only=False)  # pickled states of environments: load your own only
+        learner.load_state_dict(state["learner"])
+        iteration, steps, seconds = state["iteration"], state["steps"], state["seconds"]
+        log.rewind(state["rows"])
+    else:
+        log.rewind(0)
+        log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **_scores(task, learner.policy, episodes)})
+    with Bar(name, progress) as bar:
+        while (done := budget.done(steps, seconds)) < 1:
+            start = time.perf_counter()
+            figures = learner.iteration(done)
+            seconds += time.perf_counter() - start
+            iteration, steps = iteration + 1, steps + learner.batch
+            over = budget.done(steps, seconds)
+            if iteration % every == 0 or over >= 1:
+                scores = _scores(task, learner.policy, episodes)
+                log.write({"iteration": iteration, "steps": steps, "seconds": seconds, **scores, **figures})
+                write({"learner": learner.state_dict(), "iteration": iteration, "steps": steps, "seconds": seconds,
+                       "rows": log.rows}, checkpoint)
+                bar.say(f"return {scores['held_out_return']:.1f}")
+            bar.to(over)
+    final = evaluate(task, learner.policy)
+    result = {"steps": steps, "seconds": seconds, "iterations": iteration, **final}
+    save(learner.policy, folder / f"{name}.pt", task=task.name, env=task.env, arguments=task.arguments, scores=result)
+    checkpoint.unlink(missing_ok=True)
+    return result
+
+
+def _scores(task: Task, policy: Policy, episodes: int) -> dict[str, float]:
+    scores = evaluate(task, policy, episodes)
+    return {f"held_out_{name}": scores[name] for name in ("return", "success", "final_error")}
+
+
+class Log:
+    """A CSV file, a row at a time; columns are those of the first full row, missing values stay empty."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.rows = path, 0
+
+    def rewind(self, rows: int) -> None:
+        """Keep the first `rows` rows: what a run that was stopped has logged after its checkpoint is made again."""
+        kept = self._read()[:rows] if rows else []
+        self._write(kept)
+
+    def write(self, row: dict[str, Any]) -> None:
+        self._write([*self._read(), row])
+
+    def _read(self) -> list[dict[str, Any]]:
+        if not self.path.exists():
+            return []
+        with open(self.path, newline="") as file:
+            return list(csv.DictReader(file))
+
+    def _write(self, rows: list[dict[str, Any]]) -> None:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        part = self.path.with_name(f"{self.path.name}.{os.getpid()}.part")
+        with open(part, "w", newline="") as file:
+            writer = csv.DictWriter(file, list(dict.fromkeys(name for row in rows for name in row)))
+            writer.writeheader()
+            writer.writerows(rows)
+        os.replace(part, self.path)
+        self.rows = len(rows)
+
+
+class Bar:
+    """A tqdm bar in per cent of the budget where tqdm is installed and wanted; silent otherwise."""
+
+    def __init__(self, name: str, wanted: bool) -> None:
+        self.bar = None
+        if wanted:
+            try:
+                from tqdm import tqdm
+            except ImportError:
+                return
+            self.bar = tqdm(total=100.0, desc=name, bar_format="{desc}: {percentage:3.0f} %|{bar}| {elapsed} {postfix}")
+
+    def __enter__(self) -> Bar:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        if self.bar is not None:
+            self.bar.close()
+
+    def to(self, done: float) -> None:
+        if self.bar is not None:
+            self.bar.update(100 * done - self.bar.n)
+
+    def say(self, text: str) -> None:
+        if self.bar is not None:
+            self.bar.set_postfix_str(text)
+
+
+def environment_state(env: VectorEnv) -> dict[str, Any]:
+    """Where the episodes of a `BeamVectorEnv` and its streams of random numbers stand."""
+    env.detach()
+    return {"episodes": env.state, "streams": [stream.bit_generator.state for stream in env.np_random]}
+
+
+def restore_environment(env: VectorEnv, state: dict[str, Any]) -> Any:
+    """Go on from there; returns the observation."""
+    env.reset(seed=0)
+    for stream, at in zip(env.np_random, state["streams"], strict=True):
+        stream.bit_generator.state = at
+    return env.set_state(state["episodes"])
+
+
+def training_seed(seed: int) -> int:
+    """First of the seeds of the episodes that run number `seed` of a learner starts with."""
+    return TRAINING + 10_000 * seed
+
+
+def main(argv: Sequence[str] | None, arguments: type, learner: Any, tuned: dict[str, dict[str, Any]]) -> int:
+    """Train one policy from the command line: an option for each field of the dataclass `arguments`, and those of the run."""
+    parser = argparse.ArgumentParser(prog=f"python -m training.{learner.NAME}",
+                                     description=inspect.getdoc(learner), formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--task", choices=TASKS, default="reach", help="default: %(default)s")
+    parser.add_argument("--budget", type=int, default=1_000_000, help="environment steps (default: %(default)s)")
+    parser.add_argument("--minutes", type=float, help="end after so many minutes of training at the latest")
+    parser.add_argument("--out", default="out/training", help="folder for log, policy and checkpoint (default: %(default)s)")
+    texts, types = documented(arguments), get_type_hints(arguments)
+    for one in fields(arguments):
+        kind = types[one.name] if types[one.name] in (int, float, str) else ast.literal_eval
+        parser.add_argument(f"--{one.name.replace('_', '-')}", type=kind, help=f"{texts.get(one.name, '')} ({one.default})")
+    given = vars(parser.parse_args(argv))
+    task = TASKS[given["task"]]
+    own = {one.name: given[one.name] for one in fields(arguments) if given[one.name] is not None}
+    torch.set_num_threads(1)
+    settings = arguments(**{**tuned.get(task.name, {}), **own})
+    name = f"{task.name}-{learner.NAME}-{settings.seed}"
+    result = train(learner(task, settings), task, given["out"], Budget(given["budget"], given["minutes"]), name=name)
+    print("  ".join(f"{key} {value:.4g}" for key, value in result.items()))
+    return 0
+
+
+def documented(arguments: type) -> dict[str, str]:
+    """The docstring under each field of a dataclass, by field."""
+    body = ast.parse(textwrap.dedent(inspect.getsource(arguments))).body[0].body
+    return {a.target.id: " ".join(b.value.value.split()) for a, b in pairwise(body)
+            if isinstance(a, ast.AnnAssign) and isinstance(b, ast.Expr) and isinstance(b.value, ast.Constant)}

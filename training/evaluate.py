@@ -1,0 +1,66 @@
+"""Scores of a controller on fixed held-out episodes; the same for every learner and baseline.
+
+    python -m training.evaluate training/policies/reach-shac.pt
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import torch
+
+from .policies import load
+from .tuned import HELD_OUT, TASKS, Task
+
+EPISODES = 256
+Controller = Callable[[torch.Tensor], torch.Tensor]
+"""observation (n, o) -> action (n, a); a method `begin(env)`, if it has one, is called after the reset of the n episodes"""
+
+
+@torch.no_grad()
+def evaluate(task: Task, controller: Controller, episodes: int = EPISODES, first: int = HELD_OUT) -> dict[str, float]:
+    """One episode each on the seeds first, first + 1, ...
+
+    return           mean of the sum of rewards, and return_deviation over the episodes
+    success          share of the episodes whose error stays within the task's tolerance over its last `hold` steps
+    final_error      mean error over these steps (m), and final_error_median over the episodes
+    solver_failures  episodes that ended because a solve failed; they are no success, and their error is the last one
+    """
+    env = task.make(episodes, output="torch", autoreset_mode="Disabled")
+    observation, _ = env.reset(seed=first)
+    if hasattr(controller, "begin"):
+        controller.begin(env)
+    total = torch.zeros(episodes, dtype=torch.float64)
+    errors, over = [], torch.zeros(episodes, dtype=torch.bool)
+    while not over.all():
+        observation, reward, terminated, truncated, info = env.step(controller(observation))
+        total, over = total + reward, terminated | truncated
+        errors.append(info[task.error])
+    last = torch.stack(errors[-task.hold:])
+    final = last.mean(0)
+    success = (last <= task.tolerance).all(0) & ~terminated
+    return {"return": total.mean().item(), "return_deviation": total.std().item(), "success": success.double().mean().item(),
+            "final_error": final.mean().item(), "final_error_median": final.median().item(),
+            "solver_failures": int(terminated.sum()), "episodes": episodes}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Score saved policies on the held-out episodes of the task they were trained for."""
+    parser = argparse.ArgumentParser(prog="python -m training.evaluate", description=main.__doc__)
+    parser.add_argument("policy", nargs="+", help="files that a learner has written")
+    parser.add_argument("--episodes", type=int, default=EPISODES)
+    options = parser.parse_args(argv)
+    torch.set_num_threads(1)
+    for path in options.policy:
+        policy = load(path)
+        about: dict[str, Any] = policy.about
+        task = TASKS[about["task"]].varied(**about["arguments"])
+        print(json.dumps({"policy": path, **evaluate(task, policy, options.episodes)}, indent=2))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,161 @@
+"""Proximal policy optimisation in one file, torch only (Schulman et al. 2017, with the details of Huang et al. 2022).
+
+    python -m training.ppo --task reach --budget 500000
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from .common import environment_state, main, restore_environment, training_seed
+from .policies import Policy, Statistics, Value
+from .tuned import PPO as TUNED
+from .tuned import Task
+
+
+@dataclass(frozen=True)
+class Arguments:
+    seed: int = 0
+    """of the networks, the noise and the episodes"""
+    num_envs: int = 64
+    """sub-environments"""
+    horizon: int = 32
+    """control intervals between two updates"""
+    hidden: tuple[int, ...] = (64, 64)
+    """units of the hidden layers, of the policy and of the value"""
+    rate: float = 1e-3
+    """of Adam at the start; falls to a tenth at the end of the budget"""
+    discount: float = 0.99
+    """of the return, a control interval"""
+    trace: float = 0.95
+    """lambda of the generalised advantages"""
+    clip: float = 0.2
+    """of the probability ratio"""
+    epochs: int = 8
+    """passes over the data of an update, at most"""
+    minibatches: int = 4
+    """in a pass"""
+    divergence: float = 0.03
+    """estimated KL divergence from the old policy at which an update ends early"""
+    entropy: float = 0.0
+    """weight of the entropy bonus"""
+    value_weight: float = 0.5
+    """weight of the value's squared error"""
+    gradient_norm: float = 0.5
+    """gradients are scaled down to this norm"""
+    deviation: float = 0.5
+    """standard deviation of the actions at the start"""
+    output: str = "numpy"
+    """what the environment gives, "numpy" or "torch": the numbers are the same but for rounding to float32"""
+
+
+class PPO:
+    """Clipped surrogate, generalised advantages, observations and rewards normalised by running statistics.
+
+    The end of an episode by the time limit is not an end of the task: its last value is bootstrapped from the observation
+    before the reset. Actions outside [-1, 1] are clipped by the environment.
+    """
+
+    NAME = "ppo"
+
+    def __init__(self, task: Task, arguments: Arguments) -> None:
+        self.arguments = a = arguments
+        self.env = task.make(a.num_envs, output=a.output)
+        self.batch = a.num_envs * a.horizon
+        inputs, actions = self.env.single_observation_space.shape[0], self.env.single_action_space.shape[0]
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(a.seed)
+            self.policy = Policy((inputs, *a.hidden, actions), squash=False, deviation=a.deviation)
+            self.value = Value((inputs, *a.hidden))
+        self.parameters = [*self.policy.parameters(), *self.value.parameters()]
+        self.optimizer = torch.optim.Adam(self.parameters, a.rate, eps=1e-5)
+        self.generator = torch.Generator().manual_seed(a.seed)
+        self.returns = Statistics(1)  # of the discounted sums of rewards: their deviation scales the rewards
+        self.running = torch.zeros(a.num_envs, dtype=torch.float64)
+        self.observation = torch.as_tensor(self.env.reset(seed=training_seed(a.seed))[0])
+
+    @torch.no_grad()
+    def collect(self) -> dict[str, Tensor]:
+        """One horizon of data, each (horizon, n, ...); `next` is the observation before any reset."""
+        policy, rows = self.policy, []
+        for _ in range(self.arguments.horizon):
+            noise = torch.randn(self.env.action_space.shape, generator=self.generator)
+            distribution = policy.distribution(self.observation)
+            action = distribution.mean + distribution.stddev * noise
+            given = action if self.arguments.output == "torch" else action.numpy()
+            after, reward, terminated, truncated, info = self.env.step(given)
+            after, reward, terminated, truncated = map(torch.as_tensor, (after, reward, terminated, truncated))
+            over = terminated | truncated
+            last = torch.where(over[:, None], torch.as_tensor(info["final_obs"]), after) if over.any() else after
+            self.running = self.running * self.arguments.discount + reward
+            self.returns.update(self.running)
+            self.running = torch.where(over, 0.0, self.running)
+            rows.append(dict(observation=self.observation, action=action, reward=reward, next=last, terminated=terminated,
+                             over=over, likelihood=distribution.log_prob(action).sum(-1)))
+            self.observation = after
+        return {name: torch.stack([row[name] for row in rows]) for name in rows[0]}
+
+    @torch.no_grad()
+    def advantages(self, data: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """(advantages, targets of the value), (horizon, n)."""
+        a, see = self.arguments, self.policy.statistics
+        reward = (data["reward"] / (self.returns.variance + 1e-8).sqrt()).float()
+        value, after = self.value(see(data["observation"])), self.value(see(data["next"]))
+        surprise = reward + a.discount * torch.where(data["terminated"], 0.0, after) - value
+        advantage, rows = torch.zeros_like(surprise[0]), []
+        for k in reversed(range(a.horizon)):
+            advantage = surprise[k] + a.discount * a.trace * torch.where(data["over"][k], 0.0, advantage)
+            rows.append(advantage)
+        advantage = torch.stack(rows[::-1])
+        return advantage, advantage + value
+
+    def iteration(self, done: float) -> dict[str, float]:
+        a = self.arguments
+        for group in self.optimizer.param_groups:
+            group["lr"] = a.rate * (1 - 0.9 * done)
+        data = self.collect()
+        advantage, target = (x.flatten() for x in self.advantages(data))
+        data = {name: data[name].flatten(0, 1) for name in ("observation", "action", "likelihood")}
+        seen = self.policy.statistics(data["observation"]).float()
+        gone, passes = 0.0, 0
+        for _ in range(a.epochs):
+            for rows in torch.randperm(self.batch, generator=self.generator).chunk(a.minibatches):
+                mean = self.policy.network(seen[rows])
+                distribution = torch.distributions.Normal(mean, self.policy.log_deviation.exp(), validate_args=False)
+                change = distribution.log_prob(data["action"][rows]).sum(-1) - data["likelihood"][rows]
+                ratio, gain = change.exp(), advantage[rows]
+                gain = (gain - gain.mean()) / (gain.std() + 1e-8)
+                better = torch.minimum(ratio * gain, ratio.clamp(1 - a.clip, 1 + a.clip) * gain).mean()
+                error = (self.value(seen[rows]) - target[rows]).square().mean()
+                loss = -better + a.value_weight * error - a.entropy * distribution.entropy().sum(-1).mean()
+                self.optimizer.zero_grad()
+                loss.backward()
+                nn.utils.clip_grad_norm_(self.parameters, a.gradient_norm)
+                self.optimizer.step()
+                gone = ((ratio - 1) - change).mean().item()  # Schulman's estimate of the divergence
+            passes += 1
+            if gone > a.divergence:
+                break
+        self.policy.statistics.update(data["observation"])
+        return {"value_error": error.item(), "divergence": gone, "passes": passes,
+                "deviation": self.policy.log_deviation.exp().mean().item()}
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"policy": self.policy.state_dict(), "value": self.value.state_dict(), "optimizer": self.optimizer.state_dict(),
+                "generator": self.generator.get_state(), "returns": self.returns.state_dict(), "running": self.running,
+                "environment": environment_state(self.env)}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        for name in ("policy", "value", "optimizer", "returns"):
+            getattr(self, name).load_state_dict(state[name])
+        self.generator.set_state(state["generator"])
+        self.running = state["running"]
+        self.observation = torch.as_tensor(restore_environment(self.env, state["environment"]))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(None, Arguments, PPO, TUNED))

@@ -1,0 +1,165 @@
+"""Short-horizon actor-critic: the policy's gradient through the simulation (Xu et al. 2022, "Accelerated policy learning with
+parallel differentiable simulation"), in one file.
+
+    python -m training.shac --task reach --budget 200000
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from .common import environment_state, main, restore_environment, training_seed
+from .policies import Policy, Value
+from .tuned import SHAC as TUNED
+from .tuned import Task
+
+
+@dataclass(frozen=True)
+class Arguments:
+    seed: int = 0
+    """of the networks, the noise and the episodes"""
+    num_envs: int = 64
+    """sub-environments"""
+    horizon: int = 32
+    """control intervals in a window: through as many the gradient goes"""
+    hidden: tuple[int, ...] = (64, 64)
+    """units of the hidden layers, of the policy and of the critic"""
+    rate: float = 2e-3
+    """of the policy's Adam at the start; falls to a tenth at the end of the budget"""
+    critic_rate: float = 2e-3
+    """of the critic's, likewise"""
+    discount: float = 0.99
+    """of the return, a control interval"""
+    trace: float = 0.95
+    """lambda of the critic's targets"""
+    target: float = 0.2
+    """share of the old target critic that an update leaves"""
+    critic_epochs: int = 8
+    """passes of the critic over a window's data"""
+    critic_minibatches: int = 4
+    """in a pass"""
+    gradient_norm: float = 1.0
+    """gradients are scaled down to this norm"""
+    reward_scale: float = 0.1
+    """rewards are multiplied by this, for the critic's sake"""
+    deviation: float = 0.3
+    """standard deviation of the actions (before tanh) at the start"""
+
+
+class SHAC:
+    """Ascends the return of a window, differentiated through every step of the simulation, plus the critic's value of what
+    comes after it.
+
+    The value at the end of the window, and of an episode that ends within it by the time limit, is that of the observation
+    before the reset; after a failed solve it is none. Gradients that are not finite are left out and counted.
+    """
+
+    NAME = "shac"
+
+    def __init__(self, task: Task, arguments: Arguments) -> None:
+        self.arguments = a = arguments
+        self.env = task.make(a.num_envs, output="torch")
+        self.batch = a.num_envs * a.horizon
+        inputs, actions = self.env.single_observation_space.shape[0], self.env.single_action_space.shape[0]
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(a.seed)
+            self.policy = Policy((inputs, *a.hidden, actions), squash=True, activation="elu", deviation=a.deviation)
+            self.critic = Value((inputs, *a.hidden), activation="elu")
+        self.target = copy.deepcopy(self.critic)
+        self.optimizer = torch.optim.Adam(self.policy.parameters(), a.rate, betas=(0.7, 0.95))
+        self.critic_optimizer = torch.optim.Adam(self.critic.parameters(), a.critic_rate, betas=(0.7, 0.95))
+        self.generator = torch.Generator().manual_seed(a.seed)
+        self.left_out = 0
+        self.env.reset(seed=training_seed(a.seed))
+
+    def window(self) -> tuple[Tensor, dict[str, Tensor]]:
+        """(objective (n,) in the graph, data (horizon, n, ...) without): one window with the policy as it is."""
+        a, see = self.arguments, self.policy.statistics
+        observation = self.env.initialize_trajectory()
+        objective = observation.new_zeros(a.num_envs)
+        weight = torch.ones_like(objective)
+        rows = []
+        for k in range(a.horizon):
+            noise = torch.randn(self.env.action_space.shape, generator=self.generator)
+            after, reward, terminated, truncated, info = self.env.step(self.policy.act(observation, noise))
+            reward, over, last = a.reward_scale * reward, terminated | truncated, after
+            if over.any():
+                last = torch.where(over[:, None], info["final_obs"], after)
+            objective = objective + weight * reward
+            end = over if k < a.horizon - 1 else torch.ones_like(over)
+            if end.any():
+                rest = torch.where(end & ~terminated, self.target(see(last)).to(reward.dtype), 0.0)
+                objective = objective + weight * a.discount * rest
+            weight = torch.where(over, 1.0, a.discount * weight)
+            rows.append(dict(observation=observation.detach(), reward=reward.detach(), next=last.detach(),
+                             terminated=terminated, over=over))
+            observation = after
+        return objective / a.horizon, {name: torch.stack([row[name] for row in rows]) for name in rows[0]}
+
+    @torch.no_grad()
+    def targets(self, data: dict[str, Tensor]) -> Tensor:
+        """(horizon, n): lambda returns from the target critic."""
+        a = self.arguments
+        after = torch.where(data["terminated"], 0.0, self.target(self.policy.statistics(data["next"])))
+        target, rows = after[-1], []
+        for k in reversed(range(a.horizon)):
+            target = torch.where(data["over"][k], after[k], (1 - a.trace) * after[k] + a.trace * target)
+            target = data["reward"][k].to(after.dtype) + a.discount * target
+            rows.append(target)
+        return torch.stack(rows[::-1])
+
+    def iteration(self, done: float) -> dict[str, float]:
+        a = self.arguments
+        for optimizer, rate in ((self.optimizer, a.rate), (self.critic_optimizer, a.critic_rate)):
+            for group in optimizer.param_groups:
+                group["lr"] = rate * (1 - 0.9 * done)
+        objective, data = self.window()
+        self.optimizer.zero_grad()
+        (-objective.mean()).backward()
+        norm = nn.utils.clip_grad_norm_(self.policy.parameters(), a.gradient_norm)
+        if torch.isfinite(norm):
+            self.optimizer.step()
+        else:
+            self.left_out += 1
+        error = self.learn_values(data)
+        self.policy.statistics.update(data["observation"])
+        return {"gradient_norm": norm.item(), "left_out": self.left_out, "value_error": error,
+                "deviation": self.policy.log_deviation.exp().mean().item()}
+
+    def learn_values(self, data: dict[str, Tensor]) -> float:
+        """Fit the critic to the window's targets; returns the mean squared error of the last minibatch."""
+        a = self.arguments
+        target, seen = self.targets(data).flatten(), self.policy.statistics(data["observation"]).flatten(0, 1).float()
+        for _ in range(a.critic_epochs):
+            for rows in torch.randperm(self.batch, generator=self.generator).chunk(a.critic_minibatches):
+                error = (self.critic(seen[rows]) - target[rows]).square().mean()
+                self.critic_optimizer.zero_grad()
+                error.backward()
+                nn.utils.clip_grad_norm_(self.critic.parameters(), a.gradient_norm)
+                self.critic_optimizer.step()
+        with torch.no_grad():
+            for old, new in zip(self.target.parameters(), self.critic.parameters(), strict=True):
+                old.lerp_(new, 1 - a.target)
+        return error.item()
+
+    def state_dict(self) -> dict[str, Any]:
+        return {**{name: getattr(self, name).state_dict() for name in self._PARTS}, "left_out": self.left_out,
+                "generator": self.generator.get_state(), "environment": environment_state(self.env)}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        for name in self._PARTS:
+            getattr(self, name).load_state_dict(state[name])
+        self.generator.set_state(state["generator"])
+        self.left_out = state["left_out"]
+        restore_environment(self.env, state["environment"])
+
+    _PARTS = ("policy", "critic", "target", "optimizer", "critic_optimizer")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(None, Arguments, SHAC, TUNED))

@@ -1,0 +1,45 @@
+"""Tasks, and each learner's settings for them. What is not named here is the default of the learner's `Arguments`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import gymnasium
+import torchbeam_envs  # noqa: F401  (registers the environments)
+from gymnasium.vector import VectorEnv
+
+TRAINING, HELD_OUT = 1_000_000, 2_000_000  # first seeds of episodes, far apart; no learner sees those from HELD_OUT on
+
+
+@dataclass(frozen=True)
+class Task:
+    """An environment with its arguments, and what success is in it.
+
+    error      the entry of `info` that is to become small (m)
+    tolerance  (m) an episode is a success if the error stays within it over the last `hold` steps and no solve failed
+    """
+
+    name: str
+    env: str
+    arguments: dict[str, Any] = field(default_factory=dict)
+    error: str = "distance"
+    tolerance: float = 0.03
+    hold: int = 10
+
+    def make(self, num_envs: int, **arguments: Any) -> VectorEnv:
+        """The vector env; SAME_STEP autoreset unless the arguments say otherwise."""
+        return gymnasium.make_vec(self.env, num_envs, **{"autoreset_mode": "SameStep", **self.arguments, **arguments})
+
+    def varied(self, **arguments: Any) -> Task:
+        """The task with other arguments of the environment."""
+        return replace(self, arguments={**self.arguments, **arguments})
+
+
+TASKS = {task.name: task for task in (
+    Task("reach", "torchbeam/TipReach-v0", dict(elements=4, substeps=1)),
+)}
+
+PPO: dict[str, dict[str, Any]] = {"reach": {}}
+SHAC: dict[str, dict[str, Any]] = {"reach": {}}
+SB3: dict[str, dict[str, Any]] = {"reach": {}}
