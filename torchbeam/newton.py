@@ -52,7 +52,7 @@ def newton(problem: Any, x: Any, active: Tensor | None = None, tolerance: float 
                 reaction, iterations, before = root, torch.zeros_like(status), torch.zeros_like(size)
             keep = done[..., None, None]
             x = type(x)(*(torch.where(keep, old, new) for old, new in zip(x, moved, strict=True)))
-            reaction = torch.where(done[..., None], reaction, root)
+            reaction = torch.where(keep, reaction, root)
             iterations = iterations + ~done
             drop = size / before
             done = done | (size <= tolerance) | ((drop < QUADRATIC) & (size * drop**2 <= tolerance))
@@ -70,7 +70,7 @@ def attach(problem: Any, x: Any, good: Tensor) -> tuple[Any, Tensor]:
     """
     residual, *about = problem.residual(x)
     with no_derivatives():
-        tangent = _detached(problem.linearise(x, *(_detached(a) for a in about)))
+        tangent = problem.linearise(x, *(_detached(a) for a in about)).detach()
     good = good[..., None, None]
     *change, reaction = tangent.solve(*(torch.where(good, r, 0.0) for r in (residual.nodes, residual.strain)))
     return problem.moved(x, *(torch.where(good, c - c.detach(), 0.0) for c in change)), reaction
@@ -93,4 +93,7 @@ def wants_gradient(*tensors: Any) -> bool:
 
 
 def _detached(x: Any) -> Any:
-    return x.detach() if isinstance(x, Tensor) else type(x)(*(v.detach() for v in x))
+    """A tensor, None, or a named tuple of such."""
+    if isinstance(x, tuple):
+        return type(x)(*map(_detached, x))
+    return None if x is None else x.detach()

@@ -17,12 +17,15 @@ class Held:
     first  the first node with unknowns: a clamp at node 0 leaves none there
     fixed  (K, w) 1 where a support holds, 0 elsewhere
     free   (N+1-first, w) 1 where a node is free, 0 where it is held; None = all are free
+    slide  (N+1, p) and turn (N+1, 1): 0 where a support holds the position, or all rotation, else 1
     """
 
     nodes: tuple[int, ...]
     first: int
     fixed: Tensor
     free: Tensor | None
+    slide: Tensor
+    turn: Tensor
 
     @classmethod
     def of(cls, scene: Scene, space: Space) -> Held:
@@ -31,12 +34,10 @@ class Held:
         fixed = torch.tensor(rows, dtype=like.dtype, device=like.device).reshape(len(rows), space.unknowns)
         nodes = tuple(s.node for s in scene.supports)
         first = int(bool(nodes) and nodes[0] == 0 and all(rows[0]))
-        free = None
-        if len(nodes) > first:
-            free = torch.ones(scene.beam.count + 1, space.unknowns, dtype=like.dtype, device=like.device)
-            free[list(nodes)] = 1 - fixed
-            free = free[first:]
-        return cls(nodes, first, fixed, free)
+        free = torch.ones(scene.beam.count + 1, space.unknowns, dtype=like.dtype, device=like.device)
+        free[list(nodes)] = 1 - fixed
+        slide, turn = free[:, :space.position], free[:, space.position:].amax(-1, keepdim=True)
+        return cls(nodes, first, fixed, free[first:] if len(nodes) > first else None, slide, turn)
 
     def unknown(self, x: Tensor) -> Tensor:
         """(..., N+1, w) of all nodes -> of those with unknowns, zero where held."""

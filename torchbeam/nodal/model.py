@@ -3,78 +3,109 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from .. import quaternions as quat
-from ..effects import Inputs, Site
+from ..effects import Gravity, Inputs
 from ..scene import Scene
+from . import external
 from .element import kinematics, strain
+from .external import Nodes
+from .held import Held
+from .inertia import Inertia, inertia_of
+from .motion import Carrying
+from .plane import Plane
+from .small import Small
+from .space import Space
 
-COUPLING = 1 / 12  # half consistent, half lumped: the translational error of the implicit form is then fourth order
 STIFFENED = 100.0  # by loads, over bending alone: P L^2/EI of that order
 REGULARISATION = {torch.float64: 1e-7, torch.float32: 1e-3}  # of the flexibility around it: a strain's least, in a tangent
 
 
 @dataclass(frozen=True)
 class Model:
-    """Constants of the nodal form; leading axes are batch axes.
+    """Constants of the nodal form; leading axes are batch axes; w, k: a node's unknowns and an element's strains in `space`.
 
     length     (..., N, 1) m
-    reference  (..., N, 6) strain of the undeformed beam
-    S          (..., N or 1, 6, 6) compliance, exact;  C its inverse, regularised where a strain is impossible; both are
-               (..., N or 1, 6, 1), their diagonals, for an uncoupled section: see `times`
+    reference  (..., N, k) strain of the undeformed beam
+    S          (..., N or 1, k, k) compliance, exact;  C its inverse, regularised where a strain is impossible; both are
+               (..., N or 1, k, 1), their diagonals, for an uncoupled section: see `times`
     rate       S [F; M] = strain + rate (strain rate), s: (..., 1, 1, 1), or a matrix like S; None without damping
-    mass       (..., N+1, 1) kg of nodes;  inertia (..., N+1, 3, 3) kg m^2, section axes, None without rotary inertia
-    coupling   (..., N, 1) kg between neighbours; None = lumped
     """
 
     scene: Scene
+    space: Space
+    held: Held
+    inertia: Inertia
     length: Tensor
     reference: Tensor
     S: Tensor
     C: Tensor
     rate: Tensor | None
-    mass: Tensor
-    inertia: Tensor | None
-    coupling: Tensor | None
-    section_mass: Tensor  # (..., N+1, 6, 6) mean section mass about each node, for loads along the beam
+    section_mass: Tensor  # (..., N+1, 6, 6) mean section mass about each node with what is fixed to it, for loads along the beam
     share: Tensor  # (..., N+1, 1) m of beam that belong to each node
 
     @classmethod
     def of(cls, scene: Scene, lumped: bool = False) -> Model:
-        """Raises ValueError for what the nodal form does not take: a moving frame or root, an offset centre of mass."""
+        """Raises ValueError for what the nodal form does not take: sections whose mass is not that of rigid ones, and loads and
+        motions that leave the scene's plane or do not fit small rotations.
+        """
         if not isinstance(scene, Scene):
             raise ValueError(f"a scene of type {type(scene).__name__} was given; a torchbeam.Scene is wanted")
+        space = space_of(scene)
         beam = scene.beam
-        if scene.frame is not None or scene.root is not None:
-            raise ValueError("a moving frame or root was given; the nodal form wants a fixed clamp (form='minimal' takes both)")
-        if beam.offset:
-            raise ValueError("a section mass that couples V and Omega was given; the nodal form wants the reference axis "
-                             "through the centre of mass (form='minimal' takes an offset)")
-        M11 = beam.mass[..., :3, :3]
-        m = M11[..., :1, 0]
-        if not torch.allclose(M11, m[..., None] * torch.eye(3, dtype=m.dtype, device=m.device), rtol=1e-6):
-            raise ValueError("a mass per length that depends on the direction was given; M11 = m I is wanted")
         h = beam.length[..., None]
-        reference = strain(kinematics(beam.nodes, beam.frames, h), h)
-        half = (h / 2)[..., None] * beam.mass
-        ends = half, half
-        if beam.curved:  # the section's mass, seen from the axes of the nodes at either end
-            ends = tuple(_turned(half, quat.multiply(quat.conjugate(node), beam.elements))
-                         for node in (beam.frames[..., :-1, :], beam.frames[..., 1:, :]))
-        node_mass = pad(ends[0], (0, 0, 0, 0, 0, 1)) + pad(ends[1], (0, 0, 0, 0, 1, 0))
-        share = pad(h / 2, (0, 0, 0, 1)) + pad(h / 2, (0, 0, 1, 0))
-        return cls(
-            scene=scene, length=h, reference=reference, S=_slim(beam.compliance, beam), C=_slim(_stiffness(beam), beam),
-            rate=_rate(scene),
-            mass=node_mass[..., 0, :1], inertia=node_mass[..., 3:, 3:] if beam.rotary else None,
-            coupling=None if lumped else COUPLING * m * h,
-            section_mass=node_mass / share[..., None], share=share,
+        rest = strain(kinematics(beam.nodes, beam.frames, h), h)
+        inertia, section_mass, share = inertia_of(scene, space, lumped)
+        model = cls(
+            scene=scene, space=space, held=Held.of(scene, space), inertia=inertia, length=h,
+            reference=space.part_of_strain(rest) if space.turns else torch.zeros_like(rest),
+            S=_slim(beam.compliance, beam, space), C=_slim(_stiffness(beam), beam, space), rate=_rate(scene, space),
+            section_mass=section_mass, share=share,
         )
+        if isinstance(space, Plane):
+            _check_plane(model)
+        return model
+
+    @property
+    def count(self) -> int:
+        """N, the number of elements."""
+        return self.scene.beam.count
+
+    @property
+    def s(self) -> Tensor:
+        """(..., N+1) m, arclength of the nodes."""
+        return pad(self.length[..., 0].cumsum(-1), (1, 0))
+
+    @cached_property
+    def carrying(self) -> Carrying:
+        return Carrying(self.scene, self.space)
+
+    def reads(self, load: Any) -> frozenset[str]:
+        """What a load's wrench depends on; an offset point mass makes weight turn, too."""
+        own = load.reads(self.scene.beam)
+        return own | {"rotation"} if isinstance(load, Gravity) and self.inertia.offset is not None else own
+
+    @cached_property
+    def loads(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """(loads that depend on how the nodes stand or move, dead ones)."""
+        loads = self.scene.loads
+        return tuple(x for x in loads if self.reads(x)), tuple(x for x in loads if not self.reads(x))
+
+    def external(self, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[Any, ...] | None = None) -> Tensor | float:
+        """Loads summed at nodes, see `external.external`; all of the scene's unless given."""
+        return external.external(self, nodes, t, inputs, self.scene.loads if loads is None else loads)
+
+    def eigenstrain(self, t: Tensor, inputs: Inputs) -> Tensor | float:
+        """Strain (..., N or 1, k) that the beam takes by itself; 0.0 where there is none."""
+        total = 0.0
+        for effect in self.scene.eigenstrains:
+            total = total + self.space.part_of_strain(effect.strain(t, inputs, self.length, self.count))
+        return total
 
     def stiffness(self, dt: Tensor | None = None) -> Tensor:
         """S^-1 for the tangent of a balance, or of a step of dt (0-dim or (...)); a constant, in the form of S.
@@ -89,76 +120,121 @@ class Model:
             return self.C.detach()
         diagonal = S if slim else S.diagonal(dim1=-2, dim2=-1)[..., None]
         L2 = h.sum(-2, keepdim=True)[..., None] ** 2
-        by_force, by_moment = (part.amax((-3, -2), keepdim=True) for part in diagonal.split(3, -2))
+        sizes = self.space.position, self.space.spin
+        by_force, by_moment = (part.amax((-3, -2), keepdim=True) for part in diagonal.split(sizes, -2))
         softest = torch.maximum(by_force / L2, by_moment)
         moment = STIFFENED / torch.where(softest > 0, softest, torch.ones_like(softest))  # what bends round about, N m^2
         force = moment / L2
         if dt is not None:
             h2 = h.amax(-2, keepdim=True)[..., None] ** 2
-            line_mass = (self.mass / self.share).detach().amax(-2, keepdim=True)[..., None]
+            line_mass = (self.inertia.mass / self.share).detach().amax(-2, keepdim=True)[..., None]
             inertial = line_mass * h2 * (2 / dt[..., None, None, None]) ** 2
             force, moment = force + inertial, moment + inertial * h2
-        least = REGULARISATION[S.dtype] / torch.cat(torch.broadcast_tensors(*[force] * 3, *[moment] * 3), -2)
+        parts = torch.broadcast_tensors(*[force] * sizes[0], *[moment] * sizes[1])
+        least = REGULARISATION[S.dtype] / torch.cat(parts, -2)
         least = torch.where(diagonal == 0 if dt is None else diagonal < least, least, diagonal)
         return 1 / least if slim else torch.linalg.inv(S + torch.diag_embed((least - diagonal)[..., 0]))
 
-    def momentum(self, velocity: Tensor) -> Tensor:
-        """Mass matrix times velocity, (..., N+1, 3): mass and, where asked for, coupling to the neighbours."""
-        p = self.mass * velocity
-        if self.coupling is None:
-            return p
-        exchange = self.coupling * velocity.diff(dim=-2)
-        return p + pad(exchange, (0, 0, 0, 1)) - pad(exchange, (0, 0, 1, 0))
-
-    def external(self, rotation: Tensor, t: Tensor, inputs: Inputs, loads: tuple[Any, ...]) -> Tensor | float:
-        """Loads summed at nodes, (..., N+1, 6) force N and moment N m, frame a; 0.0 where there is none."""
-        return sum((_spread(self, load, load.wrench(site, t, inputs)) for load, site in self._sites(rotation, loads)), 0.0)
-
-    def external_tangent(self, rotation: Tensor, t: Tensor, inputs: Inputs, loads: tuple[Any, ...]) -> Tensor | float:
-        """Derivative of `external` with respect to the nodes' spins, (..., N+1, 6, 3); 0.0 where there is none."""
-        def columns(load, site):
-            by_spin = load.tangent(site, t, inputs)["rotation"]
-            if load.node is None:
-                return self.share[..., None] * by_spin
-            at = load.node % (self.scene.beam.count + 1)
-            return pad(by_spin[..., None, :, :], (0, 0, 0, 0, at, self.scene.beam.count - at))
-        return sum((columns(load, site) for load, site in self._sites(rotation, loads)), 0.0)
-
-    def _sites(self, rotation: Tensor, loads: tuple[Any, ...]):
-        for load in loads:
-            if load.node is None:
-                yield load, Site(quat.matrix(rotation), self.section_mass, s=pad(self.length[..., 0].cumsum(-1), (1, 0)))
-            else:
-                yield load, Site(quat.matrix(rotation[..., load.node, :]))
-
-    def kinetic_energy(self, velocity: Tensor, spin: Tensor) -> Tensor:
+    def kinetic_energy(self, rotation: Tensor, velocity: Tensor, spin: Tensor) -> Tensor:
         """(...) J"""
-        T = (velocity * self.momentum(velocity)).sum((-1, -2)) / 2
-        if self.inertia is None:
-            return T
-        return T + (spin * (self.inertia @ spin[..., None])[..., 0]).sum((-1, -2)) / 2
+        return self.inertia.kinetic_energy(rotation, velocity, spin)
 
-    def strain_energy(self, position: Tensor, rotation: Tensor) -> Tensor:
+    def strain_energy(self, position: Tensor, rotation: Tensor, eigenstrain: Tensor | float = 0.0) -> Tensor:
         """(...) J"""
-        e = strain(kinematics(position, rotation, self.length), self.length, self.reference)
+        e = self.space.strains(self.space.kinematics(position, rotation, self.length), self.length, self.reference) - eigenstrain
         return (self.length * e * times(self.C, e[..., None])[..., 0]).sum((-1, -2)) / 2
 
 
+def space_of(scene: Scene) -> Space:
+    """The unknowns a scene asks for. Raises ValueError where they do not fit it."""
+    if scene.small:
+        if scene.plane is not None:
+            raise ValueError("plane and small were given; one of them is wanted")
+        if scene.frame is not None and scene.frame.angular_velocity is not None:
+            raise ValueError("small=True in a frame that turns was given; large rotations (small=False) are wanted there")
+        for load in scene.loads:
+            if getattr(load, "follower", False) or getattr(load, "wants_support", False):
+                raise ValueError(f"small=True with {type(load).__name__} was given, whose load turns with the beam; dead loads are "
+                                 "wanted")
+        return Small.of(scene)
+    if scene.plane == "auto":
+        return _found(scene)
+    return Space() if scene.plane is None else Plane.of(scene, scene.plane)
+
+
+def _found(scene: Scene) -> Space:
+    """The plane that everything lies in, if there is one and nothing but numbers acts; else 3D."""
+    values = [v for e in scene.effects for v in e.values]
+    motions = [m for s in scene.supports for m in (s.displacement, s.turn) if m is not None]
+    if all(hasattr(v, "shape") for v in values) and not motions and not any(hasattr(e, "function") for e in scene.effects):
+        for name in ("xy", "xz"):
+            try:
+                space = Plane.of(scene, name)
+                _check_plane(Model.of(_in_plane(scene, name)))
+                return space
+            except ValueError:
+                continue
+    return Space()
+
+
+def _in_plane(scene: Scene, name: str) -> Scene:
+    from dataclasses import replace
+    return replace(scene, plane=name)
+
+
+def _check_plane(model: Model) -> None:
+    """Refuse numbers that act out of the plane: loads on the beam at rest, eccentric masses, a frame that turns out of it.
+
+    Raises ValueError.
+    """
+    scene, space = model.scene, model.space
+    whole = Space()
+    beam = scene.beam
+    nodes = Nodes(beam.nodes, beam.frames, torch.zeros_like(beam.nodes), torch.zeros_like(beam.nodes))
+    seen = _Spatial(model)
+    t = beam.nodes.new_zeros(())
+    for load in scene.loads:
+        if not all(hasattr(v, "shape") for v in load.values) or hasattr(load, "function"):
+            continue
+        wrench = external.external(seen, nodes, t, {}, (load,))
+        if not isinstance(wrench, float):
+            wrench = wrench.detach()
+            out = wrench - space.whole(space.part(wrench))
+            if (out.abs() > 1e-9 * wrench.abs().amax() + 1e-30).any():
+                raise ValueError(f"{type(load).__name__} out of the plane {space.name!r} was given; one in it is wanted, or plane=None")
+    for body in scene.bodies:
+        if body.offset is not None:
+            e = torch.as_tensor(body.offset, dtype=scene.dtype, device=scene.device).detach()
+            if ((e @ space.section[:, 2]).abs() > 1e-9 * e.abs().amax()).any():
+                raise ValueError(f"a PointMass out of the plane {space.name!r} was given; one in it is wanted, or plane=None")
+    frame = scene.frame
+    for name, value in () if frame is None else (("velocity", frame.velocity), ("angular_velocity", frame.angular_velocity)):
+        if value is not None and not callable(value):
+            value = torch.as_tensor(value, dtype=scene.dtype, device=scene.device)
+            back = space.part_of_vector(value) @ space.basis[:, :2].mT if name == "velocity" else (
+                space.part_of_spin(value) @ space.basis[:, 2:].mT)
+            if ((value - back).abs() > 1e-9 * value.abs().amax()).any():
+                raise ValueError(f"a frame with a {name} out of the plane {space.name!r} was given; one in it is wanted, or plane=None")
+
+
+class _Spatial:
+    """A model's loads, seen in 3D."""
+
+    def __init__(self, model: Model) -> None:
+        self._model, self.space = model, Space()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._model, name)
+
+
 def times(matrix: Tensor, x: Tensor) -> Tensor:
-    """matrix @ x for x (..., 6, n), where the matrix may be given as (..., 6, 1), its diagonal, or (..., 1, 1), a factor."""
+    """matrix @ x for x (..., k, n), where the matrix may be given as (..., k, 1), its diagonal, or (..., 1, 1), a factor."""
     return matrix * x if matrix.shape[-1] == 1 else matrix @ x
 
 
-def _slim(matrix: Tensor, beam: Any) -> Tensor:
+def _slim(matrix: Tensor, beam: Any, space: Space) -> Tensor:
+    matrix = space.part_of_section(matrix)
     return matrix if beam.coupled else matrix.diagonal(dim1=-2, dim2=-1)[..., None]
-
-
-def _turned(mass: Tensor, q: Tensor) -> Tensor:
-    """6x6 mass in the axes that q maps into: diag(R, R) mass diag(R, R)^T."""
-    R = quat.matrix(q)
-    zero = torch.zeros_like(R)
-    both = torch.cat((torch.cat((R, zero), -1), torch.cat((zero, R), -1)), -2)
-    return both @ mass @ both.mT
 
 
 def _stiffness(beam: Any) -> Tensor:
@@ -176,7 +252,7 @@ def _stiffness(beam: Any) -> Tensor:
     return torch.linalg.inv(S + torch.diag_embed(torch.where(rigid & (diagonal == 0), small, torch.zeros_like(small))))
 
 
-def _rate(scene: Scene) -> Tensor | None:
+def _rate(scene: Scene, space: Space) -> Tensor | None:
     if scene.damping is None:
         return None
     tau = torch.as_tensor(scene.damping.tau, dtype=scene.dtype, device=scene.device)
@@ -185,19 +261,6 @@ def _rate(scene: Scene) -> Tensor | None:
     if any(scene.beam.rigid):
         raise ValueError("six-valued tau was given for a section with an impossible strain; one value is wanted there")
     if not scene.beam.coupled:
-        return tau[..., None, :, None]
+        return space.part_of_section(torch.diag_embed(tau)).diagonal(dim1=-2, dim2=-1)[..., None, :, None]
     root = torch.diag_embed(tau.sqrt())[..., None, :, :]
-    return scene.beam.compliance @ root @ torch.linalg.inv(scene.beam.compliance) @ root
-
-
-def _spread(model: Model, load: Any, wrench: tuple[Tensor | None, Tensor | None]) -> Tensor:
-    """A load's force and moment at the nodes: (..., N+1, 6)."""
-    force, moment = wrench
-    there = force if force is not None else moment
-    zero = torch.zeros_like(there)
-    both = torch.cat(torch.broadcast_tensors(zero if force is None else force, zero if moment is None else moment), -1)
-    if load.node is None:
-        return model.share * both
-    nodes = model.scene.beam.count + 1
-    at = load.node % nodes
-    return pad(both[..., None, :], (0, 0, at, nodes - 1 - at))
+    return space.part_of_section(scene.beam.compliance @ root @ torch.linalg.inv(scene.beam.compliance) @ root)

@@ -191,16 +191,17 @@ class Plane(Space):
         return torch.block_diag(self.basis[:, :2], self.basis[:, 2:])
 
     def enter(self, state: State) -> State:
-        to = self.basis[:, :2]
-        return replace(state, position=state.position @ to, rotation=state.rotation @ self._rotation_map.mT,
-                       velocity=state.velocity @ to, spin=state.spin @ self.section[:, 2:],
+        position, rotation = self.pose(state.position, state.rotation, 0)
+        velocity, spin = self.motion(state.velocity, state.spin)
+        return replace(state, position=position, rotation=rotation, velocity=velocity, spin=spin,
                        stress=state.stress @ self._stress_map, reaction=state.reaction @ self._load_map,
                        frame=None if state.frame is None else self._turn(state.frame))
 
+    def public_frame(self, q: Tensor) -> Tensor:
+        return torch.cat((q[..., :1], q[..., 1:] * self.basis[:, 2]), -1)
+
     def leave(self, state: State) -> State:
-        frame = None
-        if state.frame is not None:
-            frame = quat.exponential(self.basis[:, 2] * 2 * torch.atan2(state.frame[..., 1:], state.frame[..., :1]))
+        frame = None if state.frame is None else self.public_frame(state.frame)
         return replace(state, position=self._full(state.position) + self.place * self.basis[:, 2],
                        rotation=state.rotation @ self._rotation_map, velocity=self._full(state.velocity),
                        spin=state.spin @ self.section[:, 2:].mT, stress=state.stress @ self._stress_map.mT,
@@ -209,6 +210,12 @@ class Plane(Space):
     def _turn(self, q: Tensor) -> Tensor:
         """A rotation about the normal as (cos, sin)."""
         return torch.cat((q[..., :1], q[..., 1:] @ self.basis[:, 2:]), -1)
+
+    def pose(self, position: Tensor, rotation: Tensor, node: int) -> tuple[Tensor, Tensor]:
+        return position @ self.basis[:, :2], rotation @ self._rotation_map.mT
+
+    def motion(self, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor]:
+        return velocity @ self.basis[:, :2], spin @ self.section[:, 2:]
 
     def whole(self, load: Tensor) -> Tensor:
         return load @ self._load_map.mT
@@ -251,9 +258,6 @@ class Plane(Space):
     def none(self, like: Tensor) -> Tensor:
         return pad(torch.zeros_like(like[..., :1]), (1, 0), value=1.0)
 
-    def frame_turn(self, q: Tensor) -> Tensor:
-        return self._turn(q)
-
     def theta_by_turn(self, theta: Tensor) -> Tensor:
         return (1 + theta * theta / 4)[..., None]
 
@@ -281,3 +285,6 @@ class Plane(Space):
 
     def arm(self, x: Tensor) -> Tensor:
         return turned(x)[..., None]
+
+    def tilde(self, omega: Tensor) -> Tensor:
+        return omega[..., None] * torch.tensor(((0.0, -1), (1, 0)), dtype=omega.dtype, device=omega.device)

@@ -43,10 +43,15 @@ class Small(Space):
                    element.strain_operator(element.kinematics(beam.nodes, beam.frames, h), h))
 
     def enter(self, state: State) -> State:
+        if state.frame is not None:
+            raise ValueError("a state in a frame that turns was given; small rotations want one that does not")
         return replace(state, rotation=quat.logarithm(quat.multiply(quat.conjugate(self.frames), state.rotation)))
 
     def leave(self, state: State) -> State:
         return replace(state, rotation=quat.multiply(self.frames, quat.exponential(state.rotation)))
+
+    def pose(self, position: Tensor, rotation: Tensor, node: int) -> tuple[Tensor, Tensor]:
+        return position, quat.logarithm(quat.multiply(quat.conjugate(self.frames[..., node, :]), rotation))
 
     # The element
 

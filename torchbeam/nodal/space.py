@@ -57,6 +57,14 @@ class Space:
         """The public state."""
         return state
 
+    def pose(self, position: Tensor, rotation: Tensor, node: int) -> tuple[Tensor, Tensor]:
+        """Position (..., 3), frame a, and quaternion (..., 4) of one node in these coordinates."""
+        return position, rotation
+
+    def motion(self, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor]:
+        """Velocity (..., 3), frame a, and spin (..., 3), section axes, likewise."""
+        return velocity, spin
+
     def whole(self, load: Tensor) -> Tensor:
         """[force; moment] (..., w) -> (..., 6)."""
         return load
@@ -80,6 +88,10 @@ class Space:
     def axes(self, rotation: Tensor, node: int | None = None) -> Tensor:
         """Section axes -> frame a, (..., 3, 3), of one node or of all."""
         return quat.matrix(rotation if node is None else rotation[..., node, :])
+
+    def public_frame(self, q: Tensor) -> Tensor:
+        """Quaternion (..., 4) of frame a's rotation."""
+        return q
 
     def part_of_section(self, matrix: Tensor) -> Tensor:
         """6x6 of a section -> (..., k, k)."""
@@ -141,6 +153,10 @@ class Space:
     def arm(self, x: Tensor) -> Tensor:
         """(..., p, s) of a vector (..., p), frame a."""
         return -quat.hat(x)
+
+    def tilde(self, omega: Tensor) -> Tensor:
+        """(..., p, p) of omega x, for a spin (..., s), frame a."""
+        return quat.hat(omega)
 
     # The chain
 

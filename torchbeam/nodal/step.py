@@ -1,45 +1,76 @@
 """One implicit step of the nodal form: mean strain, mid-step forces, Cayley rotations.
 
-Unknown at mid step: u = r_mid - r_n and the rotation from R_n to R_mid (quaternion m, so that R_{n+1} = R_n R(m)^2), and
-the stress, which is a mean over the step. With dt the step, tau = m_v/m_0 = tan(angle/4) n of the whole step's angle and
-Theta = 4 tau/(1 - |tau|^2) = 2 tan(angle/2) n (Simo and Wong 1991: the increment that keeps the energy of a free body):
+Unknown at mid step: u = r_mid - r_n and the rotation from R_n to R_mid (m, so that R_{n+1} = R_n R(m)^2), and the stress,
+which is a mean over the step. With dt the step and Theta = 2 tan(angle/2) n of the whole step's rotation (Simo and Wong 1991:
+the increment that keeps the energy of a free body), see `inertia` for x, v_c, e-:
 
     v_{n+1} = 4 u/dt - v_n                          Omega_{n+1} = 2 Theta/dt - Omega_n
-    (p_{n+1} - p_n)/dt + to_nodes(h B_mid^T [F; M])_force - f = 0
-    (R_{n+1} J Omega_{n+1} - R_n J Omega_n)/dt + to_nodes(h B_mid^T [F; M])_moment - m = 0
+    M (v_c,{n+1} - v_c,n)/dt + to_nodes(h B_mid^T [F; M])_force - f = 0
+    (R_{n+1} J Omega_{n+1} - R_n J Omega_n)/dt + e- x (the force of inertia) + to_nodes(h B_mid^T [F; M])_moment - m = 0
     S [F; M] = (strain_n + strain_{n+1})/2 + rate (strain_{n+1} - strain_n)/dt
 
 Momentum is exact; the energy is kept to third order in the step, far better than by the strain at mid step (Simo, Tarnow
 and Doblare 1995; Romero and Armero 2002). What is left over can be taken out of the velocities: see `conserve`.
+
+In a frame a that moves with v, omega at mid step, velocities are absolute: their mean is 2 u/dt + v + omega x r_mid, d/dt of a
+momentum is its difference over dt and omega x its mean, and Theta is that of R_n^T Cay(omega dt) R_{n+1}. A steady motion
+with the frame is then steady in the step as well.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from .. import quaternions as quat
 from ..effects import Inputs
-from ..quaternions import hat
 from ..state import State
+from . import external
 from .balance import Linearisation, Residual, largest
-from .element import Kinematics, forces, geometric_stiffness, kinematics, strain, strain_operator, to_nodes
+from .external import Chain, Nodes
 from .model import Model, times
 
 MOST = 0.01  # of the kinetic energy, that `conserve` may take or give in one step
 
 
 class Middle(NamedTuple):
-    """The unknowns: u (..., N+1, 3) m, m (..., N+1, 4) from R_n to R_mid, stress (..., N, 6) N and N m."""
+    """The unknowns: u (..., N+1, p) m, m (..., N+1, ...) from R_n to R_mid, stress (..., N, k) N and N m."""
 
     u: Tensor
     m: Tensor
     stress: Tensor
+
+
+class Way(NamedTuple):
+    """What follows from the unknowns of the nodes: rotations at mid step and at the end; theta (absolute) and theta relative to
+    frame a, section axes; mean velocities of node and centre of mass, absolute, frame a; e- (None without offset).
+    """
+
+    q: Tensor
+    q_end: Tensor
+    theta: Tensor
+    relative: Tensor
+    velocity: Tensor
+    centre: Tensor
+    arm: Tensor | None
+
+
+class Given(NamedTuple):
+    """A support's motion at the end of the step: u (..., p) and m (...) that lead there, and for a clamp its absolute velocity
+    (frame a) and spin (section axes); None where the step finds it.
+    """
+
+    node: int
+    position: Tensor
+    rotation: bool
+    u: Tensor | None
+    m: Tensor | None
+    velocity: Tensor | None
+    spin: Tensor | None
 
 
 @dataclass(frozen=True)
@@ -72,163 +103,311 @@ class Step:
 
     @cached_property
     def strain(self) -> Tensor:
-        k = kinematics(self.start.position, self.start.rotation, self.model.length)
-        return strain(k, self.model.length, self.model.reference)
+        space, length = self.model.space, self.model.length
+        k = space.kinematics(self.start.position, self.start.rotation, length)
+        return space.strains(k, length, self.model.reference)
+
+    @cached_property
+    def own_strain(self) -> Tensor | float:
+        """What the beam bends by itself."""
+        return self.model.eigenstrain(self.t, self.inputs)
 
     @cached_property
     def R(self) -> Tensor:
-        return quat.matrix(self.start.rotation)
+        return self.model.space.spin_matrix(self.start.rotation)
 
     @cached_property
     def angular_momentum(self) -> Tensor:
-        """J Omega_n, section axes."""
-        return (self.model.inertia @ self.start.spin[..., None])[..., 0]
+        """R J Omega_n, frame a."""
+        H = self.model.inertia.angular_momentum(self.start.spin)
+        return self.model.space.to_frame(self.start.rotation, H)
 
     @cached_property
-    def _loads(self):
-        beam = self.model.scene.beam
-        moving = tuple(x for x in self.model.scene.loads if x.moves(beam))
-        dead = tuple(x for x in self.model.scene.loads if not x.moves(beam))
-        return moving, self.model.external(self.start.rotation, self.t, self.inputs, dead)
+    def arm(self) -> Tensor:
+        """R_n e."""
+        return self.model.inertia.arm(self.start.rotation)
+
+    @cached_property
+    def centre_velocity(self) -> Tensor:
+        return self.model.inertia.centre_velocity(self.start.rotation, self.start.velocity, self.start.spin)
+
+    @cached_property
+    def frame(self) -> tuple[Tensor | None, Tensor | None]:
+        """v, omega of frame a at mid step."""
+        return self.model.carrying.frame(self.t)
+
+    @cached_property
+    def frame_end(self) -> Tensor | None:
+        """The frame's orientation at the end."""
+        if self.start.frame is None:
+            return None
+        space = self.model.space
+        return space.multiply(self.start.frame, space.cayley(self.frame[1][..., 0, :] * self.dt[..., None]))
+
+    @cached_property
+    def given(self) -> tuple[Given, ...]:
+        """The supports that move, in frame a or with it."""
+        model, start, space = self.model, self.start, self.model.space
+        if not model.scene.carried:
+            return ()
+        end, found = self.t + (1 - self.INSTANT) * self.dt, []
+        for support, fixed in zip(model.scene.supports, model.held.fixed, strict=True):
+            u = m = velocity = spin = None
+            at = support.node
+            if support.moves:
+                position, rotation = space.pose(*model.carrying.pose(support, end), at)
+                u = (position - start.position[..., at, :]) * self.PART
+                m = space.multiply(space.inverse(start.rotation[..., at, :]), rotation)
+                m = space.half(m) if self.PART == 0.5 else m
+            if support.clamp:
+                velocity, spin = space.motion(*model.carrying.absolute(support, end, self.dt))
+            held = fixed[:space.position] > 0
+            found.append(Given(at, held, bool(fixed[space.position:].all()), u, m, velocity, spin))
+        return tuple(found)
+
+    def held(self, x: Middle) -> Middle:
+        """x with the supports where they have to be."""
+        u, m = x.u, x.m
+        for given in self.given:
+            if given.u is not None:
+                u = _put(u, given.node, torch.where(given.position, given.u, u[..., given.node, :]))
+                m = _put(m, given.node, given.m) if given.rotation else m
+        return x._replace(u=u, m=m)
+
+    @cached_property
+    def _dead(self) -> Tensor | float:
+        nodes = Nodes(self.start.position, self.start.rotation, frame=self._frame_middle)
+        return self.model.external(nodes, self.t, self.inputs, self.model.loads[1])
+
+    @cached_property
+    def _frame_middle(self) -> Tensor | None:
+        if self.start.frame is None:
+            return None
+        space = self.model.space
+        return space.multiply(self.start.frame, space.half(space.cayley(self.frame[1][..., 0, :] * self.dt[..., None])))
+
+    @cached_property
+    def _Z(self) -> Tensor:
+        """Derivative of an inertia force per mass by the centre's move: (2/dt + ~omega)^2."""
+        dt, omega = self.h[..., None], self.frame[1]
+        eye = torch.eye(self.model.space.position, dtype=dt.dtype, device=dt.device)
+        if omega is None:
+            return 4 / dt**2 * eye
+        rate = 2 / dt * eye + self.model.space.tilde(omega)
+        return rate @ rate
 
     @cached_property
     def _masses(self) -> tuple[Tensor, Tensor | None]:
-        """Derivative of the inertia force by u: (at a node (..., N+1, 6, 6), between neighbours (..., N, 6, 6))."""
-        model, dt = self.model, self.h[..., None]
-        eye = torch.eye(3, dtype=dt.dtype, device=dt.device)
-        by_r = 4 / dt**2 * model.mass[..., None] * eye
-        if model.coupling is None:
-            return pad(by_r, (0, 3, 0, 3)), None
-        k = 4 / dt**2 * model.coupling[..., None] * eye
-        by_r = by_r - pad(k, (0, 0, 0, 0, 0, 1)) - pad(k, (0, 0, 0, 0, 1, 0))
-        return pad(by_r, (0, 3, 0, 3)), pad(k, (0, 3, 0, 3))
+        return self.model.inertia.blocks(self._Z)
 
     def guess(self) -> Middle:
         """Constant velocity, and the stress of the step before."""
-        m = quat.normalize(pad(self.start.spin * self.h / 4, (1, 0), value=1.0))
-        return Middle(self.start.velocity * self.h / 2, m, self.start.stress)
+        space, start = self.model.space, self.start
+        v, omega = self.frame
+        velocity, spin = start.velocity, start.spin
+        if v is not None:
+            velocity = velocity - v
+        if omega is not None:
+            velocity = velocity - (space.tilde(omega) @ start.position[..., None])[..., 0]
+            spin = spin - space.to_frame(space.inverse(start.rotation), omega)
+        return self.held(Middle(velocity * self.h / 2, space.cayley(spin * self.h / 2), start.stress))
 
     def still(self) -> Middle:
         """Standing still: what a failed sample is differentiated at."""
         u = torch.zeros_like(self.start.position)
-        return Middle(u, pad(u, (1, 0), value=1.0), torch.zeros_like(self.start.stress))
+        return Middle(u, self.model.space.none(u), torch.zeros_like(self.start.stress))
 
     def moved(self, x: Middle, move: Tensor, dstress: Tensor) -> Middle:
         """x after a move of the mid-step configuration; a spin s in frame a turns R_n R(m) from the left."""
-        turn = quat.rotate(quat.conjugate(self.start.rotation), move[..., 3:]) / 2
-        m = quat.normalize(quat.multiply(pad(turn, (1, 0), value=1.0), x.m))
-        return Middle(x.u + move[..., :3], m, x.stress + dstress)
+        space = self.model.space
+        turn = space.to_frame(space.inverse(self.start.rotation), move[..., space.position:])
+        return Middle(x.u + move[..., :space.position], space.multiply(space.cayley(turn), x.m), x.stress + dstress)
 
-    def theta(self, x: Middle) -> Tensor:
-        """Theta = 2 tan(angle/2) n of the whole step, section axes."""
-        tau = x.m[..., 1:] / x.m[..., :1]
-        return 4 * tau / (1 - tau.square().sum(-1, keepdim=True))
+    def way(self, x: Middle) -> Way:
+        space, start, (v, omega) = self.model.space, self.start, self.frame
+        q = space.multiply(start.rotation, x.m)
+        q_end = space.normalize(space.multiply(q, x.m))
+        turn = space.multiply(x.m, x.m)
+        relative = theta = space.theta(turn)
+        if omega is not None:
+            carried = space.multiply(space.cayley(omega * self.h), space.multiply(start.rotation, turn))
+            theta = space.theta(space.multiply(space.inverse(start.rotation), carried))
+        velocity, middle, arm = 2 / self.h * x.u, start.position + x.u, None
+        centre = velocity
+        if self.model.inertia.offset is not None:
+            arm = (self.arm + self.model.inertia.arm(q_end)) / 2
+            centre = velocity + (space.arm(arm) @ space.to_frame(q, relative)[..., None])[..., 0] / self.h
+        if v is not None:
+            velocity, centre = velocity + v, centre + v
+        if omega is not None:
+            turning = space.tilde(omega)
+            velocity = velocity + (turning @ middle[..., None])[..., 0]
+            centre = centre + (turning @ (middle if arm is None else middle + arm)[..., None])[..., 0]
+        return Way(q, q_end, theta, relative, velocity, centre, arm)
 
-    def at_middle(self, x: Middle) -> tuple[Kinematics, Tensor]:
-        q = quat.multiply(self.start.rotation, x.m)
-        return kinematics(self.start.position + x.u, q, self.model.length), q
+    def spin_end(self, way: Way) -> Tensor:
+        """Omega_{n+1}, section axes."""
+        spin = 2 / self.h * way.theta - self.start.spin
+        for given in self.given:
+            spin = spin if given.spin is None else _put(spin, given.node, given.spin)
+        return spin
 
-    def at_end(self, x: Middle, q: Tensor) -> tuple[Kinematics, Tensor, Tensor]:
-        q = quat.normalize(quat.multiply(q, x.m))
-        position = self.start.position + 2 * x.u
-        return kinematics(position, q, self.model.length), position, q
+    def velocity_end(self, way: Way, spin: Tensor) -> tuple[Tensor, Tensor]:
+        """v_{n+1} and v_c,{n+1}, frame a."""
+        inertia = self.model.inertia
+        centre = 2 * way.centre - self.centre_velocity
+        velocity = centre
+        if inertia.offset is not None:
+            velocity = centre - inertia.centre_velocity(way.q_end, torch.zeros_like(centre), spin)
+        for given in self.given:
+            if given.velocity is not None:
+                velocity = _put(velocity, given.node, given.velocity)
+                centre = inertia.centre_velocity(way.q_end, velocity, spin)
+        return velocity, centre
 
-    def external(self, q: Tensor) -> Tensor | float:
-        """Loads at the nodes (..., N+1, 6), with the sections turned as at mid step."""
-        moving, dead = self._loads
-        return dead + self.model.external(q, self.t, self.inputs, moving)
+    def inertia(self, way: Way) -> tuple[Tensor, Tensor]:
+        """Force and moment of inertia at the nodes (..., N+1, w), and R_{n+1} J Omega_{n+1} (of no meaning without J)."""
+        space, inertia, omega = self.model.space, self.model.inertia, self.frame[1]
+        spin = self.spin_end(way)
+        _, centre = self.velocity_end(way, spin)
+        force = inertia.momentum((centre - self.centre_velocity) / self.h)
+        if omega is not None:
+            force = force + (space.tilde(omega) @ inertia.momentum((centre + self.centre_velocity) / 2)[..., None])[..., 0]
+        turning = torch.zeros_like(spin)
+        torque = turning
+        if inertia.inertia is not None:
+            turning = space.to_frame(way.q_end, inertia.angular_momentum(spin))
+            torque = (turning - self.angular_momentum) / self.h
+            if omega is not None:
+                torque = torque + (space.hat(omega) @ (turning + self.angular_momentum)[..., None])[..., 0] / 2
+        if way.arm is not None:
+            torque = torque + (space.arm(way.arm).mT @ force[..., None])[..., 0]
+        return torch.cat((force, torque), -1), turning
 
-    def residual(self, x: Middle) -> tuple[Residual, Kinematics, Kinematics, Tensor]:
-        """The balance at x; with it the elements at mid step and at the end, and the nodes' rotation at mid step."""
-        model, h, dt = self.model, self.model.length, self.h
-        middle, q = self.at_middle(x)
-        end, _, q_end = self.at_end(x, q)
-        change = model.momentum(4 / dt**2 * (x.u - dt / 2 * self.start.velocity))
-        if model.inertia is None:
-            torque = torch.zeros_like(change)
-        else:
-            spin = 2 / dt * self.theta(x) - self.start.spin
-            H = (model.inertia @ spin[..., None])[..., 0]
-            torque = (quat.rotate(q_end, H) - quat.rotate(self.start.rotation, self.angular_momentum)) / dt
-        inertia = torch.cat((change, torque), -1)
-        element = forces(middle, x.stress, h)
-        external = self.external(q)
-        strain_end = strain(end, h, model.reference)
+    def nodes(self, x: Middle, way: Way) -> Nodes:
+        """What loads see: the middle of the step, velocities its mean."""
+        spin = self.model.space.to_frame(way.q, way.theta) / self.h
+        return Nodes(self.start.position + x.u, way.q, way.velocity, spin, self._frame_middle, self.start.internal, self.dt)
+
+    def external(self, x: Middle, way: Way) -> Tensor | float:
+        """Loads at the nodes (..., N+1, w)."""
+        moving = self.model.loads[0]
+        return self._dead + self.model.external(self.nodes(x, way), self.t, self.inputs, moving) if moving else self._dead
+
+    def residual(self, x: Middle) -> tuple[Residual, Way, Any, Any, Tensor]:
+        """The balance at x; with it what follows from x, the elements at mid step and at the end, and R_{n+1} J Omega_{n+1}."""
+        model, space, h = self.model, self.model.space, self.model.length
+        x = self.held(x)
+        way = self.way(x)
+        inertia, turning = self.inertia(way)
+        middle = space.kinematics(self.start.position + x.u, way.q, h)
+        element = space.forces(middle, x.stress, h)
+        external = self.external(x, way)
+        end = space.kinematics(self.start.position + 2 * x.u, way.q_end, h)
+        strain_end = space.strains(end, h, model.reference)
         rise = strain_end - self.strain
-        followed = (self.strain + strain_end) / 2
+        followed = (self.strain + strain_end) / 2 - self.own_strain
         if model.rate is not None:
-            followed = followed + times(model.rate, rise[..., None])[..., 0] / dt
+            followed = followed + times(model.rate, rise[..., None])[..., 0] / self.dt[..., None, None]
         gap = followed - times(model.S, x.stress[..., None])[..., 0]
-        nodes = inertia + to_nodes(element) - external
-        sizes = largest(h, element, external, inertia)
-        return Residual(nodes, gap, *sizes, followed.detach().abs().amax((-1, -2))), middle, end, q
+        nodes = inertia + space.to_nodes(element) - external
+        sizes = largest(space.position, h, element, external, inertia)
+        return Residual(model.held, nodes, gap, *sizes, followed.detach().abs().amax((-1, -2))), way, middle, end, turning
 
-    def linearise(self, x: Middle, middle: Kinematics, end: Kinematics, q: Tensor) -> Linearisation:
+    def linearise(self, x: Middle, way: Way, middle: Any, end: Any, turning: Tensor) -> Linearisation:
         """The tangent by (dr_mid, spin of R_mid): R_{n+1} follows with spin (I + R_mid R_n^T) spin_mid."""
-        model, h, dt = self.model, self.model.length[..., None], self.h[..., None]
-        R = quat.matrix(q)
-        eye = torch.eye(3, dtype=R.dtype, device=R.device)
-        D = R @ self.R.mT
-        half = (eye + D) / 2
-        B_end = strain_operator(end, model.length)
-        E = torch.cat((B_end[..., :3], B_end[..., 3:6] @ half[..., :-1, :, :], B_end[..., 6:] @ half[..., 1:, :, :]), -1)
+        model, space, h, dt = self.model, self.model.space, self.model.length[..., None], self.h[..., None]
+        p, inertia, omega = space.position, self.model.inertia, self.frame[1]
+        R = space.spin_matrix(way.q)
+        half = space.carried(R, self.R)
+        B = space.strain_operator(end, model.length)
+        E = torch.cat((B[..., :p], B[..., p:-space.spin] @ half[..., :-1, :, :], B[..., -space.spin:] @ half[..., 1:, :, :]), -1)
         if model.rate is not None:
             E = E + 2 / dt * times(model.rate, E)
-        rest = geometric_stiffness(middle, x.stress, model.length)
-        diagonal, coupling = self._masses
-        if model.inertia is not None:
-            tau = x.m[..., 1:] / x.m[..., :1]
-            t2 = tau.square().sum(-1)[..., None, None]
-            H = (model.inertia @ (2 / self.h * self.theta(x) - self.start.spin)[..., None])[..., 0]
-            R_end = D @ R
-            turned = (R_end @ H[..., None])[..., 0]
-            by_chi = eye + hat(tau) + (3 + t2) / (1 - t2) * tau[..., :, None] * tau[..., None, :]  # dTheta (1 - t2)/2
-            by_spin = (4 / dt / (1 - t2) * R_end @ model.inertia @ by_chi @ R.mT - 2 * hat(turned) @ half) / dt
-            diagonal = diagonal + pad(by_spin, (3, 0, 3, 0))
-        load = model.external_tangent(q, self.t, self.inputs, self._loads[0])
-        if not isinstance(load, float):
-            diagonal = diagonal - pad(load, (3, 0))
-        hB = h * strain_operator(middle, model.length)
-        return Linearisation.condense(rest, diagonal, hB, self.C, E, coupling)
+        rest = space.geometric_stiffness(middle, x.stress, model.length)
+        if way.arm is None:
+            diagonal, coupling = self._masses
+        else:
+            A = space.arm(inertia.arm(way.q_end)) @ half  # the centre's move by the node's spin
+            diagonal, coupling = inertia.blocks(self._Z, way.arm, A)
+            if space.turns:
+                force = self.inertia(way)[0][..., :p]
+                diagonal = diagonal - pad(space.arm(force).mT @ A, (p, 0, p, 0))
+        if inertia.inertia is not None or SPINS & self._read:
+            R_end = space.spin_matrix(way.q_end)
+            by_theta = space.theta_by_turn(way.theta) @ (R_end + R).mT
+        if inertia.inertia is not None:
+            by_spin = 2 / dt * R_end @ (inertia.inertia @ by_theta) - 2 * space.hat(turning) @ half
+            by_spin = by_spin / dt if omega is None else by_spin / dt + space.hat(omega) @ by_spin / 2
+            diagonal = diagonal + pad(by_spin, (p, 0, p, 0))
+        if model.loads[0]:
+            by = None
+            if self._read:
+                eye = torch.eye(p, dtype=R.dtype, device=R.device)
+                velocity = 2 / dt * eye if omega is None else 2 / dt * eye + space.tilde(omega)
+                spin = R @ by_theta - space.hat(space.to_frame(way.q, way.theta)) if SPINS & self._read else half
+                by = Chain(velocity, spin / dt)
+            diagonal = diagonal - external.tangent(model, self.nodes(x, way), self.t, self.inputs, model.loads[0], by)
+        hB = h * space.strain_operator(middle, model.length)
+        return Linearisation.condense(model, rest, diagonal, hB, self.C, E, coupling)
+
+    @cached_property
+    def _read(self) -> frozenset[str]:
+        """Motions that loads read."""
+        return frozenset().union(*(self.model.reads(load) for load in self.model.loads[0])) & {"velocity", *SPINS}
 
     def finish(self, x: Middle, reaction: Tensor) -> State:
         """The state at the end of the step."""
-        q = quat.multiply(self.start.rotation, x.m)
-        end = quat.normalize(quat.multiply(q, x.m))
-        theta = self.theta(x)
-        free = torch.ones_like(x.u[..., :1])
-        free = torch.cat((torch.zeros_like(free[..., :1, :]), free[..., 1:, :]), -2)
-        external = self.external(q)
-        work = self.start.work
+        model, start, space = self.model, self.start, self.model.space
+        x = self.held(x)
+        way = self.way(x)
+        spin = self.spin_end(way)
+        velocity, _ = self.velocity_end(way, spin)
+        external = self.external(x, way)
+        work, turn = start.work, space.to_frame(way.q, way.theta)
         if not isinstance(external, float):
-            spin = quat.rotate(q, theta)
-            work = work + (external[..., :3] * 2 * x.u + external[..., 3:] * spin).sum((-1, -2))
-        after = State(
-            position=self.start.position + 2 * x.u,
-            rotation=end,
-            velocity=free * (4 * x.u / self.h - self.start.velocity),
-            spin=free * (2 * theta / self.h - self.start.spin),
-            stress=x.stress,
-            reaction=reaction,
-            work=work,
-            defect=self.start.defect,
-            t=self.start.t + self.dt,
-            status=self.start.status,
+            way_made = torch.cat((self.h * way.velocity, turn), -1)
+            work = work + (external * way_made).sum((-1, -2))
+        for k, given in enumerate(self.given):
+            made = torch.cat((self.dt[..., None] * way.velocity[..., given.node, :], turn[..., given.node, :]), -1)
+            work = work + (reaction[..., k, :] * made).sum(-1)
+        if not self.given:  # what stands still has no velocity, whatever rounding has left
+            velocity, spin = model.held.slide * velocity, model.held.turn * spin
+        after = replace(
+            start, position=start.position + 2 * x.u, rotation=way.q_end, velocity=velocity, spin=spin, stress=x.stress,
+            reaction=reaction, work=work, t=start.t + self.dt, frame=self.frame_end, internal=self._internal(x, way),
         )
         return self._conserved(after) if self.conserve else after
+
+    def _internal(self, x: Middle, way: Way) -> Tensor | None:
+        """The user loads' own states at the end."""
+        if self.start.internal is None:
+            return None
+        return external.advanced(self.model, self.nodes(x, way), self.t, self.inputs)
 
     def _conserved(self, after: State) -> State:
         """`after` with its velocities scaled by s, s^2 = 1 - defect/kinetic."""
         model, start = self.model, self.start
-        kinetic = model.kinetic_energy(after.velocity, after.spin)
+        kinetic = model.kinetic_energy(after.rotation, after.velocity, after.spin)
         gain = (kinetic + model.strain_energy(after.position, after.rotation)
-                - model.kinetic_energy(start.velocity, start.spin) - model.strain_energy(start.position, start.rotation))
+                - model.kinetic_energy(start.rotation, start.velocity, start.spin)
+                - model.strain_energy(start.position, start.rotation))
         defect = start.defect + gain - (after.work - start.work)
         if model.rate is not None:
-            end = kinematics(after.position, after.rotation, model.length)
-            rise = (strain(end, model.length, model.reference) - self.strain)[..., None]
+            end = model.space.kinematics(after.position, after.rotation, model.length)
+            rise = (model.space.strains(end, model.length, model.reference) - self.strain)[..., None]
             lost = (rise * times(model.C, times(model.rate, rise)))[..., 0]
             defect = defect + (model.length * lost).sum((-1, -2)) / self.dt
         change = (-defect / kinetic.clamp(min=torch.finfo(kinetic.dtype).tiny)).clamp(-MOST, MOST)
         scale = (1 + change).sqrt()[..., None, None]
         return replace(after, velocity=scale * after.velocity, spin=scale * after.spin, defect=defect + change * kinetic)
+
+
+SPINS = frozenset({"spin"})
+
+
+def _put(x: Tensor, node: int, value: Tensor) -> Tensor:
+    """x (..., N+1, n) with the row of a node replaced by value (..., n)."""
+    at = torch.zeros(x.shape[-2], 1, dtype=torch.bool, device=x.device)
+    at[node] = True
+    return torch.where(at, value[..., None, :], x)

@@ -1,23 +1,24 @@
-"""Equilibrium of the nodal form: the balance without inertia."""
+"""Equilibrium of the nodal form: the balance of what stands still, or moves with a frame that moves steadily."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from .. import quaternions as quat
 from ..effects import Inputs
+from . import external
 from .balance import Linearisation, Residual, largest
-from .element import Kinematics, forces, geometric_stiffness, kinematics, strain, strain_operator, to_nodes
+from .external import Nodes
 from .model import Model, times
 
 
 class Shape(NamedTuple):
-    """position (..., N+1, 3) m, rotation (..., N+1, 4), stress (..., N, 6) N and N m."""
+    """position (..., N+1, p) m, rotation (..., N+1, ...), stress (..., N, k) N and N m, in the space's coordinates."""
 
     position: Tensor
     rotation: Tensor
@@ -26,33 +27,113 @@ class Shape(NamedTuple):
 
 @dataclass(frozen=True)
 class Still:
-    """to_nodes(h B^T [F; M]) = share * loads and S [F; M] = strain; `share` (...) in [0, 1] steps the loads."""
+    """inertia + to_nodes(h B^T [F; M]) = share * loads and S [F; M] = strain; `share` (...) in [0, 1] steps the loads, the
+    inertia of a moving frame and the strain that a beam takes by itself.
+
+    Steady motion with velocity v and angular velocity omega of frame a: with x the centres of mass and e their arms, the inertia
+    at a node is the force omega x M (v + omega x x) with the moment omega x R J R^T omega + e x force.
+    """
 
     model: Model
     t: Tensor
     inputs: Inputs
     share: Tensor
 
-    def moved(self, x: Shape, move: Tensor, dstress: Tensor) -> Shape:
-        turn = pad(move[..., 3:] / 2, (1, 0), value=1.0)
-        return Shape(x.position + move[..., :3], quat.normalize(quat.multiply(turn, x.rotation)), x.stress + dstress)
+    @cached_property
+    def frame(self) -> tuple[Tensor | None, Tensor | None]:
+        return self.model.carrying.frame(self.t)
 
-    def residual(self, x: Shape) -> tuple[Residual, Kinematics]:
-        model, h = self.model, self.model.length
-        kin = kinematics(x.position, x.rotation, h)
-        element = forces(kin, x.stress, h)
-        external = model.external(x.rotation, self.t, self.inputs, model.scene.loads)
-        external = external if isinstance(external, float) else self.share[..., None, None] * external
-        bent = strain(kin, h, model.reference)
+    @cached_property
+    def _own_strain(self) -> Tensor | float:
+        own = self.model.eigenstrain(self.t, self.inputs)
+        return own if isinstance(own, float) else self.share[..., None, None] * own
+
+    def moved(self, x: Shape, move: Tensor, dstress: Tensor) -> Shape:
+        space = self.model.space
+        turn = move[..., space.position:]
+        if space.turns:
+            rotation = space.normalize(space.multiply(space.cayley(turn), x.rotation))
+        else:
+            rotation = x.rotation + space.to_frame_inverse(turn)
+        return Shape(x.position + move[..., :space.position], rotation, x.stress + dstress)
+
+    def nodes(self, x: Shape) -> Nodes:
+        velocity, spin = self.velocity(x)
+        return Nodes(x.position, x.rotation, velocity, spin)
+
+    def velocity(self, x: Shape) -> tuple[Tensor, Tensor]:
+        """Of nodes that move with frame a, absolute, frame a."""
+        space, (v, omega) = self.model.space, self.frame
+        velocity = torch.zeros_like(x.position) if v is None else v + torch.zeros_like(x.position)
+        spin = torch.zeros_like(x.position[..., :space.spin])
+        if omega is not None:
+            velocity, spin = velocity + (space.tilde(omega) @ x.position[..., None])[..., 0], omega + spin
+        return velocity, spin
+
+    def _inertia(self, x: Shape) -> tuple[Tensor, Tensor]:
+        """Force and moment (..., N+1, w), and their derivative by position and spin (..., N+1, w, w), neighbours apart."""
+        model, space, omega = self.model, self.model.space, self.frame[1]
+        inertia = model.inertia
+        arm = inertia.arm(x.rotation) if inertia.offset is not None else None
+        velocity, _ = self.velocity(x if arm is None else x._replace(position=x.position + arm))
+        tilde = space.tilde(omega)
+        force = (tilde @ inertia.momentum(velocity)[..., None])[..., 0]
+        torque = torch.zeros_like(force[..., :space.spin])
+        by_spin = torch.zeros_like(torque[..., None] * torque[..., None, :])
+        if inertia.inertia is not None:
+            R = space.spin_matrix(x.rotation)
+            J = R @ inertia.inertia @ R.mT
+            H = (J @ omega[..., None])[..., 0]
+            torque = torque + (space.hat(omega) @ H[..., None])[..., 0]
+            by_spin = by_spin + space.hat(omega) @ (J @ space.hat(omega) - space.hat(H))
+        if arm is not None:
+            torque = torque + (space.arm(arm).mT @ force[..., None])[..., 0]
+            by_spin = by_spin - space.arm(force).mT @ space.arm(arm)
+        return torch.cat((force, torque), -1), by_spin
+
+    def residual(self, x: Shape) -> tuple[Residual, Any]:
+        model, space, h = self.model, self.model.space, self.model.length
+        x = self.held(x)
+        kin = space.kinematics(x.position, x.rotation, h)
+        element = space.forces(kin, x.stress, h)
+        load = model.external(self.nodes(x), self.t, self.inputs)
+        if self.frame[1] is not None:
+            load = load - self._inertia(x)[0]
+        load = load if isinstance(load, float) else self.share[..., None, None] * load
+        bent = space.strains(kin, h, model.reference) - self._own_strain
         gap = bent - times(model.S, x.stress[..., None])[..., 0]
-        return Residual(to_nodes(element) - external, gap, *largest(h, element, external),
+        return Residual(model.held, space.to_nodes(element) - load, gap, *largest(space.position, h, element, load),
                         bent.detach().abs().amax((-1, -2))), kin
 
-    def linearise(self, x: Shape, kin: Kinematics) -> Linearisation:
-        model = self.model
-        moving = tuple(load for load in model.scene.loads if load.moves(model.scene.beam))
-        load = self.share[..., None, None, None] * model.external_tangent(x.rotation, self.t, self.inputs, moving)
-        B = strain_operator(kin, model.length)
-        diagonal = -pad(load, (3, 0)) if moving else torch.zeros_like(B[..., :1, :6, :6])
-        return Linearisation.condense(geometric_stiffness(kin, x.stress, model.length), diagonal,
-                                      model.length[..., None] * B, model.stiffness(), B)
+    def linearise(self, x: Shape, kin: Any) -> Linearisation:
+        model, space = self.model, self.model.space
+        p, w, share = space.position, space.unknowns, self.share[..., None, None, None]
+        B = space.strain_operator(kin, model.length)
+        diagonal, coupling = torch.zeros_like(B[..., :1, :1, :1]).expand(*B.shape[:-3], 1, w, w), None
+        if model.loads[0]:
+            diagonal = diagonal - share * external.tangent(model, self.nodes(x), self.t, self.inputs, model.loads[0])
+        if self.frame[1] is not None:
+            tilde = space.tilde(self.frame[1])
+            arm = None if model.inertia.offset is None else space.arm(model.inertia.arm(x.rotation))
+            at, coupling = model.inertia.blocks(tilde @ tilde, None if arm is None else model.inertia.arm(x.rotation), arm)
+            diagonal = diagonal + share * (at + pad(self._inertia(x)[1], (p, 0, p, 0)))
+            coupling = None if coupling is None else share[..., None] * coupling
+        return Linearisation.condense(model, space.geometric_stiffness(kin, x.stress, model.length), diagonal,
+                                      model.length[..., None] * B, model.stiffness(), B, coupling)
+
+    def held(self, x: Shape) -> Shape:
+        """x with the supports where they have to be."""
+        position, rotation, space = x.position, x.rotation, self.model.space
+        for support, fixed in zip(self.model.scene.supports, self.model.held.fixed, strict=True):
+            at = support.node
+            r, q = space.pose(*self.model.carrying.pose(support, self.t), at)
+            position = put(position, at, torch.where(fixed[:space.position] > 0, r, position[..., at, :]))
+            rotation = put(rotation, at, q) if bool(fixed[space.position:].all()) else rotation
+        return Shape(position, rotation, x.stress)
+
+
+def put(x: Tensor, node: int, value: Tensor) -> Tensor:
+    """x (..., N+1, n) with the row of a node replaced by value (..., n)."""
+    at = torch.zeros(x.shape[-2], 1, dtype=torch.bool, device=x.device)
+    at[node] = True
+    return torch.where(at, value[..., None, :], x)

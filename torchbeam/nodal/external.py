@@ -1,0 +1,114 @@
+"""Loads at the nodes, and how they change as the nodes move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from .. import quaternions as quat
+from ..effects import Inputs, Site
+from ..effects.site import POSITION, ROTATION, SPIN, VELOCITY
+
+if TYPE_CHECKING:
+    from .model import Model
+
+
+class Nodes(NamedTuple):
+    """How the nodes stand and move at one instant, in the space's coordinates.
+
+    position (..., N+1, p) m;  rotation (..., N+1, ...);  velocity (..., N+1, p) m/s and spin (..., N+1, s) rad/s, absolute, frame a
+    frame     (..., ...) frame a -> inertial axes; None = it does not turn
+    internal  (..., z) of user loads; dt (...) s of the step in whose middle this is; None without
+    """
+
+    position: Tensor
+    rotation: Tensor
+    velocity: Tensor | None = None
+    spin: Tensor | None = None
+    frame: Tensor | None = None
+    internal: Tensor | None = None
+    dt: Tensor | None = None
+
+
+class Chain(NamedTuple):
+    """Derivatives of velocity and spin by the move (displacement, spin) that the tangent is taken by: (..., N+1, p, p) and
+    (..., N+1, s, s), frame a.
+    """
+
+    velocity: Tensor
+    spin: Tensor
+
+
+def external(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[Any, ...]) -> Tensor | float:
+    """Loads summed at nodes, (..., N+1, w) force N and moment N m, frame a; 0.0 where there is none."""
+    total = 0.0
+    for load, site in _sites(model, nodes, t, loads):
+        total = total + model.space.part(_spread(model, load, load.wrench(site, t, inputs)))
+    return total
+
+
+def tangent(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[Any, ...], by: Chain | None = None
+            ) -> Tensor | float:
+    """Derivative of `external` by the nodes' moves, (..., N+1, w, w); 0.0 where there is none. Without `by`, velocity and spin
+    stay as they are.
+    """
+    total, p, s = 0.0, model.space.position, model.space.spin
+    for load, site in _sites(model, nodes, t, loads):
+        for name, block in load.tangent(site, t, inputs).items():
+            if name in (VELOCITY, SPIN) and by is None or name == ROTATION and not model.space.turns:
+                continue
+            block = pad(block, (3, 0) if name in (ROTATION, SPIN) else (0, 3))
+            block = model.space.part_of_map(block)
+            if load.node is None:
+                block = model.share[..., None] * block
+            else:
+                at, last = load.node % (model.count + 1), model.count
+                block = pad(block[..., None, :, :], (0, 0, 0, 0, at, last - at))
+            if name == VELOCITY:
+                block = pad(block[..., :p] @ by.velocity, (0, s))
+            if name == SPIN:
+                block = pad(block[..., p:] @ by.spin, (p, 0))
+            total = total + block
+    return total
+
+
+def _sites(model: Model, nodes: Nodes, t: Tensor, loads: tuple[Any, ...]) -> Iterator[tuple[Any, Site]]:
+    space, first = model.space, 0
+    for load in loads:
+        reads = model.reads(load)
+        size = getattr(load, "internal", 0)
+        own = {}
+        if reads:
+            place = nodes if load.node is None else Nodes(*(None if x is None else x[..., load.node, :] for x in (
+                nodes.position, nodes.rotation, nodes.velocity, nodes.spin)))
+            still = torch.zeros_like(place.position)
+            spin = torch.zeros_like(place.position[..., :space.spin]) if place.spin is None else place.spin
+            moving = space.site(place.position, still if place.velocity is None else place.velocity, spin)
+            own = {name: x for name, x in zip((POSITION, VELOCITY, SPIN), moving, strict=True) if name in reads}
+        R = space.axes(nodes.rotation, load.node)
+        if size:
+            own |= dict(internal=None if nodes.internal is None else nodes.internal[..., first:first + size], dt=nodes.dt)
+            first += size
+        if load.node is None:
+            own |= dict(mass=model.section_mass, s=model.s)
+        if nodes.frame is not None:
+            own["axes"] = quat.matrix(space.public_frame(nodes.frame)).mT
+        if load.wants_support:
+            own["support"] = model.carrying.root_pose(t, nodes.dt if nodes.dt is not None else torch.ones_like(t))
+        yield load, Site(R, **own)
+
+
+def _spread(model: Model, load: Any, wrench: tuple[Tensor | None, Tensor | None]) -> Tensor:
+    """A load's force and moment at the nodes: (..., N+1, 6)."""
+    force, moment = wrench
+    there = force if force is not None else moment
+    zero = torch.zeros_like(there)
+    both = torch.cat(torch.broadcast_tensors(zero if force is None else force, zero if moment is None else moment), -1)
+    if load.node is None:
+        return model.share * both
+    at, last = load.node % (model.count + 1), model.count
+    return pad(both[..., None, :], (0, 0, at, last - at))
