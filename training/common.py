@@ -18,7 +18,7 @@ from typing import Any, Protocol, get_type_hints
 import torch
 from gymnasium.vector import VectorEnv
 
-from .evaluate import evaluate
+from .evaluate import Controller, evaluate
 from .policies import Policy, save, write
 from .tuned import TASKS, TRAINING, Task
 
@@ -69,7 +69,7 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
         log.rewind(state["rows"])
     else:
         log.rewind(0)
-        log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **_scores(task, learner.policy, episodes)})
+        log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **held_out(task, learner.policy, episodes)})
     with Bar(name, progress) as bar:
         while (done := budget.done(steps, seconds)) < 1:
             start = time.perf_counter()
@@ -78,7 +78,7 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
             iteration, steps = iteration + 1, steps + learner.batch
             over = budget.done(steps, seconds)
             if iteration % every == 0 or over >= 1:
-                scores = _scores(task, learner.policy, episodes)
+                scores = held_out(task, learner.policy, episodes)
                 log.write({"iteration": iteration, "steps": steps, "seconds": seconds, **scores, **figures})
                 write({"learner": learner.state_dict(), "iteration": iteration, "steps": steps, "seconds": seconds,
                        "rows": log.rows}, checkpoint)
@@ -91,8 +91,9 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
     return result
 
 
-def _scores(task: Task, policy: Policy, episodes: int) -> dict[str, float]:
-    scores = evaluate(task, policy, episodes)
+def held_out(task: Task, controller: Controller, episodes: int) -> dict[str, float]:
+    """The scores that go into the log."""
+    scores = evaluate(task, controller, episodes)
     return {f"held_out_{name}": scores[name] for name in ("return", "success", "final_error")}
 
 
