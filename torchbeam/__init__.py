@@ -1,5 +1,6 @@
 """torchbeam: batched, differentiable, geometrically exact beam dynamics in PyTorch."""
 
+from . import sensors
 from .beam import Beam
 from .effects import Damping, Gravity, History, Input, LineLoad, PointLoad, TipLoad
 from .integrate.explicit import ExplicitStepper
@@ -20,5 +21,5 @@ from .stations import Stations, Table
 __all__ = [
     "Beam", "BlockRate", "Damping", "Energy", "ExplicitStepper", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear",
     "MixedState", "Modes", "PointLoad", "RootMotion", "Scene", "Section", "Solution", "State", "Stations", "Stats", "Stepper",
-    "Table", "TipLoad", "block_rate", "consistent_state", "equilibrium", "linearize", "modes", "rest", "simulate",
+    "Table", "TipLoad", "block_rate", "consistent_state", "equilibrium", "linearize", "modes", "rest", "sensors", "simulate",
 ]
