@@ -12,7 +12,6 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam import effects as fx
 from torchbeam import quaternions as quat
-from torchbeam.quaternions import hat
 
 B, SITES = 2, 4
 ZERO = torch.tensor(0.3)

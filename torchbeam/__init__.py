@@ -2,7 +2,24 @@
 
 from . import sensors
 from .beam import Beam
-from .effects import Damping, Gravity, History, Input, LineLoad, PointLoad, TipLoad
+from .effects import (
+    Actuation,
+    Along,
+    Damping,
+    Drag,
+    Gravity,
+    History,
+    Input,
+    LineLoad,
+    Load,
+    MassDamping,
+    PerElement,
+    PointLoad,
+    PointMass,
+    RootSpring,
+    Spring,
+    TipLoad,
+)
 from .integrate.explicit import ExplicitStepper
 from .integrate.simulate import simulate
 from .integrate.stepper import Stepper
@@ -19,7 +36,8 @@ from .statics import equilibrium
 from .stations import Stations, Table
 
 __all__ = [
-    "Beam", "BlockRate", "Damping", "Energy", "ExplicitStepper", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear",
-    "MixedState", "Modes", "PointLoad", "RootMotion", "Scene", "Section", "Solution", "State", "Stations", "Stats", "Stepper",
-    "Table", "TipLoad", "block_rate", "consistent_state", "equilibrium", "linearize", "modes", "rest", "sensors", "simulate",
+    "Actuation", "Along", "Beam", "BlockRate", "Damping", "Drag", "Energy", "ExplicitStepper", "Frame", "Gravity", "History",
+    "Input", "LineLoad", "Linear", "Load", "MassDamping", "MixedState", "Modes", "PerElement", "PointLoad", "PointMass",
+    "RootMotion", "RootSpring", "Scene", "Section", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Table",
+    "TipLoad", "block_rate", "consistent_state", "equilibrium", "linearize", "modes", "rest", "sensors", "simulate",
 ]
