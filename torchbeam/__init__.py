@@ -1,7 +1,8 @@
 """torchbeam: batched, differentiable, geometrically exact beam dynamics in PyTorch."""
 
-from . import sensors
+from . import plot, sensors
 from .beam import Beam
+from .critical import Critical, critical_load
 from .effects import (
     Actuation,
     Along,
@@ -36,8 +37,9 @@ from .statics import equilibrium
 from .stations import Stations, Table
 
 __all__ = [
-    "Actuation", "Along", "Beam", "BlockRate", "Damping", "Drag", "Energy", "ExplicitStepper", "Frame", "Gravity", "History",
-    "Input", "LineLoad", "Linear", "Load", "MassDamping", "MixedState", "Modes", "PerElement", "PointLoad", "PointMass",
-    "RootMotion", "RootSpring", "Scene", "Section", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Table",
-    "TipLoad", "block_rate", "consistent_state", "equilibrium", "linearize", "modes", "rest", "sensors", "simulate",
+    "Actuation", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy", "ExplicitStepper", "Frame",
+    "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping", "MixedState", "Modes", "PerElement",
+    "PointLoad", "PointMass", "RootMotion", "RootSpring", "Scene", "Section", "Solution", "Spring", "State", "Stations",
+    "Stats", "Stepper", "Table", "TipLoad", "block_rate", "consistent_state", "critical_load", "equilibrium", "linearize",
+    "modes", "plot", "rest", "sensors", "simulate",
 ]
