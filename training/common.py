@@ -18,7 +18,7 @@ from typing import Any, Protocol, get_type_hints
 import torch
 from gymnasium.vector import VectorEnv
 
-from .evaluate import Controller, evaluate
+from .evaluate import EPISODES, Controller, evaluate
 from .policies import Policy, save, write
 from .tuned import TASKS, TRAINING, Task
 
@@ -52,7 +52,7 @@ class Budget:
 
 
 def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, name: str = "run", every: int = 20,
-          episodes: int = 64, progress: bool = True) -> dict[str, Any]:
+          episodes: int = 64, final: int = EPISODES, progress: bool = True) -> dict[str, Any]:
     """Iterate until the budget is used up; writes NAME.csv (log), NAME.pt (policy) and, meanwhile, NAME.checkpoint.
 
     A run whose checkpoint is there goes on from it. With a budget of steps alone, it then ends in the same bits as a run that
@@ -84,8 +84,7 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
                        "rows": log.rows}, checkpoint)
                 bar.say(f"return {scores['held_out_return']:.1f}")
             bar.to(over)
-    final = evaluate(task, learner.policy)
-    result = {"steps": steps, "seconds": seconds, "iterations": iteration, **final}
+    result = {"steps": steps, "seconds": seconds, "iterations": iteration, **evaluate(task, learner.policy, final)}
     save(learner.policy, folder / f"{name}.pt", task=task.name, env=task.env, arguments=task.arguments, scores=result)
     checkpoint.unlink(missing_ok=True)
     return result

@@ -21,7 +21,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from .common import Bar, Budget, Log, held_out, training_seed
-from .evaluate import evaluate
+from .evaluate import EPISODES, evaluate
 from .tuned import SB3 as TUNED
 from .tuned import TASKS, Task
 
@@ -110,7 +110,8 @@ def make(task: Task, algorithm: str, seed: int, **settings: Any) -> tuple[BaseAl
 
 
 def train(task: Task, algorithm: str, folder: str | Path, budget: Budget, *, seed: int = 0, name: str = "run",
-          every: float = 15.0, episodes: int = 64, progress: bool = True, **settings: Any) -> dict[str, Any]:
+          every: float = 15.0, episodes: int = 64, final: int = EPISODES, progress: bool = True,
+          **settings: Any) -> dict[str, Any]:
     """As `training.common.train`, but without checkpoints: writes NAME.csv and the model, NAME.zip and NAME.normal."""
     model, normal = make(task, algorithm, seed, **settings)
     folder = Path(folder)
@@ -119,7 +120,7 @@ def train(task: Task, algorithm: str, folder: str | Path, budget: Budget, *, see
         model.learn(budget.steps or 10**12, callback=watch)
     model.save(folder / f"{name}.zip")
     normal.save(str(folder / f"{name}.normal"))
-    return {"steps": watch.num_timesteps, "seconds": watch.seconds, **evaluate(task, Greedy(model, normal))}
+    return {"steps": watch.num_timesteps, "seconds": watch.seconds, **evaluate(task, Greedy(model, normal), final)}
 
 
 class Watch(BaseCallback):
