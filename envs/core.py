@@ -2,274 +2,315 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, ClassVar
 
-import gymnasium
 import numpy as np
 import torch
 from gymnasium.spaces import Box
-from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
+from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
-from torchbeam import ExplicitStepper, MixedState, Scene, State, Stepper
-from torchbeam.integrate.stepper import METHODS as IMPLICIT_METHODS
+import torchbeam as tb
 
-OUTPUTS = ("numpy", "torch")
-HALVINGS = 2  # a failed step is made again in 2 and 4 parts; more would cost the whole batch more than the episode is worth
+from . import noise as random
+from .episodes import Episodes
+from .plant import Parameter, Parameters, Plant, cantilever, first_frequency, section_named, stepper, varied
+from .rows import replaced
+from .sensors import Sensors
+from .vector import RENDER_MODES, EpisodesVectorEnv
 
 
-@dataclass(frozen=True)
-class Episodes:
-    """Where n episodes stand; everything that `set_state` needs to go on from here.
+class BeamVectorEnv(EpisodesVectorEnv):
+    """n episodes of one task of a cantilever with a force on its tip, stepped as one batch. Tensors inside; nothing is written
+    in place.
 
-    beam         `torchbeam.State` with batch (n,)
-    goal         (n, g) what the task drew at reset
-    pending      (n, delay, a) actions that have not acted yet, the next one first
-    steps        (n,) long, steps since reset
-    terminated, truncated  (n,) bool, once an episode is over and until it is reset
-    observation  (n, o) the last one; finite
+    A task derives from this, hands the arguments below on, with its own defaults, and defines what differs of
+        PLANE, GOAL, AIM               the plane of planar=True; size of `goal`; bounds of `aim`
+        parameters()                   -> name -> `Parameter`, what may change with the episode
+        effects(params)                -> loads of the scene, beside damping and gravity
+        begin(streams, rows)           -> goal (k, GOAL) of fresh episodes of the sub-envs rows (k,), each from its own stream
+        launch(beam, goal)             -> the state that episodes start in, of the beam at rest
+        inputs(action, now)            -> what the stepper is given over one control interval: from the action (n, a) that acts
+        aim(now, tip)                  -> (n, size of AIM), what is seen beside the sensors; `tip` as the sensors have it
+        cost(now)                      -> (n,), of an interval, at its end
+        ended(now)                     -> (n,) bool, or None: whether the task is over
+        measures(now)                  -> what goes into `info`, name -> (n,)
+        sketch(now)                    -> what a picture shows beside the beam: see `envs/rendering.py`
+    where `now` is an `Episodes`.
+
+    Arguments that every task has (defaults are those of `torchbeam/TipReach-v0`)
+    num_envs           sub-envs
+    length             m
+    section            `torchbeam.Section`, or "aluminium strip" or "silicone rod" (see `envs/plant.py`). Its dtype and device
+                       are those of the simulation; batch axes (num_envs,) give every sub-env its own
+    damping            s, or None; tau in [F; M] = S^-1 (strain + tau strain rate)
+    gravity            (3,) m/s^2, or None
+    elements           at least 2
+    control_interval   s;  substeps: calls of the stepper in one
+    form, method       "nodal" and "midpoint" (implicit); or, for a soft section, a form and a method of torchdiffeq as in
+                       `torchbeam.ExplicitStepper`
+    solver             more arguments for the stepper, by name
+    delay              control intervals from an action to its effect
+    force              N along y and z at an action of 1, for the 2 (in a plane: 1) axes across the beam
+    planar             motion, force and observation in the plane of the task alone; gravity across it is left out
+    sensors            one or more of "tip", "middle", "gauges", "full": see `envs/sensors.py`
+    noise              standard deviation, in units of the observation, of white noise on each entry of the sensors
+    randomize          what is drawn uniformly at each reset, from the sub-env's generator: name -> (low, high); True = every
+                       parameter, from its documented range; None
+    control_cost       per interval and |action|^2
+    failure_reward     of the interval in which the solver fails
+    max_episode_steps  None = no end
+    autoreset_mode     "NextStep": the step after an episode's last one resets it; its action is ignored and its reward 0.
+                       "SameStep". "Disabled": an episode that is over stands still, reward 0 and flags kept, until
+                       reset(options={"reset_mask": (num_envs,) bool})
+    output             "numpy": float32 observations, float64 rewards, no gradient. "torch": tensors in the section's dtype,
+                       with gradient from actions (and parameters) to observations and rewards, over as many steps as
+                       `detach()` is not called
+    render_mode        "rgb_array", "human" or None
+
+    Parameters of every task: stiffness and mass (factors on the section's), damping (s), offset (m, from the last node to the
+    point beyond it where the force acts).
     """
 
-    beam: State
-    goal: Tensor
-    pending: Tensor
-    steps: Tensor
-    terminated: Tensor
-    truncated: Tensor
-    observation: Tensor
+    OPTIONS = ("reset_mask", "params", "goal")
+    PLANE: ClassVar[str] = "xy"
+    GOAL: ClassVar[int] = 0
+    AIM: ClassVar[tuple[float, ...]] = ()
+    HUB: ClassVar[int] = 0  # actions beside the tip force
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES)}  # noqa: RUF012
 
-    @property
-    def done(self) -> Tensor:
-        return self.terminated | self.truncated
-
-    def detach(self) -> Episodes:
-        return Episodes(**{name: value.detach() for name, value in vars(self).items()})
-
-
-class BeamVectorEnv(VectorEnv):
-    """n episodes of one beam task, stepped as one batch. Tensors inside; nothing is written in place.
-
-    A task derives from this, calls `__init__` with its `Scene` and spaces, and defines
-        start                          the `State` that episodes start in, batch (n,)
-        begin(streams, rows)           -> goal (k, g) of k fresh episodes of the sub-envs rows (k,), each from its own generator
-        inputs(action)                 -> what the stepper is given over one control interval: from the action (n, a) that acts
-        observe(beam, goal, pending)   -> (n, o)
-        reward(beam, goal, action)     -> (n,), from the action that was given
-        measures(beam, goal)           -> what goes into `info`, name -> (n,)
-
-    output="numpy": float32 observations, float64 rewards, no gradient. output="torch": tensors in the scene's dtype, with
-    gradient from actions to observations and rewards, over as many steps as `detach()` is not called.
-    """
-
-    start: State | MixedState
-
-    def __init__(self, num_envs: int, scene: Scene, observation_space: Box, action_space: Box, *, control_interval: float,
-                 substeps: int, form: str, method: str, solver: dict[str, Any] | None, delay: int,
-                 max_episode_steps: int | None, failure_reward: float, autoreset_mode: str | AutoresetMode,
-                 output: str) -> None:
-        for name, value in (("num_envs", num_envs), ("substeps", substeps), ("max_episode_steps", max_episode_steps)):
-            whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= 1
+    def __init__(
+        self, num_envs: int = 1, *, length: float = 1.5, section: tb.Section | str = "aluminium strip",
+        damping: float | None = 1e-3, gravity: tuple[float, float, float] | None = (0.0, 0.0, -9.81), elements: int = 6,
+        control_interval: float = 0.02, substeps: int = 2, form: str = "nodal", method: str = "midpoint",
+        solver: dict[str, Any] | None = None, delay: int = 1, force: Sequence[float] = (1.2, 2.0), planar: bool = False,
+        sensors: str | Sequence[str] = ("tip", "middle"), noise: float = 0.0,
+        randomize: bool | dict[str, Sequence[float]] | None = None, control_cost: float = 1e-3, failure_reward: float = -100.0,
+        max_episode_steps: int | None = 50, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        output: str = "numpy", render_mode: str | None = None,
+    ) -> None:
+        for name, value, least in (("num_envs", num_envs, 1), ("substeps", substeps, 1), ("elements", elements, 2),
+                                   ("delay", delay, 0), ("max_episode_steps", max_episode_steps, 1)):
+            whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= least
             if not whole and not (name == "max_episode_steps" and value is None):
-                raise ValueError(f"{name} = {value!r} was given; a whole number of at least 1 is wanted")
-        if not isinstance(delay, (int, np.integer)) or isinstance(delay, bool) or delay < 0:
-            raise ValueError(f"delay = {delay!r} was given; a whole number of control intervals, 0 or more, is wanted")
-        if output not in OUTPUTS:
-            raise ValueError(f"output = {output!r} was given; {' or '.join(map(repr, OUTPUTS))} is wanted")
-        if not np.isfinite(failure_reward):
+                raise ValueError(f"{name} = {value!r} was given; a whole number of at least {least} is wanted")
+        if not math.isfinite(failure_reward):
             raise ValueError(f"failure_reward = {failure_reward!r} was given; a finite number is wanted")
-        if not 0 < control_interval < np.inf:
-            raise ValueError(f"control_interval = {control_interval!r} was given; a positive finite number (s) is wanted")
-        self.num_envs, self.scene, self.control_interval, self.substeps = num_envs, scene, control_interval, substeps
-        self.delay = delay
-        self.stepper = stepper(scene, control_interval / substeps, form, method, solver or {})
-        self.max_episode_steps, self.failure_reward, self.output = max_episode_steps, failure_reward, output
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space, self.single_action_space = observation_space, action_space
-        self.observation_space = batch_space(observation_space, num_envs)
-        self.action_space = batch_space(action_space, num_envs)
-        self.dtype, self.device = scene.dtype, scene.device
-        self.low, self.high = (torch.as_tensor(x, dtype=self.dtype, device=self.device)
-                               for x in (observation_space.low, observation_space.high))
-        self.streams: list[np.random.Generator] = []
-        self.seeds: list[int] = []
-        self.episodes: Episodes | None = None
+        for name, value in (("control_interval", control_interval), ("length", length)):
+            if not 0 < value < math.inf:
+                raise ValueError(f"{name} = {value!r} was given; a positive finite number is wanted")
+        for name, value in (("control_cost", control_cost), ("noise", noise)):
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} = {value!r} was given; a finite non-negative number is wanted")
+        if form != "nodal" and gravity is not None:
+            raise ValueError(f"gravity with form = {form!r} was given; episodes of that form start undeformed: gravity=None")
+        self.plane = self.PLANE if planar else None
+        across = [1, 2] if self.plane is None else ["xyz".index(self.plane[1])]
+        if len(force) == 2:
+            force = [force[i - 1] for i in across]
+        if len(force) != len(across) or not all(0 < f < math.inf for f in force):
+            raise ValueError(f"force = {tuple(force)} was given; two positive finite numbers (N, along y and z) are wanted")
+        self.section = section_named(section)
+        self.length, self.elements, self.damping, self.gravity = length, elements, damping, self._in_plane(gravity)
+        self.control_interval, self.substeps, self.delay, self.form = control_interval, substeps, delay, form
+        self.method, self.solver, self.noise = method, solver or {}, noise
+        self.control_cost, self.failure_reward = control_cost, failure_reward
+        self.sensors = Sensors(sensors, elements, self.plane, form)
+        actions = self.HUB + len(across)
+        high = np.concatenate((self.aim_high(), self.sensors.high, np.ones(delay * actions))).astype(np.float32)
+        compliance = self.section.compliance
+        super().__init__(num_envs, Box(-high, high), Box(-1, 1, (actions,)), dtype=compliance.dtype, device=compliance.device,
+                         max_episode_steps=max_episode_steps, autoreset_mode=autoreset_mode, output=output,
+                         render_mode=render_mode, render_fps=round(1 / control_interval))
+        self.force = torch.tensor(force, dtype=self.dtype, device=self.device)
+        self.axes = torch.eye(3, dtype=self.dtype, device=self.device)[across]
+        self.omega = first_frequency(self.section, length)[..., None]  # rad/s, (1,) or (num_envs, 1)
+        self.speed = length * self.omega  # m/s
+        self.varying: set[str] = set()  # parameters that have a value for each sub-env
+        self.known = Parameters(self.parameters() if form == "nodal" else {})
+        self.plant = self._plant({}, torch.arange(num_envs, device=self.device))  # the usual one
+        self.rest: tuple[tb.State, tb.State] | None = None  # of the usual plant
+        self.ranges = self.known.ranges(randomize)  # name -> (low, high)
+        self.varying |= set(self.ranges)  # grows when a reset is given values for others
 
-    # The Gymnasium interface
+    # What tasks define
 
-    def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict]:
-        """Fresh episodes for all, or for those in options["reset_mask"], (n,) bool.
+    def parameters(self) -> dict[str, Parameter]:
+        own = {"stiffness": Parameter(1.0, 0.8, 1.2, above=True), "mass": Parameter(1.0, 0.8, 1.2, above=True),
+               "offset": Parameter(0.0, -0.02 * self.length, 0.02 * self.length, least=-math.inf)}
+        return own if self.damping is None else {**own, "damping": Parameter(self.damping, self.damping / 2, 2 * self.damping)}
 
-        seed  s gives sub-env i the stream s + i; a list gives one each; None goes on with the streams there are
-        """
-        mask = self._reset_mask(options)
-        self._seed(seed, mask)
-        with self._gradient():
-            self.episodes = self._fresh() if mask.all() else self._renew(self.episodes, mask)
-            info = self._info(self.episodes, torch.zeros_like(mask), torch.zeros_like(mask), mask)
-        return self._out(self.episodes.observation), self._out(info)
+    def effects(self, params: dict[str, Tensor]) -> tuple:
+        moment = tb.Input("moment", 3) if "offset" in self.varying else None
+        return (tb.TipLoad(force=tb.Input("force", 3), moment=moment),)
 
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict]:
-        """One control interval. Actions (n, a) are clipped to [-1, 1]; a row that is not finite counts as zeros."""
-        before = self._running()
-        action, invalid = self._action(actions)
-        none = torch.zeros_like(before.done)
-        with self._gradient():
-            fresh = before.done if self.autoreset_mode is AutoresetMode.NEXT_STEP else none
-            if fresh.any():
-                before = self._renew(before, fresh)
-            active = ~(before.done | fresh)
-            after, reward, failed = self._advance(before, action, active)
-            info = self._info(after, failed, invalid & active, active)
-            terminated, truncated = after.terminated, after.truncated
-            if self.autoreset_mode is AutoresetMode.SAME_STEP and after.done.any():
-                over = after.done
-                info.update(final_obs=after.observation, _final_obs=over, final_info=dict(info), _final_info=over)
-                after = self._renew(after, over)
-        self.episodes = after
-        return (self._out(after.observation), self._out(reward, np.float64), self._out(terminated), self._out(truncated),
-                self._out(info))
+    def begin(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
+        return self.high.new_zeros(len(rows), self.GOAL)
+
+    def launch(self, beam: tb.State, goal: Tensor) -> tb.State:
+        return beam
+
+    def inputs(self, action: Tensor, now: Episodes) -> dict[str, Tensor]:
+        force = (action[:, self.HUB:] * self.force) @ self.axes
+        if "moment" not in now.plant.scene.inputs:
+            return {"force": force}
+        along = now.beam.tip.rotation[..., 0] * now.plant.params["offset"][:, None]  # held over the interval, like the force
+        return {"force": force, "moment": torch.linalg.cross(along, force)}
+
+    def aim_high(self) -> np.ndarray:
+        """Bounds of what `aim` returns; by default AIM, in each direction of the motion."""
+        d = 3 if self.plane is None else 2
+        return np.repeat(np.array(self.AIM), d)
+
+    def aim(self, now: Episodes, tip: Tensor | None) -> Tensor:
+        raise NotImplementedError
+
+    def gap(self, now: Episodes, target: Tensor, tip: Tensor | None) -> Tensor:
+        """(n, d): from the tip, or where no sensor sees it from its start, to the target (n, 3) m, over the length."""
+        far = ((target - now.start.position[:, -1]) / self.length)[:, self.sensors.vector]
+        return far if tip is None else far - tip
+
+    def cost(self, now: Episodes) -> Tensor:
+        raise NotImplementedError
+
+    def ended(self, now: Episodes) -> Tensor | None:
+        return None
+
+    def measures(self, now: Episodes) -> dict[str, Tensor]:
+        return {}
+
+    def sketch(self, now: Episodes) -> dict[str, Any]:
+        return {}
 
     @property
-    def np_random(self) -> tuple[np.random.Generator, ...]:
-        """The generators of the sub-envs."""
-        if not self.streams:
-            self._seed(None, np.ones(self.num_envs, dtype=bool))
-        return tuple(self.streams)
+    def scene(self) -> tb.Scene:
+        """What is simulated now, with the inputs of the task; before the first reset, at the usual parameters."""
+        return (self.plant if self.episodes is None else self.episodes.plant).scene
 
     @property
-    def np_random_seed(self) -> tuple[int, ...]:
-        return tuple(self.seeds)
+    def start(self) -> tb.State:
+        """What displacements are counted from, batch (n,)."""
+        return self._at_rest(self.plant, self.num_envs)[0] if self.episodes is None else self.episodes.start
 
-    # Differentiable use
+    # Inside: steps
 
-    @property
-    def state(self) -> Episodes:
-        """Where all episodes stand: tensors, in the graph."""
-        return self._running()
-
-    def set_state(self, state: Episodes) -> Any:
-        """Go on from a state got earlier; returns its observation. The streams of random numbers stay where they are."""
-        if not isinstance(state, Episodes) or len(state.steps) != self.num_envs:
-            raise ValueError(f"a state of {type(state).__name__} was given; Episodes of {self.num_envs} sub-envs are wanted")
-        self.episodes = state
-        return self._out(state.observation)
-
-    def detach(self) -> None:
-        """Cut the graph here: gradients of what follows do not reach what was before."""
-        self.episodes = self._running().detach()
-
-    def initialize_trajectory(self) -> Any:
-        """Start a window: detach, and return the observation it starts with."""
-        self.detach()
-        return self._out(self.episodes.observation)
-
-    # Inside
-
-    def _advance(self, before: Episodes, action: Tensor, active: Tensor) -> tuple[Episodes, Tensor, Tensor]:
+    def advance(self, before: Episodes, action: Tensor, active: Tensor) -> tuple[Episodes, Tensor, Tensor]:
         """The active episodes one control interval later: (episodes, reward (n,), failed (n,) bool)."""
-        beam = before.beam
-        queue = torch.cat((before.pending, action[:, None]), 1)
-        pending = torch.where(active[:, None, None], queue[:, 1:], before.pending)
+        beam, acting, pending = before.beam, before.acting, before.pending
         if active.any():
-            given = self.inputs(queue[:, 0])
+            queue = torch.cat((pending, action[:, None]), 1)
+            acting = torch.where(active[:, None], queue[:, 0], acting)
+            pending = torch.where(active[:, None, None], queue[:, 1:], pending)
+            given = self.inputs(queue[:, 0], before)
             for _ in range(self.substeps):
-                beam = self.stepper(beam, active=active, **given)
-        observation = self._observation(beam, before.goal, pending)
-        finite = torch.isfinite(observation).all(-1)
-        failed = active & ((beam.status != 0) | ~finite)
-        if not (active & ~failed).all():
-            observation = torch.where((active & ~failed)[:, None], observation, before.observation)
-        reward = torch.where(failed, self.failure_reward, self.reward(beam, before.goal, action))
-        reward = torch.where(active, reward, 0.0)
+                beam = before.plant.stepper(beam, active=active, **given)
         steps = before.steps + active
+        after = replace(before, beam=beam, acting=acting, pending=pending, steps=steps)
+        observation = self._observation(after)
+        failed = active & (after.failed | ~torch.isfinite(observation).all(-1))
+        good = active & ~failed
+        if not good.all():
+            observation = torch.where(good[:, None], observation, before.observation)
+        reward = -self.cost(after) - self.control_cost * action.square().sum(-1)
+        reward = torch.where(active, torch.where(failed, self.failure_reward, reward), 0.0)
+        ended, over = self.ended(after), before.terminated | failed
+        over = over if ended is None else over | (good & ended)
         late = torch.zeros_like(active) if self.max_episode_steps is None else steps >= self.max_episode_steps
-        after = replace(before, beam=beam, pending=pending, steps=steps, observation=observation,
-                        terminated=before.terminated | failed, truncated=before.truncated | (active & late & ~failed))
+        after = replace(after, observation=observation, terminated=over, truncated=before.truncated | (good & late & ~over))
         return after, reward, failed
 
-    def _fresh(self) -> Episodes:
-        goal = self.begin(self.streams, torch.arange(self.num_envs, device=self.device))
-        self.first = self.start
-        if isinstance(self.stepper, Stepper):  # with what the method remembers of a step without action
-            still = self.high.new_zeros(self.num_envs, *self.single_action_space.shape)
-            self.first = self.stepper.begin(self.start, **self.inputs(still))
-        pending = self.high.new_zeros(self.num_envs, self.delay, *self.single_action_space.shape)
-        zero = torch.zeros(self.num_envs, dtype=torch.long, device=self.device)
-        observation = self._observation(self.first, goal, pending)
-        return Episodes(self.first, goal, pending, zero, zero.bool(), zero.bool(), observation)
+    def _observation(self, now: Episodes) -> Tensor:
+        omega = self.of(now, self.speed)
+        seen = self.sensors.read(now.beam, now.start, self.length, omega)
+        if self.noise:
+            seen = seen + self.noise * random.normal(now.key, now.steps, seen.shape[-1], self.dtype)
+        tip = None if self.sensors.tip is None else seen[:, self.sensors.tip]
+        whole = torch.cat((self.aim(now, tip), seen, now.pending.flatten(1)), -1)
+        return whole.clamp(-self.high, self.high)
 
-    def _renew(self, episodes: Episodes, mask: Tensor) -> Episodes:
-        """The episodes with those in the mask started afresh; the cost is that of a selection, not of a solve."""
+    def of(self, now: Episodes, value: Tensor) -> Tensor:
+        """Rows of a constant (num_envs, 1) that belong to these episodes; one of shape (1,) is everybody's."""
+        return value[now.member] if value.ndim > 1 else value
+
+    # Inside: resets
+
+    def renew(self, episodes: Episodes | None, mask: Tensor, params: dict[str, Tensor] | None = None,
+               goal: Tensor | None = None) -> Episodes:
+        """The episodes with those in the mask started afresh: built and solved for these alone, then put in their rows."""
+        episodes = self._with_room(episodes, set(params or {}))
         rows = mask.nonzero()[:, 0]
-        goal = episodes.goal.index_copy(0, rows, self.begin([self.streams[i] for i in rows.tolist()], rows))
-        beam = self.first.map(lambda new, old: torch.where(mask[(...,) + (None,) * (new.ndim - 1)], new, old), episodes.beam)
-        pending = torch.where(mask[:, None, None], 0.0, episodes.pending)
-        observation = torch.where(mask[:, None], self._observation(beam, goal, pending), episodes.observation)
-        return Episodes(beam, goal, pending, torch.where(mask, 0, episodes.steps), episodes.terminated & ~mask,
-                        episodes.truncated & ~mask, observation)
+        streams = [self.streams[i] for i in rows.tolist()]
+        drawn = self.begin(streams, rows)  # first: neither parameters nor noise change the goals
+        goal = drawn if goal is None else goal[rows]
+        values = {name: [stream.uniform(*self.ranges[name]) for stream in streams] for name in self.ranges}
+        values = {name: torch.tensor(each, dtype=self.dtype, device=self.device) for name, each in values.items()}
+        values |= {name: given[rows] for name, given in (params or {}).items()}
+        plant = self._plant(values, rows) if self.varying else self.plant
+        start, first = self._at_rest(plant, len(rows), rows)
+        key = torch.tensor([int(s.integers(2**63)) for s in streams] if self.noise else [0] * len(rows), device=self.device)
+        zero = torch.zeros(len(rows), dtype=torch.long, device=self.device)
+        idle = self.high.new_zeros(len(rows), *self.single_action_space.shape)
+        now = Episodes(plant, rows, start, self.launch(first, goal), goal, key, idle, idle[:, None].expand(-1, self.delay, -1),
+                       zero, zero.bool(), zero.bool(), idle)
+        now = replace(now, observation=self._observation(now))
+        return now if episodes is None else replaced(episodes, now, rows, self.num_envs)
 
-    def _observation(self, beam: State, goal: Tensor, pending: Tensor) -> Tensor:
-        return self.observe(beam, goal, pending).clamp(self.low, self.high)
+    def _plant(self, values: dict[str, Tensor], rows: Tensor) -> Plant:
+        """Of the sub-envs rows (k,), with values (k,) of parameters; those that vary and are not given have their usual one."""
+        params = {name: torch.tensor(p.value, dtype=self.dtype, device=self.device) for name, p in self.parameters().items()}
+        params |= {name: params[name].expand(len(rows)) for name in self.varying}
+        params |= values
+        scene = cantilever(self.length, self.elements, varied(self.section, params, rows), self.effects(params), params,
+                           self.gravity, self.plane)
+        return Plant(params, stepper(scene, self.control_interval / self.substeps, self.form, self.method, self.solver))
 
-    def _action(self, actions: Any) -> tuple[Tensor, Tensor]:
-        action = torch.as_tensor(actions, dtype=self.dtype, device=self.device)
-        if action.shape != self.action_space.shape:
-            raise ValueError(f"actions of shape {tuple(action.shape)} were given; {self.action_space.shape} is wanted")
-        invalid = ~torch.isfinite(action).all(-1)
-        return torch.where(invalid[:, None], 0.0, action.clamp(-1, 1)), invalid
+    def _at_rest(self, plant: Plant, count: int, rows: Tensor | None = None) -> tuple[tb.State, tb.State]:
+        """The beam in equilibrium without action, and the same with what the method remembers of a step without action."""
+        if plant is self.plant:
+            if self.rest is None:
+                self.rest = self._settled(plant, self.num_envs)
+            return self.rest if rows is None or count == self.num_envs else tuple(state[rows] for state in self.rest)
+        return self._settled(plant, count)
 
-    def _info(self, episodes: Episodes, failed: Tensor, invalid: Tensor, mask: Tensor) -> dict[str, Tensor]:
-        info = {**self.measures(episodes.beam, episodes.goal), "solver_failed": failed, "action_invalid": invalid}
-        return {**info, **{f"_{name}": mask for name in info}}
+    def _settled(self, plant: Plant, count: int) -> tuple[tb.State, tb.State]:
+        still = {name: self.high.new_zeros(count, size) for name, size in plant.scene.inputs.items()}
+        if self.form != "nodal":
+            start = plant.stepper.rest((count,))
+        else:
+            start = tb.equilibrium(plant.scene, throw=False, **still)
+        return start, plant.stepper.begin(start, **still) if isinstance(plant.stepper, tb.Stepper) else start
 
-    def _reset_mask(self, options: dict[str, Any] | None) -> Tensor:
-        unknown = set(options or {}) - {"reset_mask"}
-        if unknown:
-            raise ValueError(f"the reset option {unknown.pop()!r} was given; there is 'reset_mask'")
-        mask = (options or {}).get("reset_mask")
-        if mask is None:
-            return torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
-        mask = torch.as_tensor(mask, device=self.device)
-        if mask.dtype != torch.bool or mask.shape != (self.num_envs,) or not mask.any():
-            raise ValueError(f"reset_mask = {mask.tolist()} was given; {self.num_envs} bools, not all False, are wanted")
-        if not mask.all():
-            self._running()
-        return mask
+    def _with_room(self, episodes: Episodes | None, names: set[str]) -> Episodes | None:
+        """The episodes with room for values of these parameters in their plants."""
+        self.varying |= names
+        if episodes is None or all(episodes.plant.params[name].ndim for name in self.varying):
+            return episodes
+        kept = {name: value for name, value in episodes.plant.params.items() if value.ndim}
+        return replace(episodes, plant=self._plant(kept, torch.arange(self.num_envs, device=self.device)))
 
-    def _seed(self, seed: int | list[int | None] | None, mask: Any) -> None:
-        if seed is None or isinstance(seed, (int, np.integer)):
-            seed = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise ValueError(f"{len(seed)} seeds were given; {self.num_envs} are wanted, one for each sub-env")
-        if not self.streams:
-            self.streams, self.seeds = map(list, zip(*(seeding.np_random() for _ in seed), strict=True))
-        for i, one in enumerate(seed):
-            if one is not None and mask[i]:
-                self.streams[i], self.seeds[i] = seeding.np_random(one)
+    # Inside: arguments
 
-    def _running(self) -> Episodes:
-        if self.episodes is None:
-            raise gymnasium.error.ResetNeeded("step or state was asked for before reset(); call reset() first")
-        return self.episodes
+    def options(self, given: dict[str, Any]) -> dict[str, Any]:
+        """Parameters by name (n,) and goals (n, GOAL) from the options of a reset, checked."""
+        params = {name: self.known.given(name, value, self.num_envs, self.high)
+                  for name, value in given.get("params", {}).items()}
+        goal, shape = given.get("goal"), (self.num_envs, self.GOAL)
+        if goal is not None:
+            goal = torch.as_tensor(goal, dtype=self.dtype, device=self.device)
+            if goal.shape not in (shape[1:], shape) or not torch.isfinite(goal).all():
+                raise ValueError(f"a goal of shape {tuple(goal.shape)} was given; finite {shape} or {shape[1:]} is wanted")
+            goal = goal.expand(shape)
+        return {"params": params, "goal": goal}
 
-    def _gradient(self) -> torch.autograd.grad_mode.set_grad_enabled:
-        return torch.set_grad_enabled(self.output == "torch" and torch.is_grad_enabled())
+    def parameters_of(self, now: Episodes) -> dict[str, Tensor]:
+        return {name: now.plant.params[name] for name in sorted(self.varying)}
 
-    def _out(self, value: Any, dtype: Any = np.float32) -> Any:
-        if isinstance(value, dict):
-            return {name: self._out(x, dtype) for name, x in value.items()}
-        if self.output == "torch":
-            return value
-        array = value.detach().cpu().numpy()
-        return array.astype(dtype) if array.dtype.kind == "f" else array.copy()
-
-
-def stepper(scene: Scene, dt: float, form: str, method: str, solver: dict[str, Any]) -> Stepper | ExplicitStepper:
-    """What advances the beam by dt (s): the implicit step (form "nodal", method "midpoint"), or torchdiffeq in any form."""
-    if form == "nodal" and method in IMPLICIT_METHODS:
-        return Stepper(scene, dt, method, **{"halvings": HALVINGS, **solver})
-    return ExplicitStepper(scene, dt, method, form, **solver)
+    def _in_plane(self, vector: Sequence[float] | None) -> tuple[float, ...] | None:
+        """(3,) without its component across the plane; None where nothing is left."""
+        if vector is None or self.plane is None:
+            return vector
+        kept = tuple(v if axis in self.plane else 0.0 for axis, v in zip("xyz", vector, strict=True))
+        return kept if any(kept) else None

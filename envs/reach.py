@@ -1,51 +1,74 @@
-"""Reach: where a static tip force holds the tip, as a polynomial of the force; and the way back."""
+"""Reach: where a static tip force holds the tip, as a polynomial of the force; the way back; and how far from it the tip is."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
 import torchbeam as tb
 
+SOFT = 1e-3  # of the length: below it the distance in a cost is rounded off
 DEGREE = 16  # of the polynomial, in either component of the force
 
 
 @dataclass(frozen=True)
 class Reach:
-    """Static tip position as a function of the tip force's share in `force`, interpolated at (DEGREE + 1)^2 Chebyshev points
-    of [-1, 1]^2.
+    """Static tip position as a function of the tip force's share in `force`, interpolated at Chebyshev points of [-1, 1]^2, or
+    of [-1, 1] for a force along one axis.
 
     One batch of equilibria at construction, then a matrix product an episode: drawing targets costs no solve. For the default
     strip and reach the polynomial is within 3e-6 of the length of the equilibrium anywhere in the square.
 
-    coefficients  (..., DEGREE + 1, DEGREE + 1, 3) m
+    coefficients  (..., DEGREE + 1, DEGREE + 1, 3) m; of one axis (..., DEGREE + 1, 1, 3)
     """
 
     coefficients: Tensor
 
     @classmethod
     def of(cls, scene: tb.Scene, force: Tensor, axes: Tensor) -> Reach:
-        """scene with the input "force"; force (2,) N, largest along the two rows of axes (2, 3)."""
+        """scene with the input "force"; force (1 or 2,) N, largest along the rows of axes (1 or 2, 3)."""
         k = torch.arange(DEGREE + 1, dtype=scene.dtype, device=scene.device)
         points = torch.cos(torch.pi * (k + 0.5) / (DEGREE + 1))
-        grid = torch.stack(torch.meshgrid(points, points, indexing="ij"), -1)
-        loads = (grid.reshape(-1, *[1] * len(scene.batch_shape), 2) * force) @ axes
-        tip = tb.equilibrium(scene, force=loads).tip.position.unflatten(0, grid.shape[:2])
+        grid = torch.stack(torch.meshgrid(*[points] * len(force), indexing="ij"), -1)
+        loads = (grid.reshape(-1, *[1] * len(scene.batch_shape), len(force)) * force) @ axes
+        tip = tb.equilibrium(scene, force=loads).tip.position.unflatten(0, (DEGREE + 1, -1))
         basis = _chebyshev(points) * torch.where(k > 0, 2.0, 1.0) / (DEGREE + 1)  # (point, degree)
-        return cls(torch.einsum("pi,qj,pq...c->...ijc", basis, basis, tip))
+        second = basis if len(force) == 2 else basis.new_ones(1, 1)
+        return cls(torch.einsum("pi,qj,pq...c->...ijc", basis, second, tip))
 
     def tip(self, share: Tensor, rows: Tensor | slice = slice(None)) -> Tensor:
-        """(k, 3) m, where static forces share * force, share (k, 2), hold the tips of the sub-envs `rows`."""
+        """(k, 3) m, where static forces share * force, share (k, 1 or 2), hold the tips of the sub-envs `rows`."""
         c = self.coefficients[rows] if self.coefficients.ndim > 3 else self.coefficients
-        return torch.einsum("ki,kj,...ijc->kc" if c.ndim == 3 else "ki,kj,kijc->kc",
-                            _chebyshev(share[:, 0]), _chebyshev(share[:, 1]), c)
+        first = _chebyshev(share[:, 0])
+        second = _chebyshev(share[:, 1]) if share.shape[-1] == 2 else torch.ones_like(first[:, :1])
+        return torch.einsum("ki,kj,...ijc->kc" if c.ndim == 3 else "ki,kj,kijc->kc", first, second, c)
+
+
+def share_in_ellipse(unit: np.ndarray, axes: int) -> np.ndarray:
+    """Two uniform numbers of [0, 1) each, (k, 2) -> points (k, 2) uniform in the unit disc, or (k, 1) in [-1, 1]."""
+    if axes == 1:
+        return 2 * unit[:, :1] - 1
+    radius, turn = unit.T
+    return (np.sqrt(radius) * np.array([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)])).T
+
+
+def distance(a: Tensor, b: Tensor) -> Tensor:
+    """(n,) m between points (n, 3)."""
+    return torch.linalg.vector_norm(a - b, dim=-1)
+
+
+def rounded(gap: Tensor, length: float) -> Tensor:
+    """(n,): (sqrt(d^2 + s^2) - s) / (0.1 L), d = |gap|, gap (n, 3) m: smooth at 0, about 1 at L / 10."""
+    soft = SOFT * length
+    return ((gap.square().sum(-1) + soft**2).sqrt() - soft) / (0.1 * length)
 
 
 def holding_action(scene: tb.Scene, target: Tensor, force: Tensor, axes: Tensor, iterations: int = 8) -> Tensor:
-    """The action (n, 2) whose static equilibrium has its tip nearest the target (n, 3) m: Gauss-Newton on `tb.equilibrium`."""
-    action = torch.zeros(len(target), 2, dtype=scene.dtype, device=scene.device)
+    """The action (n, 1 or 2) whose equilibrium has its tip nearest the target (n, 3) m: Gauss-Newton on `tb.equilibrium`."""
+    action = torch.zeros(len(target), len(force), dtype=scene.dtype, device=scene.device)
     for _ in range(iterations):
         with torch.enable_grad():
             a = action.requires_grad_()

@@ -17,22 +17,28 @@ class SingleEnv(gymnasium.Env):
     vector: ClassVar[type[BeamVectorEnv]]
 
     def __init__(self, *, render_mode: str | None = None, max_episode_steps: int | None = None, **arguments: Any) -> None:
-        if render_mode is not None:
-            raise ValueError(f"render_mode = {render_mode!r} was given; there is none yet")
         for name in ("num_envs", "autoreset_mode", "output"):
             if name in arguments:
                 raise ValueError(f"{name} was given; a single env has none, {self.vector.__name__} does")
-        self.one = self.vector(1, max_episode_steps=max_episode_steps, autoreset_mode=AutoresetMode.DISABLED, **arguments)
+        self.one = self.vector(1, max_episode_steps=max_episode_steps, render_mode=render_mode,
+                               autoreset_mode=AutoresetMode.DISABLED, **arguments)
+        self.render_mode, self.metadata = render_mode, self.one.metadata
         self.observation_space, self.action_space = self.one.single_observation_space, self.one.single_action_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
         super().reset(seed=seed)
-        observation, info = self.one.reset(seed=seed)
+        observation, info = self.one.reset(seed=seed, options=options)
         return observation[0], _first(info)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
         observation, reward, terminated, truncated, info = self.one.step(np.asarray(action)[None])
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
+
+    def render(self) -> np.ndarray | None:
+        return self.one.render()
+
+    def close(self) -> None:
+        self.one.close()
 
     @property
     def np_random(self) -> np.random.Generator:
@@ -44,4 +50,5 @@ class SingleEnv(gymnasium.Env):
 
 
 def _first(info: dict) -> dict:
-    return {name: value[0].item() for name, value in info.items() if not name.startswith("_")}
+    values = {name: value for name, value in info.items() if not name.startswith("_")}
+    return {name: _first(value) if isinstance(value, dict) else value[0].item() for name, value in values.items()}

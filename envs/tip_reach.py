@@ -2,41 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 import torch
-from gymnasium.spaces import Box
-from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
-import torchbeam as tb
-
 from .core import BeamVectorEnv
-from .reach import Reach
+from .episodes import Episodes
+from .plant import aluminium_strip, silicone_rod
+from .reach import Reach, distance, rounded, share_in_ellipse
 from .single import SingleEnv
 
-FORCE = (1.2, 2.0)  # N, along y and z
-AXES = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-SOFT = 1e-3  # of the length: below it the distance in the reward is rounded off
-
-
-def aluminium_strip(dtype: torch.dtype = torch.float64) -> tb.Section:
-    """6061-T6 flat bar, 3 mm (along y) by 10 mm (along z): E = 68.9 GPa, nu = 0.33, density 2700 kg/m^3, yield 276 MPa."""
-    values = (torch.tensor(v, dtype=dtype) for v in (3e-3, 10e-3, 68.9e9, 0.33, 2700.0))
-    return tb.Section.rectangle(*values)
-
-
-def silicone_rod(dtype: torch.dtype = torch.float64) -> tb.Section:
-    """Round rod of silicone rubber, radius 10 mm: E = 1 MPa, nu = 0.45, density 1100 kg/m^3. Waves are slow enough in it for
-    an explicit method: a fixed step of 0.5 ms is stable with two elements in 0.3 m.
-    """
-    values = (torch.tensor(v, dtype=dtype) for v in (0.01, 1e6, 0.45, 1100.0))
-    return tb.Section.circle(*values)
-
-
-SECTIONS = {"aluminium strip": aluminium_strip, "silicone rod": silicone_rod}
+__all__ = ["TipReachEnv", "TipReachVectorEnv", "aluminium_strip", "silicone_rod"]
 
 
 class TipReachVectorEnv(BeamVectorEnv):
@@ -97,102 +75,48 @@ class TipReachVectorEnv(BeamVectorEnv):
     sub-envs that did not move. SAME_STEP adds `final_obs` (num_envs, 17) and `final_info` with their masks.
 
     ## Arguments
-    num_envs           sub-envs
-    length             m, of the strip: 1.5
-    section            `torchbeam.Section`, or "aluminium strip" (above) or "silicone rod" (see `silicone_rod`). Its dtype and
-                       device are those of the simulation; batch axes (num_envs,) give every sub-env its own
-    damping            s, or None; tau in [F; M] = S^-1 (strain + tau strain rate): 1e-3, 0.3 % of critical in the first mode
-    gravity            (3,) m/s^2, or None
-    elements           6; at least 2
-    control_interval   s, 0.02;  substeps: calls of the stepper in one, 2
-    form, method       "nodal" and "midpoint" (implicit); or, for a soft section, a form and a method of torchdiffeq as in
-                       `torchbeam.ExplicitStepper`. "torchbeam/TipReachBlockRate-v0" is the silicone rod, 0.3 m, in two elements
-                       of the index-reduced block rate form, by rk4, without gravity and damping
-    solver             more arguments for the stepper, by name
-    delay              1, control intervals from an action to its effect
-    force              (2,) N along y and z: (1.2, 2)
-    reach              0.8: share of the force bounds that targets need at most, above 0 and up to 1
-    control_cost       1e-3;  failure_reward: -100
-    max_episode_steps  50; None = no end
-    autoreset_mode     "NextStep" (default): the step after an episode's last one resets it; its action is ignored and its
-                       reward 0. "SameStep". "Disabled": an episode that is over stands still, reward 0 and flags kept,
-                       until reset(options={"reset_mask": (num_envs,) bool})
-    output             "numpy", or "torch": tensors, differentiable through as many steps as wanted; `state`,
-                       `set_state`, `detach` and `initialize_trajectory` are what a training loop needs
+    Those of `BeamVectorEnv`, with its defaults (see `envs/core.py`), and
+    reach  0.8: share of the force bounds that targets need at most on the usual strip, above 0 and up to 1
+
+    "torchbeam/TipReachPlanar-v0" is this with planar=True: the horizontal plane, one action, 9 + delay observations.
+    "torchbeam/TipReachBlockRate-v0" is the silicone rod, 0.3 m, in two elements of the index-reduced block rate form, by rk4,
+    without gravity and damping.
+
+    ## Parameters
+    For `randomize` and reset(options={"params": ...}): stiffness (0.8 to 1.2) and mass (0.8 to 1.2), factors; damping (half to
+    twice the usual, s); offset (-0.03 to 0.03 m). They do not move the target, so a stiffer strip takes a larger share of the
+    force to hold it: up to reach * stiffness. The goal, for options={"goal": ...}, is the target (3,) m in frame a; one out of
+    reach is taken as it is, and its distance stays positive.
 
     ## Version history
     v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
+    GOAL = 3
+    AIM = (4.0,)
 
-    def __init__(
-        self, num_envs: int = 1, *, length: float = 1.5, section: tb.Section | str = "aluminium strip",
-        damping: float | None = 1e-3,
-        gravity: tuple[float, float, float] | None = (0.0, 0.0, -9.81), elements: int = 6, control_interval: float = 0.02,
-        substeps: int = 2, form: str = "nodal", method: str = "midpoint", solver: dict[str, Any] | None = None,
-        delay: int = 1, force: tuple[float, float] = FORCE, reach: float = 0.8, control_cost: float = 1e-3,
-        failure_reward: float = -100.0, max_episode_steps: int | None = 50,
-        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, output: str = "numpy",
-    ) -> None:
-        if elements < 2:
-            raise ValueError(f"elements = {elements} was given; at least 2 are wanted, for a node at mid span")
+    def __init__(self, num_envs: int = 1, *, reach: float = 0.8, **arguments: Any) -> None:
         if not 0 < reach <= 1:
             raise ValueError(f"reach = {reach} was given; a share above 0 and up to 1 is wanted")
-        if len(force) != 2 or not all(0 < f < math.inf for f in force):
-            raise ValueError(f"force = {force} was given; two positive finite numbers (N, along y and z) are wanted")
-        if not control_cost >= 0:
-            raise ValueError(f"control_cost = {control_cost} was given; a non-negative number is wanted")
-        if isinstance(section, str):
-            if section not in SECTIONS:
-                raise ValueError(f"section = {section!r} was given; a Section is wanted, or one of {', '.join(SECTIONS)}")
-            section = SECTIONS[section]()
-        if form != "nodal" and gravity is not None:
-            raise ValueError(f"gravity with form = {form!r} was given; episodes of that form start undeformed: gravity=None")
-        beam = tb.Beam.straight(torch.as_tensor(length, dtype=section.compliance.dtype, device=section.compliance.device),
-                                elements, section)
-        named = () if damping is None else (tb.Damping(damping),)
-        named += () if gravity is None else (tb.Gravity(gravity),)
-        scene = tb.Scene(beam, [tb.TipLoad(force=tb.Input("force", 3)), *named])
-        high = np.repeat(np.float32([4, 2, 20, 2, 20, 1]), [3, 3, 3, 3, 3, 2 * max(delay, 0)])
-        super().__init__(
-            num_envs, scene, Box(-high, high), Box(-1, 1, (2,)), control_interval=control_interval, substeps=substeps,
-            form=form, method=method, solver=solver, delay=delay, max_episode_steps=max_episode_steps,
-            failure_reward=failure_reward,
-            autoreset_mode=autoreset_mode, output=output,
-        )
-        self.length, self.control_cost = length, control_cost
-        self.force = torch.tensor(force, dtype=self.dtype, device=self.device)
-        self.axes = torch.tensor(AXES, dtype=self.dtype, device=self.device)
-        self.middle = elements // 2
-        self.speed = (length * first_frequency(section, length))[..., None]  # m/s, (1,) or (num_envs, 1)
-        self.reach = Reach.of(scene, reach * self.force, self.axes)
-        still = torch.zeros(num_envs, 3, dtype=self.dtype, device=self.device)
-        self.start = tb.equilibrium(scene, force=still) if form == "nodal" else self.stepper.rest((num_envs,))
+        super().__init__(num_envs, **arguments)
+        self.reach = Reach.of(self.plant.scene, reach * self.force, self.axes)
 
     def begin(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
         """(k, 3) m: targets that forces in the ellipse hold."""
-        radius, turn = np.array([stream.random(2) for stream in streams]).T
-        disc = np.sqrt(radius) * np.array([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)])
-        return self.reach.tip(torch.as_tensor(disc.T, dtype=self.dtype, device=self.device), rows)
+        share = share_in_ellipse(np.array([stream.random(2) for stream in streams]), len(self.force))
+        return self.reach.tip(torch.as_tensor(share, dtype=self.dtype, device=self.device), rows)
 
-    def inputs(self, action: Tensor) -> dict[str, Tensor]:
-        return {"force": (action * self.force) @ self.axes}
+    def aim(self, now: Episodes, tip: Tensor | None) -> Tensor:
+        return self.gap(now, now.goal, tip)
 
-    def observe(self, beam: tb.State, goal: Tensor, pending: Tensor) -> Tensor:
-        position, velocity, start = beam.position, beam.velocity, self.start.position
-        lengths = [goal - position[:, -1], *(position[:, i] - start[:, i] for i in (-1, self.middle))]
-        speeds = [velocity[:, i] / self.speed for i in (-1, self.middle)]
-        gap, tip, middle = (x / self.length for x in lengths)
-        return torch.cat((gap, tip, speeds[0], middle, speeds[1], pending.flatten(1)), -1)
+    def cost(self, now: Episodes) -> Tensor:
+        return rounded(now.goal - now.beam.position[:, -1], self.length)
 
-    def reward(self, beam: tb.State, goal: Tensor, action: Tensor) -> Tensor:
-        soft = SOFT * self.length
-        far = ((goal - beam.position[:, -1]).square().sum(-1) + soft**2).sqrt() - soft
-        return -far / (0.1 * self.length) - self.control_cost * action.square().sum(-1)
+    def measures(self, now: Episodes) -> dict[str, Tensor]:
+        return {"distance": distance(now.goal, now.beam.position[:, -1])}
 
-    def measures(self, beam: tb.State, goal: Tensor) -> dict[str, Tensor]:
-        return {"distance": torch.linalg.vector_norm(goal - beam.position[:, -1], dim=-1)}
+    def sketch(self, now: Episodes) -> dict[str, Any]:
+        return {"target": now.goal}
 
 
 class TipReachEnv(SingleEnv):
@@ -202,11 +126,4 @@ class TipReachEnv(SingleEnv):
     """
 
     vector = TipReachVectorEnv
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
-
-
-def first_frequency(section: tb.Section, length: float) -> Tensor:
-    """rad/s, (...): of the softer direction of a uniform cantilever, 1.8751^2 sqrt(EI / (m L^4))."""
-    flexibility = section.compliance.diagonal(dim1=-2, dim2=-1)[..., 4:].amax(-1)
-    return 1.875104**2 / (flexibility * section.mass[..., 0, 0] * length**4).sqrt()
-
+    metadata = TipReachVectorEnv.metadata

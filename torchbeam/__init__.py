@@ -1,7 +1,26 @@
 """torchbeam: batched, differentiable, geometrically exact beam dynamics in PyTorch."""
 
+from . import plot, sensors
 from .beam import Beam
-from .effects import Damping, Gravity, History, Input, LineLoad, PointLoad, TipLoad
+from .critical import Critical, critical_load
+from .effects import (
+    Actuation,
+    Along,
+    Damping,
+    Drag,
+    Gravity,
+    History,
+    Input,
+    LineLoad,
+    Load,
+    MassDamping,
+    PerElement,
+    PointLoad,
+    PointMass,
+    RootSpring,
+    Spring,
+    TipLoad,
+)
 from .integrate.explicit import ExplicitStepper
 from .integrate.simulate import simulate
 from .integrate.stepper import Stepper
@@ -18,7 +37,9 @@ from .statics import equilibrium
 from .stations import Stations, Table
 
 __all__ = [
-    "Beam", "BlockRate", "Damping", "Energy", "ExplicitStepper", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear",
-    "MixedState", "Modes", "PointLoad", "RootMotion", "Scene", "Section", "Solution", "State", "Stations", "Stats", "Stepper",
-    "Table", "TipLoad", "block_rate", "consistent_state", "equilibrium", "linearize", "modes", "rest", "simulate",
+    "Actuation", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy", "ExplicitStepper", "Frame",
+    "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping", "MixedState", "Modes", "PerElement",
+    "PointLoad", "PointMass", "RootMotion", "RootSpring", "Scene", "Section", "Solution", "Spring", "State", "Stations",
+    "Stats", "Stepper", "Table", "TipLoad", "block_rate", "consistent_state", "critical_load", "equilibrium", "linearize",
+    "modes", "plot", "rest", "sensors", "simulate",
 ]

@@ -65,18 +65,27 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, t: float 
     if state is None:
         state = equilibrium(scene, t=t, **inputs)
     M, D, K = matrices(model, state, torch.as_tensor(t, dtype=scene.dtype, device=scene.device), scene.tensors(inputs))
-    flexible = torch.linalg.solve(K, M if D is None else torch.cat((D, M), -1))
-    if D is None:
-        found, vectors = torch.linalg.eig(-flexible)
-    else:
-        eye = torch.eye(free, dtype=M.dtype, device=M.device).expand_as(M)
-        found, vectors = torch.linalg.eig(torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2))
-        vectors = vectors[..., :free, :]
+    found, vectors = inverse_spectrum(M, D, K)
     chosen = _slowest(_eigenvalue(found.detach(), D is None), count)
     eigenvalue = _eigenvalue(found.gather(-1, chosen), D is None)
     vectors = vectors.mT.gather(-2, chosen[..., None].expand(*chosen.shape, free))
     vectors = vectors / vectors.gather(-1, vectors.abs().argmax(-1, keepdim=True))
-    return Modes(eigenvalue, pad(vectors.unflatten(-1, (-1, 6)), (0, 0, 1, 0)))
+    return Modes(eigenvalue, spread(model, vectors))
+
+
+def inverse_spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor]:
+    """1/eigenvalue^2, or without D 1/eigenvalue, and the shapes as columns: inverse because K is regular where M may not be."""
+    flexible = torch.linalg.solve(K, M if D is None else torch.cat((D, M), -1))
+    if D is None:
+        return torch.linalg.eig(-flexible)
+    eye = torch.eye(M.shape[-1], dtype=M.dtype, device=M.device).expand_as(M)
+    found, vectors = torch.linalg.eig(torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2))
+    return found, vectors[..., :M.shape[-1], :]
+
+
+def spread(model: Model, moves: Tensor) -> Tensor:
+    """Moves of the free unknowns (..., n) -> of all nodes (..., N+1, 6), frame a."""
+    return pad(moves.unflatten(-1, (-1, 6)), (0, 0, 1, 0))
 
 
 def _eigenvalue(found: Tensor, squared: bool) -> Tensor:

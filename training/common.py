@@ -18,7 +18,7 @@ from typing import Any, Protocol, get_type_hints
 import torch
 from gymnasium.vector import VectorEnv
 
-from .evaluate import evaluate
+from .evaluate import EPISODES, Controller, evaluate
 from .policies import Policy, save, write
 from .tuned import TASKS, TRAINING, Task
 
@@ -52,7 +52,7 @@ class Budget:
 
 
 def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, name: str = "run", every: int = 20,
-          episodes: int = 64, progress: bool = True) -> dict[str, Any]:
+          episodes: int = 64, final: int = EPISODES, progress: bool = True) -> dict[str, Any]:
     """Iterate until the budget is used up; writes NAME.csv (log), NAME.pt (policy) and, meanwhile, NAME.checkpoint.
 
     A run whose checkpoint is there goes on from it. With a budget of steps alone, it then ends in the same bits as a run that
@@ -69,7 +69,7 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
         log.rewind(state["rows"])
     else:
         log.rewind(0)
-        log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **_scores(task, learner.policy, episodes)})
+        log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **held_out(task, learner.policy, episodes)})
     with Bar(name, progress) as bar:
         while (done := budget.done(steps, seconds)) < 1:
             start = time.perf_counter()
@@ -78,21 +78,21 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
             iteration, steps = iteration + 1, steps + learner.batch
             over = budget.done(steps, seconds)
             if iteration % every == 0 or over >= 1:
-                scores = _scores(task, learner.policy, episodes)
+                scores = held_out(task, learner.policy, episodes)
                 log.write({"iteration": iteration, "steps": steps, "seconds": seconds, **scores, **figures})
                 write({"learner": learner.state_dict(), "iteration": iteration, "steps": steps, "seconds": seconds,
                        "rows": log.rows}, checkpoint)
                 bar.say(f"return {scores['held_out_return']:.1f}")
             bar.to(over)
-    final = evaluate(task, learner.policy)
-    result = {"steps": steps, "seconds": seconds, "iterations": iteration, **final}
+    result = {"steps": steps, "seconds": seconds, "iterations": iteration, **evaluate(task, learner.policy, final)}
     save(learner.policy, folder / f"{name}.pt", task=task.name, env=task.env, arguments=task.arguments, scores=result)
     checkpoint.unlink(missing_ok=True)
     return result
 
 
-def _scores(task: Task, policy: Policy, episodes: int) -> dict[str, float]:
-    scores = evaluate(task, policy, episodes)
+def held_out(task: Task, controller: Controller, episodes: int) -> dict[str, float]:
+    """The scores that go into the log."""
+    scores = evaluate(task, controller, episodes)
     return {f"held_out_{name}": scores[name] for name in ("return", "success", "final_error")}
 
 

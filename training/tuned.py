@@ -40,6 +40,8 @@ TASKS = {task.name: task for task in (
     Task("reach", "torchbeam/TipReach-v0", dict(elements=4, substeps=1)),
 )}
 
+DEFAULT = ("reach",)  # what the results table is made for unless tasks are named
+
 PPO: dict[str, dict[str, Any]] = {"reach": {}}
 SHAC: dict[str, dict[str, Any]] = {"reach": {}}
 SB3: dict[str, dict[str, Any]] = {"reach": {}}

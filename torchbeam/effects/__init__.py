@@ -9,14 +9,19 @@ A load acts on one node (`node` is an index) or along the beam, per unit length 
 elements: an effect does not know which form of the beam asks.
 """
 
+from .actuation import Actuation
 from .damping import Damping, MassDamping
+from .drag import Drag
 from .gravity import Gravity
 from .loads import LineLoad, PointLoad, TipLoad
+from .mass import PointMass
 from .site import Acting, Effect, Pose, Site, Wrench, jacobians, together
+from .springs import RootSpring, Spring
+from .user import Load
 from .values import Along, History, Input, Inputs, LoadValue, PerElement, of_time, plain, value_along, value_at
 
 __all__ = [
-    "Acting", "Along", "Damping", "Effect", "Gravity", "History", "Input", "Inputs", "LineLoad", "LoadValue", "MassDamping",
-    "PerElement", "PointLoad", "Pose", "Site", "TipLoad", "Wrench", "jacobians", "of_time", "plain", "together", "value_along",
-    "value_at",
+    "Acting", "Actuation", "Along", "Damping", "Drag", "Effect", "Gravity", "History", "Input", "Inputs", "LineLoad", "Load",
+    "LoadValue", "MassDamping", "PerElement", "PointLoad", "PointMass", "Pose", "RootSpring", "Site", "Spring", "TipLoad",
+    "Wrench", "jacobians", "of_time", "plain", "together", "value_along", "value_at",
 ]

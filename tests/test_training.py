@@ -1,0 +1,147 @@
+"""training/: gradients of a window, runs that resume in the same bits, learners that learn, files that load."""
+
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # training is not installed
+
+from training import common, ppo, shac
+from training.evaluate import evaluate
+from training.policies import Policy, Statistics, load, save
+from training.tuned import TASKS, Task
+
+torch.set_num_threads(1)
+TINY = Task("tiny", "torchbeam/TipReach-v0", dict(elements=2, substeps=1, max_episode_steps=12, control_interval=0.05))
+LEARNERS = {"ppo": (ppo.PPO, ppo.Arguments), "shac": (shac.SHAC, shac.Arguments)}
+
+
+def learner(name, task=TINY, **settings):
+    made, arguments = LEARNERS[name]
+    return made(task, arguments(**{"num_envs": 4, "horizon": 8, "hidden": (16,), **settings}))
+
+
+def test_gradient_of_a_window_is_that_of_differences():
+    """32 steps, episode ends within them, critic's values in the objective: central differences in two directions of the
+    policy's weights, in float64. 1e-6 is what differences of step 1e-5 are worth; the steps' Newton solves stop at 1e-8.
+    """
+    one = learner("shac", horizon=32, num_envs=3)
+    for part in (one.policy, one.target):
+        part.double()
+    start, noise = common.environment_state(one.env), one.generator.get_state()
+
+    def objective():
+        common.restore_environment(one.env, start)
+        one.generator.set_state(noise)
+        return one.window()[0].mean()
+
+    weights = [*one.policy.parameters()]
+    gradient = torch.autograd.grad(objective(), weights)
+    generator = torch.Generator().manual_seed(1)
+    for _ in range(2):
+        direction = [torch.randn(w.shape, generator=generator, dtype=w.dtype) for w in weights]
+        slope = sum((g * d).sum() for g, d in zip(gradient, direction, strict=True)).item()
+        ends = []
+        with torch.no_grad():
+            for step in (1e-5, -2e-5):
+                for w, d in zip(weights, direction, strict=True):
+                    w += step * d
+                ends.append(objective().item())
+            for w, d in zip(weights, direction, strict=True):
+                w += 1e-5 * d
+        assert (ends[0] - ends[1]) / 2e-5 == pytest.approx(slope, rel=1e-6)
+        assert abs(slope) > 1e-3
+
+
+@pytest.mark.parametrize("name", LEARNERS)
+def test_resume_is_bit_exact(name, tmp_path):
+    """A run that is stopped between two checkpoints and goes on ends with the bits of one that never was."""
+    budget = common.Budget(steps=6 * 32)
+    options = dict(every=2, episodes=2, final=2, progress=False, name="run")
+    whole = common.train(learner(name), TINY, tmp_path / "whole", budget, **options)
+    part = learner(name)
+    steps, stop = part.iteration, iter(range(5))
+    part.iteration = lambda done: steps(done) if next(stop, None) is not None else pytest.fail("stopped")
+    with pytest.raises(pytest.fail.Exception):
+        common.train(part, TINY, tmp_path / "part", budget, **options)
+    assert (tmp_path / "part/run.checkpoint").exists()
+    resumed = common.train(learner(name), TINY, tmp_path / "part", budget, **options)
+    assert not (tmp_path / "part/run.checkpoint").exists()
+    a, b = (load(tmp_path / where / "run.pt").state_dict() for where in ("whole", "part"))
+    assert all(torch.equal(a[key], b[key]) for key in a)
+    assert {**whole, "seconds": 0} == {**resumed, "seconds": 0}
+    logs = [list(csv.DictReader(open(tmp_path / where / "run.csv"))) for where in ("whole", "part")]
+    assert [row["held_out_return"] for row in logs[0]] == [row["held_out_return"] for row in logs[1]]
+    assert [int(row["iteration"]) for row in logs[1]] == [0, 2, 4, 6]
+
+
+@pytest.mark.parametrize("name, settings", [("ppo", dict(num_envs=16, rate=5e-3)), ("shac", dict(num_envs=8, rate=1e-2))])
+def test_learns(name, settings):
+    """Ten updates on a coarse strip cut what held-out episodes cost by more than a tenth."""
+    one = learner(name, horizon=12, **settings)
+    before = evaluate(TINY, one.policy, 16)["return"]
+    for k in range(10):
+        one.iteration(k / 10)
+    assert evaluate(TINY, one.policy, 16)["return"] > 0.9 * before
+
+
+def test_numpy_and_torch_output_teach_the_same():
+    """The same noise, the same episodes; numpy observations are rounded to float32."""
+    a, b = learner("ppo", output="numpy"), learner("ppo", output="torch")
+    for one in (a, b):
+        one.data = one.collect()
+    assert b.data["observation"].dtype == torch.float64
+    for name in ("observation", "reward", "next", "likelihood"):
+        torch.testing.assert_close(a.data[name].double(), b.data[name].double(), atol=1e-5, rtol=1e-5)
+    assert torch.equal(a.data["over"], b.data["over"])
+
+
+def test_the_value_of_a_time_limit_is_that_before_the_reset():
+    """`next` of an episode's last step is its last observation, not the first of the one that follows."""
+    for name in LEARNERS:
+        one = learner(name, horizon=12)
+        data = one.collect() if name == "ppo" else one.window()[1]
+        assert data["over"][-1].all() and not data["over"][:-1].any() and not data["terminated"].any()
+        moved = data["next"][-1, :, 3:6].abs().amax(-1)  # displacement since the start of the episode
+        assert (moved > 0).all()
+        torch.testing.assert_close(data["next"][:-1], data["observation"][1:])
+
+
+def test_statistics_are_those_of_all_data():
+    x = torch.randn(100, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64) * torch.tensor([1.0, 5.0, 0.1]) + 2
+    seen = Statistics(3)
+    for part in x.split((10, 60, 30)):
+        seen.update(part)
+    torch.testing.assert_close(seen.mean, x.mean(0), rtol=1e-4, atol=1e-4)  # the prior counts 1e-4 samples
+    torch.testing.assert_close(seen.variance, x.var(0, correction=0), rtol=1e-3, atol=1e-4)
+
+
+def test_policy_from_its_file(tmp_path):
+    policy = Policy((17, 16, 2), squash=True)
+    policy.statistics.update(torch.rand(10, 17))
+    save(policy, tmp_path / "policy.pt", task="reach", scores={"return": -1.0})
+    loaded = load(tmp_path / "policy.pt")
+    observation = np.random.default_rng(0).normal(size=(5, 17)).astype(np.float32)
+    action = loaded(observation)
+    assert action.shape == (5, 2) and isinstance(action, np.ndarray) and (np.abs(action) <= 1).all()
+    assert np.array_equal(action, policy(observation)) and np.array_equal(action, loaded(torch.as_tensor(observation)).numpy())
+    assert loaded.about == {"task": "reach", "scores": {"return": -1.0}}
+
+
+def test_arguments_are_documented():
+    for module in (ppo, shac):
+        names = {field.name for field in common.fields(module.Arguments)}
+        assert set(common.documented(module.Arguments)) == names
+
+
+def test_command_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(TASKS, "reach", TINY)
+    monkeypatch.setattr(common, "evaluate", lambda task, controller, episodes: {
+        "return": 0.0, "success": 0.0, "final_error": 0.0})
+    common.main(["--budget", "32", "--num-envs", "4", "--horizon", "8", "--hidden", "(8,)", "--seed", "3",
+                 "--out", str(tmp_path)], shac.Arguments, shac.SHAC, {})
+    assert load(tmp_path / "tiny-shac-3.pt").shape["sizes"] == [17, 8, 2] and "steps 32" in capsys.readouterr().out

@@ -1,0 +1,66 @@
+"""Actuation: strain and curvature that the beam takes by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..checks import Value
+from .values import Along, Inputs, LoadValue, PerElement, load_value, value_at
+
+
+@dataclass(frozen=True)
+class Actuation:
+    """Intrinsic curvature and strain of a beam bent by tendons, piezo patches, heat: [F; M] = S^-1 (strain - intrinsic).
+
+    curvature  (..., 3) 1/m, twist and bending about y and z, frame B: numbers, a function of t, an `Input`, or
+               `PerElement` (..., N, 3)
+    strain     (..., 3) likewise: stretch, shear along y and z
+    elements   which elements: None = all, a range, a slice, or their numbers from the root
+
+    Raises ValueError where neither is given, or an element does not exist.
+    """
+
+    curvature: Value | None = None
+    strain: Value | None = None
+    elements: range | slice | Sequence[int] | None = None
+
+    hook = "eigenstrain"
+
+    def __post_init__(self) -> None:
+        if self.curvature is None and self.strain is None:
+            raise ValueError("Actuation with neither curvature nor strain was given; one of them is wanted")
+        for name in ("curvature", "strain"):
+            object.__setattr__(self, name, load_value(f"Actuation's {name}", getattr(self, name), along=True))
+        if any(isinstance(v, Along) for v in self.values):
+            raise ValueError("Actuation with a function Along the beam was given; PerElement gives each element its own")
+        if isinstance(self.elements, int):
+            object.__setattr__(self, "elements", (self.elements,))
+
+    @property
+    def values(self) -> tuple[LoadValue, ...]:
+        return tuple(v for v in (self.strain, self.curvature) if v is not None)
+
+    def eigenstrain(self, t: Tensor, inputs: Inputs, like: Tensor, count: int) -> Tensor:
+        """[gamma; kappa] (..., N or 1, 6) of the unloaded beam at time t; `count` = N, dtype and device of `like`."""
+        parts = [like.new_zeros(1, 3) if v is None else self._value(v, t, inputs, like, count)
+                 for v in (self.strain, self.curvature)]
+        lead = torch.broadcast_shapes(*(p.shape[:-1] for p in parts))
+        both = torch.cat([p.expand(*lead, 3) for p in parts], -1)
+        if self.elements is None:
+            return both
+        at = torch.arange(count)[self.elements] if isinstance(self.elements, slice) else torch.tensor(list(self.elements))
+        if at.numel() == 0 or (at < -count).any() or (at >= count).any():
+            raise ValueError(f"elements = {self.elements!r} was given for a beam of {count}; numbers from 0 to {count - 1} are "
+                             "wanted")
+        here = torch.zeros(count, 1, dtype=like.dtype, device=like.device)
+        here[at] = 1
+        return here * both
+
+    def _value(self, value: LoadValue, t: Tensor, inputs: Inputs, like: Tensor, count: int) -> Tensor:
+        if isinstance(value, PerElement):
+            return value(like.new_empty(count), t)
+        return value_at(value, t, inputs, like)[..., None, :]

@@ -1,0 +1,124 @@
+"""Drag of a slender body in a fluid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..checks import Value
+from ..quaternions import hat
+from .site import POSITION, ROTATION, VELOCITY, Acting, Site, Wrench, jacobians
+from .values import Inputs, LoadValue, like, load_value, parameter
+
+
+@dataclass(frozen=True)
+class Drag(Acting):
+    """Quadratic drag per unit length (Morison et al. 1950; across and along the axis after Taylor 1952):
+
+        f = -1/2 rho d (C_n |v_n| v_n + pi C_t |v_t| v_t),    v = velocity - flow,  v_t along the deformed axis, v_n across
+
+    density   (...) kg/m^3 of the fluid;  diameter (...) m: width across the flow, pi d the wetted circumference
+    normal, tangential  (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and 0.4 above the drag crisis
+    flow      m/s: (..., 3) in inertial axes, as Gravity's g; or function(position, t) -> (..., sites, 3), both in frame a;
+              None = still
+    added_mass  C_a of the fluid that moves along, C_a rho pi d^2/4 per length across the axis (`added`)
+
+    Raises ValueError for a negative density, diameter or coefficient.
+    """
+
+    density: Value
+    diameter: Value
+    normal: Value = 1.2
+    tangential: Value = 0.0
+    flow: Value | Callable[[Tensor, Tensor], Tensor] | None = None
+    added_mass: Value = 0.0
+
+    node = None
+
+    def __post_init__(self) -> None:
+        for name in ("density", "diameter", "normal", "tangential", "added_mass"):
+            object.__setattr__(self, name, parameter(f"Drag's {name}", getattr(self, name)))
+        if self.flow is not None and not callable(self.flow):
+            object.__setattr__(self, "flow", load_value("Drag's flow", self.flow))
+        if self.carries:
+            raise ValueError("Drag with an added mass was given; no form of the beam takes it yet")
+
+    @property
+    def carries(self) -> bool:
+        """Whether there is an added mass, by what was given at construction."""
+        return bool((self.added_mass != 0).any())
+
+    @property
+    def added(self) -> Tensor:
+        """(...) kg/m, mass of fluid that moves with the beam across its axis."""
+        return self.added_mass * self.density * self.diameter**2 * (math.pi / 4)
+
+    @property
+    def depends(self) -> frozenset[str]:
+        return frozenset({ROTATION, VELOCITY, *({POSITION} if callable(self.flow) else ())})
+
+    @property
+    def values(self) -> tuple[LoadValue, ...]:
+        numbers = (self.density, self.diameter, self.normal, self.tangential, self.added_mass)
+        flow = () if self.flow is None or callable(self.flow) else (self.flow,)
+        return (*(v[..., None] for v in numbers), *flow)
+
+    def wrench(self, site: Site, t: Tensor, inputs: Inputs) -> Wrench:
+        axis, u, across = self._parts(site, t, inputs)
+        normal, tangential = self._factors(site)
+        return normal * norm(across) * across + tangential * u.abs() * u * axis, None
+
+    def tangent(self, site: Site, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """With e the axis, P = e e^T and u = v.e:
+
+            d(|v_n| v_n) = (|v_n| I + v_n v_n^T/|v_n|) d(v_n),    d(v_n) = (I - P) dv - (e v^T + u I) de
+            d(|u| u e) = 2 |u| P dv + |u| (2 e v^T + u I) de,    de = spin x e
+        """
+        axis, u, across = self._parts(site, t, inputs)
+        normal, tangential = (c[..., None] for c in self._factors(site))
+        eye = torch.eye(3, dtype=axis.dtype, device=axis.device)
+        size = norm(across)
+        unit = across / torch.where(size > 0, size, torch.ones_like(size))
+        grow = normal * (size[..., None] * eye + outer(across, unit))
+        along = 2 * tangential * u.abs()[..., None]
+        by_axis = outer(axis, u * axis + across) + u[..., None] * eye  # -d(v_n)/de
+        turn = (along / 2 * (u[..., None] * eye + 2 * outer(axis, u * axis + across)) - grow @ by_axis) @ -hat(axis)
+        P = outer(axis, axis)
+        by_velocity = grow @ (eye - P) + along * P
+        found = {ROTATION: turn, VELOCITY: by_velocity}
+        if callable(self.flow):
+            at = site.position.expand(*torch.broadcast_shapes(site.position.shape, axis.shape))
+            (slope,) = jacobians(lambda x: like(self.flow(x, t), site.R).expand_as(x), at)
+            found[POSITION] = -by_velocity @ slope
+        return {name: torch.cat((d, torch.zeros_like(d)), -2) for name, d in found.items()}
+
+    def _factors(self, site: Site) -> tuple[Tensor, Tensor]:
+        """-1/2 rho d C_n and -1/2 rho d pi C_t, (..., 1, 1)."""
+        rho, d, normal, tangential = (like(v, site.R) for v in (self.density, self.diameter, self.normal, self.tangential))
+        return tuple(v[..., None, None] for v in (-rho * d * normal / 2, -rho * d * tangential * (math.pi / 2)))
+
+    def _parts(self, site: Site, t: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor, Tensor]:
+        """The axis (..., 3), the relative velocity along it (..., 1) and across it (..., 3)."""
+        axis, v = site.R[..., :, 0], site.velocity
+        if callable(self.flow):
+            v = v - like(self.flow(site.position, t), site.R)
+        elif self.flow is not None:
+            v = v - site.from_inertial(like(self.flow, site.R))[..., None, :]
+        u = (v * axis).sum(-1, keepdim=True)
+        return axis, u, v - u * axis
+
+
+def norm(v: Tensor) -> Tensor:
+    """|v| (..., 1), with derivative 0 at v = 0."""
+    square = v.square().sum(-1, keepdim=True)
+    some = square > 0
+    return torch.where(some, torch.where(some, square, torch.ones_like(square)).sqrt(), torch.zeros_like(square))
+
+
+def outer(x: Tensor, y: Tensor) -> Tensor:
+    """x y^T"""
+    return x[..., :, None] * y[..., None, :]

@@ -1,0 +1,163 @@
+"""Springs: a node tied to a point, and an elastic clamp."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from .. import quaternions as quat
+from ..checks import Value, axis_last
+from ..quaternions import hat
+from .drag import norm, outer
+from .loads import whole_node
+from .site import POSITION, ROTATION, SPIN, VELOCITY, Acting, Site, Wrench
+from .values import Inputs, LoadValue, like, load_value, parameter, plain, value_at
+
+
+@dataclass(frozen=True)
+class Spring(Acting):
+    """A node tied to a point by a spring: force -(k (|d| - length) + c d|d|/dt) d/|d|, d from the point to the node.
+
+    node       counts from the root, -1 is the tip
+    stiffness  (...) k, N/m
+    to         (..., 3) m, frame a, or a function t -> (..., 3): the point
+    length     (...) m unstretched; 0 makes it linear: -k d - c (velocity)
+    damping    (...) c, N s/m
+
+    Raises ValueError for a negative stiffness, length or damping.
+    """
+
+    node: int
+    stiffness: Value
+    to: Value | Callable[[Tensor], Tensor]
+    length: Value = 0.0
+    damping: Value = 0.0
+
+    def __post_init__(self) -> None:
+        whole_node(self.node)
+        for name in ("stiffness", "length", "damping"):
+            object.__setattr__(self, name, parameter(f"Spring's {name}", getattr(self, name)))
+        object.__setattr__(self, "to", load_value("Spring's to", self.to))
+        object.__setattr__(self, "linear", not torch.as_tensor(self.length).detach().any())
+        object.__setattr__(self, "damped", bool(torch.as_tensor(self.damping).detach().any()))
+
+    @property
+    def values(self) -> tuple[LoadValue, ...]:
+        return (*(v[..., None] for v in (self.stiffness, self.length, self.damping)), self.to)
+
+    @property
+    def conservative(self) -> bool:
+        return not self.damped and not callable(self.to)
+
+    @property
+    def depends(self) -> frozenset[str]:
+        return frozenset({POSITION, *({VELOCITY} if self.damped else ())})
+
+    def wrench(self, site: Site, t: Tensor, inputs: Inputs) -> Wrench:
+        k, length, c = (like(v, site.R)[..., None] for v in (self.stiffness, self.length, self.damping))
+        d = site.position - value_at(self.to, t, inputs, site.R)
+        if self.linear:
+            return -k * d - (c * site.velocity if self.damped else 0), None
+        n, r = _direction(d)
+        tension = k * (r - length)
+        if self.damped:
+            tension = tension + c * (n * site.velocity).sum(-1, keepdim=True)
+        return -tension * n, None
+
+    def tangent(self, site: Site, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """Undamped: -k (I - length/|d| (I - n n^T))."""
+        if self.damped and not self.linear:
+            return super().tangent(site, t, inputs)
+        k, length, c = (like(v, site.R)[..., None, None] for v in (self.stiffness, self.length, self.damping))
+        eye = torch.eye(3, dtype=site.R.dtype, device=site.R.device)
+        by_r = -k * eye
+        if not self.linear:
+            n, r = _direction(site.position - value_at(self.to, t, inputs, site.R))
+            by_r = by_r + k * length / r[..., None] * (eye - outer(n, n))
+        found = {POSITION: by_r, **({VELOCITY: -c * eye} if self.damped else {})}
+        return {name: torch.cat((d, torch.zeros_like(d)), -2) for name, d in found.items()}
+
+
+def _direction(d: Tensor) -> tuple[Tensor, Tensor]:
+    """d/|d| and |d| (..., 1); at d = 0 no direction, and a length of 1."""
+    r = norm(d)
+    r = torch.where(r > 0, r, torch.ones_like(r))
+    return d / r, r
+
+
+@dataclass(frozen=True)
+class RootSpring(Acting):
+    """An elastic, damped clamp: node 0 hangs in its support by six springs, from the energy 1/2 d^T k d + 1/2 phi^T k phi.
+
+    stiffness  (..., 6) N/m and N m/rad along and about the support's axes, or a pair (forces, moments) of values or triples
+    damping    the same, N s/m and N m s/rad, on the motion against the support; None = none
+
+    d is the displacement and phi the rotation vector (|phi| < pi) of node 0 from its support, in the support's axes, which are
+    the section's at rest. The support stays where the beam has node 0, or moves as the scene's root does.
+
+    Raises ValueError for a negative or infinite stiffness or damping.
+    """
+
+    stiffness: Value
+    damping: Value | None = None
+
+    node = 0
+    frees_root = True
+    wants_support = True
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "damping"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, parameter(f"RootSpring's {name}", _six(name, getattr(self, name))))
+
+    @property
+    def values(self) -> tuple[LoadValue, ...]:
+        return (self.stiffness,) if self.damping is None else (self.stiffness, self.damping)
+
+    @property
+    def conservative(self) -> bool:
+        return self.damping is None
+
+    @property
+    def depends(self) -> frozenset[str]:
+        return frozenset({POSITION, ROTATION, *((VELOCITY, SPIN) if self.damping is not None else ())})
+
+    def wrench(self, site: Site, t: Tensor, inputs: Inputs) -> Wrench:
+        """force -k d; moment -T^-T k phi, where T^-1 spin = d(phi)/dt: T^-T = I + ~phi/2 + c ~phi ~phi."""
+        support = site.support
+        back = support.R.mT
+        k = like(self.stiffness, site.R)
+        arm = site.position - support.position
+        relative = quat.from_matrix(back @ site.R)
+        phi = hat(quat.logarithm(relative))
+        cos, s2 = relative[..., :1].abs(), relative[..., 1:].square().sum(-1, keepdim=True)
+        g = quat.arc_ratio(cos, s2)
+        small = s2 < 1e-6
+        c = torch.where(small, 1 / 12 + s2 / 180, (1 - g * cos) / torch.where(small, torch.ones_like(s2), 4 * g * g * s2))
+        pull = k[..., 3:, None] * quat.logarithm(relative)[..., None]
+        force = k[..., :3, None] * (back @ arm[..., None])
+        moment = pull + phi @ pull / 2 + c[..., None] * phi @ (phi @ pull)
+        if self.damping is not None:
+            v, spin = site.velocity, site.spin
+            v = v if support.velocity is None else v - support.velocity
+            if support.spin is not None:
+                v = v - torch.linalg.cross(*torch.broadcast_tensors(support.spin, arm))
+                spin = spin - support.spin
+            c = like(self.damping, site.R)
+            force = force + c[..., :3, None] * (back @ v[..., None])
+            moment = moment + c[..., 3:, None] * (back @ spin[..., None])
+        return tuple(-(support.R @ w)[..., 0] for w in (force, moment))
+
+
+def _six(name: str, value: Value) -> Value:
+    """Six values (..., 6) from six, or from a pair of numbers or triples."""
+    if isinstance(value, (list, tuple)) and len(value) == 2:
+        parts = [torch.as_tensor(p) if isinstance(p, torch.Tensor) else torch.as_tensor(plain(p)) for p in value]
+        parts = [p.expand(3) if p.ndim == 0 else axis_last(f"RootSpring's {name}", p, 3) for p in parts]
+        lead = torch.broadcast_shapes(*(p.shape[:-1] for p in parts))
+        both = torch.cat([p.expand(*lead, 3) for p in parts], -1)
+        return both if any(isinstance(p, torch.Tensor) for p in value) else both.numpy()
+    return axis_last(f"RootSpring's {name}", plain(value), 6)

@@ -1,0 +1,22 @@
+"""Sensors: what is read off a beam. One kind of object for environments, identification, linearisation and plots.
+
+    tip = tb.sensors.TipPosition(reference=start)     tip(state) -> (..., 3) m       tip(solution.state) -> (time, ..., 3)
+    tip["z"] or tip[2]                                one component: (..., 1)
+    tb.sensors.Stack((tip, tb.sensors.Spin(-1)))      several as one vector: (..., 6)
+
+A sensor is called with a state of any form (`State`, `MixedState`), batched, or a trajectory (time first), and returns a
+tensor with the same leading axes; it is differentiable in the state and in what it was made of. Each has
+
+    name    what it reads        unit    SI        labels  one short name for each number
+    shape   of a reading, (3,) for a vector         size    numbers in it
+"""
+
+from .along import Curvature, Gauge, Strain, Stress
+from .node import Angles, NodePosition, NodeRotation, NodeVelocity, Spin, TipPosition, TipVelocity
+from .root import RootForce, RootMoment, RootReaction
+from .sensor import Component, Sensor, Stack
+
+__all__ = [
+    "Angles", "Component", "Curvature", "Gauge", "NodePosition", "NodeRotation", "NodeVelocity", "RootForce", "RootMoment",
+    "RootReaction", "Sensor", "Spin", "Stack", "Strain", "Stress", "TipPosition", "TipVelocity",
+]

@@ -1,0 +1,179 @@
+"""Sensors along the beam: strain, curvature, a gauge on a fibre, stress."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from ..beam import Beam
+from ..checks import Value, as_tensor, finite
+from ..nodal.element import kinematics, strain
+from ..state import State
+from .sensor import Sensor
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Along(Sensor):
+    """A sensor of elements. At an arc length it follows the straight line through the values at the middles of the two
+    elements beside it (those of the first or last two, prolonged, near an end): second order, as the elements are.
+
+    station  (...) m, arc length from the root at rest, 0 to the beam's length; may be batched and carry gradient
+    beam     the `Beam`
+    element  in place of a station: the index of an element, whose own value (best at its middle) is read
+
+    Raises ValueError for both or neither, a station beyond the beam, or an element that does not exist.
+    """
+
+    station: Value | None = None
+    beam: Beam | None = None
+    element: int | None = None
+    weights: Tensor | None = field(default=None, init=False)
+    what: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        if (self.station is None) == (self.element is None):
+            raise ValueError(f"station = {self.station!r} and element = {self.element!r} were given; one of them is wanted")
+        if not isinstance(self.beam, Beam):
+            raise ValueError(f"a beam of type {type(self.beam).__name__} was given; the torchbeam.Beam is wanted")
+        if self.element is not None:
+            N = self.beam.count
+            if isinstance(self.element, bool) or not isinstance(self.element, int) or not -N <= self.element < N:
+                raise ValueError(f"element = {self.element!r} was given; the beam has the elements 0 to {N - 1}")
+        else:
+            length = self.beam.length
+            station = finite("station", as_tensor(self.station, length.dtype, length.device))
+            object.__setattr__(self, "station", station)
+            object.__setattr__(self, "weights", station_weights(station, length))
+
+    @property
+    def name(self) -> str:
+        where = f"in element {self.element}" if self.station is None else (
+            f"at {self.station.item():g} m" if self.station.ndim == 0 else f"at {tuple(self.station.shape)} stations")
+        return f"{self.what} {where}"
+
+    def of_elements(self, state: Any) -> Tensor:
+        """(..., N, size)"""
+        raise NotImplementedError
+
+    def read(self, state: Any) -> Tensor:
+        values = self.of_elements(state)
+        return values[..., self.element, :] if self.weights is None else (self.weights[..., None, :] @ values)[..., 0, :]
+
+
+def station_weights(station: Tensor, length: Tensor) -> Tensor:
+    """(..., N): what the elements, of length (..., N) m, count for at stations (...) m: see `_Along`."""
+    middle, N = length.cumsum(-1) - length / 2, length.shape[-1]
+    end = length.sum(-1)
+    if ((station < 0) | (station > end * (1 + 1e-6))).any():
+        raise ValueError(f"station = {station.detach().flatten().tolist()[:4]} m was given for a beam of "
+                         f"{end.max().item():g} m; places from 0 to that are wanted")
+    if N == 1:
+        return torch.ones_like(station)[..., None]
+    shape = torch.broadcast_shapes(station.shape, middle.shape[:-1])
+    at, middle = station.expand(shape)[..., None], middle.expand(*shape, N)
+    k = (torch.searchsorted(middle.detach().contiguous(), at.detach().contiguous()) - 1).clamp(0, N - 2)
+    a, b = middle.gather(-1, k), middle.gather(-1, k + 1)
+    share = (at - a) / (b - a)
+    one = torch.arange(N, device=k.device)
+    return torch.where(one == k, 1 - share, 0.0) + torch.where(one == k + 1, share, 0.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Strains(_Along):
+    """From the kinematics: the strain of the positions and rotations at that instant, less that of the beam at rest. (Not from
+    the stress, which after an implicit step is a mean over the step and holds damping.) Section axes.
+    """
+
+    reference: Tensor | None = field(default=None, init=False)
+    part: ClassVar[slice]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "reference", self._strain(self.beam.nodes, self.beam.frames))
+
+    def _strain(self, position: Tensor, rotation: Tensor) -> Tensor:
+        length = self.beam.length[..., None]
+        if self.element is not None:  # that element alone
+            i = self.element % self.beam.count
+            position, rotation, length = position[..., i:i + 2, :], rotation[..., i:i + 2, :], length[..., i:i + 1, :]
+        return strain(kinematics(position, rotation, length), length)
+
+    def read(self, state: Any) -> Tensor:
+        if self.beam.count + 1 != state.position.shape[-2]:
+            raise ValueError(f"a state with {state.position.shape[-2]} nodes was given; the sensor's beam has "
+                             f"{self.beam.count + 1}")
+        if not isinstance(state, State):  # a mixed form holds its own
+            return super().read(state)
+        values = self._strain(state.position, state.rotation) - self.reference
+        values = values if self.weights is None else self.weights[..., None, :] @ values
+        return self.of(values[..., 0, :])
+
+    def of_elements(self, state: Any) -> Tensor:
+        return self.of(state.strain)
+
+    def of(self, strains: Tensor) -> Tensor:
+        """(..., 6) -> what is read of it."""
+        return strains[..., self.part]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Strain(_Strains):
+    """gamma (..., 3): extension, and shear along y and z, of the reference axis, section axes; by the kinematics, see
+    `_Strains`. station, beam, element: where, see `_Along`.
+    """
+
+    what = "strain"
+    unit = "1"
+    labels = ("extension", "shear y", "shear z")
+    part = slice(0, 3)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Curvature(_Strains):
+    """kappa (..., 3) 1/m: twist, and bending about y and about z, section axes; by the kinematics, see `_Strains`.
+    station, beam, element: where, see `_Along`.
+    """
+
+    what = "curvature"
+    unit = "1/m"
+    labels = ("twist", "bending y", "bending z")
+    part = slice(3, 6)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Gauge(_Strains):
+    """Reading (..., 1) of a strain gauge along the beam, on the fibre at (y, z) m of the section:
+    gamma1 + z kappa2 - y kappa3; by the kinematics, see `_Strains`. station, beam, element: where, see `_Along`.
+    """
+
+    y: Value = 0.0
+    z: Value = 0.0
+    what = "gauge"
+    unit = "1"
+    labels = ("strain",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("y", "z"):
+            value = as_tensor(getattr(self, name), self.beam.length.dtype, self.beam.length.device)
+            object.__setattr__(self, name, finite(name, value))
+
+    def of(self, strains: Tensor) -> Tensor:
+        return strains[..., :1] + self.z[..., None] * strains[..., 4:5] - self.y[..., None] * strains[..., 5:]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Stress(_Along):
+    """Stress resultants (..., 6) N and N m, section axes: the state's own, after an implicit step its mean over the step,
+    damping included. station, beam, element: where, see `_Along`.
+    """
+
+    what = "stress"
+    unit = "N, N m"
+    labels = ("F1", "F2", "F3", "M1", "M2", "M3")
+
+    def of_elements(self, state: Any) -> Tensor:
+        return state.stress if isinstance(state, State) else torch.cat((state.F, state.M), -1)

@@ -1,0 +1,189 @@
+"""Sensors at a node: position, velocity, rotation, angles, spin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from .. import quaternions as quat
+from ..checks import axis_last
+from ..state import State
+from .sensor import XYZ, Sensor
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _OfNode(Sensor):
+    """A sensor at a node, counted from the root; -1 is the tip."""
+
+    node: int
+    what: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        if isinstance(self.node, bool) or not isinstance(self.node, int):
+            raise ValueError(f"node = {self.node!r} was given; a whole number is wanted")
+
+    @property
+    def name(self) -> str:
+        return f"{'tip' if self.node == -1 else f'node {self.node}'} {self.what}"
+
+    def __call__(self, state: Any) -> Tensor:
+        nodes = getattr(state, "position", torch.empty(0, 0)).shape[-2]
+        if nodes and not -nodes <= self.node < nodes:
+            raise ValueError(f"node = {self.node} was given; the beam has the nodes 0 to {nodes - 1}")
+        return super().__call__(state)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NodePosition(_OfNode):
+    """Position (..., 3) m of a node, frame a.
+
+    reference  what is taken off: (..., 3) m, or a state whose reading it is (the reading is then a displacement)
+    """
+
+    reference: Any = None
+    what = "position"
+    unit = "m"
+    labels = XYZ
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        reference = self.reference
+        if hasattr(reference, "position"):
+            reference = reference.position[..., self.node, :]
+        elif reference is not None and not isinstance(reference, Tensor):
+            reference = torch.as_tensor(reference, dtype=torch.get_default_dtype())
+        if reference is not None:
+            axis_last("reference", reference, 3)
+        object.__setattr__(self, "reference", reference)
+
+    def read(self, state: Any) -> Tensor:
+        position = state.position[..., self.node, :]
+        return position if self.reference is None else position - self.reference
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NodeVelocity(_OfNode):
+    """Velocity (..., 3) m/s of a node: absolute, in the axes of frame a."""
+
+    what = "velocity"
+    unit = "m/s"
+    labels = XYZ
+
+    def read(self, state: Any) -> Tensor:
+        return state.velocity[..., self.node, :]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Spin(_OfNode):
+    """Angular velocity (..., 3) rad/s of a node: absolute, in the axes of frame a, or with `body` in those of its section
+    (what a gyroscope there reads).
+    """
+
+    body: bool = False
+    what = "spin"
+    unit = "rad/s"
+    labels = XYZ
+
+    def read(self, state: Any) -> Tensor:
+        if self.body and isinstance(state, State):
+            return state.spin[..., self.node, :]
+        node = state.node(self.node)
+        return (node.rotation.mT @ node.spin[..., None])[..., 0] if self.body else node.spin
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Turned(_OfNode):
+    """A node's rotation R, section axes -> frame a; relative to a reference R_0, R_0^T R.
+
+    reference  None, a matrix (..., 3, 3), or a state whose node has it: `tb.rest(scene)` for the rotation since rest, seen in
+               the axes that the section had there (x along the beam)
+    """
+
+    reference: Any = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.reference is not None:
+            given = self.reference
+            q = _quaternion(given, self.node) if hasattr(given, "position") else quat.from_matrix(
+                given if isinstance(given, Tensor) else torch.as_tensor(given, dtype=torch.get_default_dtype()))
+            object.__setattr__(self, "reference", quat.conjugate(q))
+
+    def quaternion(self, state: Any) -> Tensor:
+        q = _quaternion(state, self.node)
+        return q if self.reference is None else quat.multiply(self.reference, q)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NodeRotation(_Turned):
+    """Rotation matrix (..., 3, 3) of a node: section axes -> frame a, or -> the reference's axes."""
+
+    what = "rotation"
+    unit = "1"
+    labels = tuple(i + j for i in XYZ for j in XYZ)
+    shape = (3, 3)
+
+    def read(self, state: Any) -> Tensor:
+        return quat.matrix(self.quaternion(state))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Angles(_Turned):
+    """A node's rotation as three angles (..., 3) rad.
+
+    kind  "tait-bryan": yaw, pitch and roll of R = Rz(yaw) Ry(pitch) Rx(roll): turn about z, then about the new y, then about
+              the section's own x, along the beam; yaw and roll in (-pi, pi], pitch in [-pi/2, pi/2]. Where the section's x
+              stands along z (pitch = +-pi/2), yaw and roll turn about the same axis: yaw is then taken as zero, and
+              derivatives mean nothing
+          "vector": the rotation vector, axis times angle, |.| <= pi; it jumps where the angle passes pi
+    """
+
+    kind: str = "tait-bryan"
+    what = "angles"
+    unit = "rad"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.kind not in ("tait-bryan", "vector"):
+            raise ValueError(f"kind = {self.kind!r} was given; 'tait-bryan' or 'vector' is wanted")
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return ("yaw", "pitch", "roll") if self.kind == "tait-bryan" else XYZ
+
+    def read(self, state: Any) -> Tensor:
+        q = self.quaternion(state)
+        return quat.logarithm(q) if self.kind == "vector" else tait_bryan(quat.matrix(q))
+
+
+def tait_bryan(R: Tensor) -> Tensor:
+    """yaw, pitch, roll (..., 3) rad of R (..., 3, 3) = Rz(yaw) Ry(pitch) Rx(roll), see `Angles`."""
+    (xx, _, _), (yx, yy, yz), (zx, zy, zz) = (row.unbind(-1) for row in R.unbind(-2))
+    flat2 = xx * xx + yx * yx  # cos(pitch)^2
+    lost = flat2 < torch.finfo(R.dtype).eps ** 1.5
+    one, zero = torch.ones_like(flat2), torch.zeros_like(flat2)
+    pitch = torch.atan2(-zx, torch.where(lost, one, flat2).sqrt() * torch.where(lost, zero, one))
+    yaw = torch.atan2(torch.where(lost, zero, yx), torch.where(lost, one, xx))
+    roll = torch.atan2(torch.where(lost, -yz, zy), torch.where(lost, yy, zz))
+    return torch.stack((yaw, pitch, roll), -1)
+
+
+def _quaternion(state: Any, node: int) -> Tensor:
+    return state.rotation[..., node, :] if isinstance(state, State) else quat.from_matrix(state.node(node).rotation)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TipPosition(NodePosition):
+    """`NodePosition` of the tip."""
+
+    node: int = field(default=-1, init=False)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TipVelocity(NodeVelocity):
+    """`NodeVelocity` of the tip."""
+
+    node: int = field(default=-1, init=False)

@@ -1,0 +1,122 @@
+"""Sensor: a reading of the beam, its parts, and several as one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from ..checks import axis_last
+
+XYZ = ("x", "y", "z")
+
+
+class Sensor:
+    """What all sensors share; a subclass has `name`, `unit`, `labels` and `read(state)`, and `shape` if that is no vector."""
+
+    name: str
+    unit: str
+    labels: tuple[str, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (len(self.labels),)
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+    def __call__(self, state: Any) -> Tensor:
+        """(..., *shape). Raises ValueError for what is not a state, or has no such node or element."""
+        if not hasattr(state, "position"):
+            raise ValueError(f"{type(state).__name__} was given to a sensor; a state is wanted (of a solution: solution.state)")
+        return self.read(state)
+
+    def read(self, state: Any) -> Tensor:
+        raise NotImplementedError
+
+    def flat(self, state: Any) -> Tensor:
+        """The reading as a vector, (..., size)."""
+        return self(state).flatten(-len(self.shape))
+
+    def __getitem__(self, which: int | str | slice) -> Component:
+        """Some of the numbers, by place, slice or label; always with a last axis."""
+        return Component(self, which)
+
+    def __repr__(self) -> str:
+        return f"{self.name} [{', '.join(self.labels)}] {self.unit}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Component(Sensor):
+    """Some numbers of another sensor's reading: `sensor[which]`."""
+
+    of: Sensor
+    which: int | str | slice
+    places: tuple[int, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        labels, which = self.of.labels, self.which
+        if isinstance(which, str):
+            if which not in labels:
+                raise ValueError(f"the label {which!r} was given; {self.of.name} has {', '.join(labels)}")
+            places = (labels.index(which),)
+        elif isinstance(which, slice):
+            places = tuple(range(len(labels))[which])
+        elif isinstance(which, int) and -len(labels) <= which < len(labels):
+            places = (which % len(labels),)
+        else:
+            raise ValueError(f"the component {which!r} was given; {self.of.name} has {len(labels)}: {', '.join(labels)}")
+        object.__setattr__(self, "places", places)
+
+    @property
+    def name(self) -> str:
+        return self.of.name
+
+    @property
+    def unit(self) -> str:
+        return self.of.unit
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return tuple(self.of.labels[i] for i in self.places)
+
+    def read(self, state: Any) -> Tensor:
+        reading = self.of.flat(state)
+        return torch.stack([reading[..., i] for i in self.places], -1)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Stack(Sensor):
+    """Several sensors as one vector, in their order; `split` takes such a vector apart."""
+
+    sensors: Iterable[Sensor]
+    name: ClassVar[str] = "sensors"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sensors", tuple(self.sensors))
+        for sensor in self.sensors:
+            if not isinstance(sensor, Sensor):
+                raise ValueError(f"{sensor!r} was given to Stack; sensors are wanted")
+
+    @property
+    def unit(self) -> str:
+        return ", ".join(dict.fromkeys(s.unit for s in self.sensors))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return tuple(f"{s.name} {label}" for s in self.sensors for label in s.labels)
+
+    def read(self, state: Any) -> Tensor:
+        readings = [s.flat(state) for s in self.sensors]
+        shape = torch.broadcast_shapes(*(r.shape[:-1] for r in readings))
+        return torch.cat([r.expand(*shape, r.shape[-1]) for r in readings], -1)
+
+    def split(self, vector: Tensor) -> tuple[Tensor, ...]:
+        """(..., size) -> each sensor's reading (..., *shape)."""
+        parts = axis_last("vector", vector, self.size).split([s.size for s in self.sensors], -1)
+        return tuple(p.unflatten(-1, s.shape) for p, s in zip(parts, self.sensors, strict=True))

@@ -1,0 +1,176 @@
+"""The vector environments behind stable-baselines3's interface, and its PPO and SAC on them (extra `rl`).
+
+    python -m training.sb3 --task reach --algorithm sac --budget 100000
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium.vector import AutoresetMode, VectorEnv
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+from .common import Bar, Budget, Log, held_out, training_seed
+from .evaluate import EPISODES, evaluate
+from .tuned import SB3 as TUNED
+from .tuned import TASKS, Task
+
+ALGORITHMS = {"ppo": PPO, "sac": SAC}
+DEFAULTS = {  # of all tasks, over those of stable-baselines3
+    "ppo": dict(num_envs=64, n_steps=32, batch_size=512, n_epochs=8, learning_rate=1e-3, policy_kwargs={"log_std_init": -0.7}),
+    "sac": dict(num_envs=32, learning_rate=1e-3, gradient_steps=8, learning_starts=1600, buffer_size=500_000, batch_size=256,
+                policy_kwargs={"net_arch": [64, 64]}),
+}
+
+
+class Sb3VecEnv(VecEnv):
+    """A Gymnasium vector env as a stable-baselines3 `VecEnv`: its steps stay one batch.
+
+    The env must reset in the step that ends an episode (autoreset_mode="SameStep") and give numpy. `infos[i]` of such a step
+    holds "terminal_observation" and "TimeLimit.truncated", the others hold what the env says of sub-env i.
+    """
+
+    def __init__(self, env: VectorEnv) -> None:
+        if env.metadata["autoreset_mode"] is not AutoresetMode.SAME_STEP or getattr(env, "output", "numpy") != "numpy":
+            raise ValueError("an env with another autoreset mode or output was given; 'SameStep' and numpy are wanted")
+        self.env = env
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+
+    def reset(self) -> np.ndarray:
+        given = any(seed is not None for seed in self._seeds)
+        observation, info = self.env.reset(seed=list(self._seeds) if given else None)
+        self.reset_infos = self._each(info)
+        self._reset_seeds()
+        self._reset_options()
+        return observation
+
+    def step_async(self, actions: np.ndarray) -> None:
+        self.actions = actions
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        observation, reward, terminated, truncated, info = self.env.step(self.actions)
+        done = terminated | truncated
+        final, last = info.pop("final_obs", None), info.pop("final_info", {})
+        infos = self._each(info if final is None else {**info, **last})
+        for i in np.flatnonzero(done):
+            infos[i]["terminal_observation"] = final[i]
+            infos[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
+        return observation, reward.astype(np.float32), done, infos
+
+    def _each(self, info: dict[str, Any]) -> list[dict[str, Any]]:
+        names = [name for name in info if not name.startswith("_")]
+        return [{name: info[name][i] for name in names} for i in range(self.num_envs)]
+
+    def close(self) -> None:
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        setattr(self.env, attr_name, value)
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        return [getattr(self.env, method_name)(*args, **kwargs)] * len(list(self._get_indices(indices)))
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        return [False] * len(list(self._get_indices(indices)))
+
+
+class Greedy:
+    """A trained model as a controller: observation (n, o) -> the most likely action (n, a)."""
+
+    def __init__(self, model: BaseAlgorithm, normal: VecNormalize) -> None:
+        self.model, self.normal = model, normal
+
+    def __call__(self, observation: torch.Tensor) -> torch.Tensor:
+        seen = self.normal.normalize_obs(observation.numpy().astype(np.float32))
+        return torch.as_tensor(self.model.predict(seen, deterministic=True)[0]).clamp(-1, 1)
+
+
+def make(task: Task, algorithm: str, seed: int, **settings: Any) -> tuple[BaseAlgorithm, VecNormalize]:
+    """The model, and the normalisation of observations and rewards around its env."""
+    settings = {**DEFAULTS[algorithm], **TUNED.get(task.name, {}).get(algorithm, {}), **settings}
+    env = Sb3VecEnv(task.make(settings.pop("num_envs")))
+    normal = VecNormalize(env, gamma=settings.get("gamma", 0.99))
+    model = ALGORITHMS[algorithm]("MlpPolicy", normal, device="cpu", **copy.deepcopy(settings))
+    model.set_random_seed(seed)  # of numpy and torch too: stable-baselines3 has no generator of its own
+    normal.seed(training_seed(seed))
+    return model, normal
+
+
+def train(task: Task, algorithm: str, folder: str | Path, budget: Budget, *, seed: int = 0, name: str = "run",
+          every: float = 15.0, episodes: int = 64, final: int = EPISODES, progress: bool = True,
+          **settings: Any) -> dict[str, Any]:
+    """As `training.common.train`, but without checkpoints: writes NAME.csv and the model, NAME.zip and NAME.normal."""
+    model, normal = make(task, algorithm, seed, **settings)
+    folder = Path(folder)
+    with Bar(name, progress) as bar:
+        watch = Watch(task, Greedy(model, normal), Log(folder / f"{name}.csv"), budget, bar, every, episodes)
+        model.learn(budget.steps or 10**12, callback=watch)
+    model.save(folder / f"{name}.zip")
+    normal.save(str(folder / f"{name}.normal"))
+    return {"steps": watch.num_timesteps, "seconds": watch.seconds, **evaluate(task, Greedy(model, normal), final)}
+
+
+class Watch(BaseCallback):
+    """Scores the policy every so many seconds of training, which do not hold that time, and ends with the budget."""
+
+    def __init__(self, task: Task, controller: Greedy, log: Log, budget: Budget, bar: Bar, every: float, episodes: int) -> None:
+        super().__init__()
+        self.task, self.controller, self.log, self.budget = task, controller, log, budget
+        self.bar, self.every, self.episodes = bar, every, episodes
+        self.seconds, self.next = 0.0, every
+
+    def _on_training_start(self) -> None:
+        self.log.rewind(0)
+        self._score()
+        self.start = time.perf_counter()
+
+    def _on_step(self) -> bool:
+        now = time.perf_counter()
+        self.seconds, self.start = self.seconds + now - self.start, now
+        done = self.budget.done(self.num_timesteps, self.seconds)
+        if self.seconds >= self.next or done >= 1:
+            self.next = self.seconds + self.every
+            self._score()
+            self.start = time.perf_counter()
+        self.bar.to(done)
+        return done < 1
+
+    def _score(self) -> None:
+        scores = held_out(self.task, self.controller, self.episodes)
+        self.log.write({"steps": self.num_timesteps, "seconds": self.seconds, **scores})
+        self.bar.say(f"return {scores['held_out_return']:.1f}")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Train one policy with stable-baselines3."""
+    parser = argparse.ArgumentParser(prog="python -m training.sb3", description=main.__doc__)
+    parser.add_argument("--task", choices=TASKS, default="reach", help="default: %(default)s")
+    parser.add_argument("--algorithm", choices=ALGORITHMS, default="ppo", help="default: %(default)s")
+    parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
+    parser.add_argument("--budget", type=int, default=300_000, help="environment steps (default: %(default)s)")
+    parser.add_argument("--minutes", type=float, help="end after so many minutes of training at the latest")
+    parser.add_argument("--out", default="out/training", help="folder for log and model (default: %(default)s)")
+    options = parser.parse_args(argv)
+    torch.set_num_threads(1)
+    name = f"{options.task}-sb3-{options.algorithm}-{options.seed}"
+    result = train(TASKS[options.task], options.algorithm, options.out, Budget(options.budget, options.minutes),
+                   seed=options.seed, name=name)
+    print("  ".join(f"{key} {value:.4g}" for key, value in result.items()))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
