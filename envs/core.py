@@ -132,7 +132,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
         self.varying: set[str] = set()  # parameters that have a value for each sub-env
         self.known = Parameters(self.parameters() if form == "nodal" else {})
         self.plant = self._plant({}, torch.arange(num_envs, device=self.device))  # the usual one
-        self.rest: tuple[tb.State, tb.State] | None = None  # of the usual plant
+        self.rest = self._settled(self.plant, num_envs)
         self.ranges = self.known.ranges(randomize)  # name -> (low, high)
         self.varying |= set(self.ranges)  # grows when a reset is given values for others
 
@@ -193,7 +193,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
     @property
     def start(self) -> tb.State:
         """What displacements are counted from, batch (n,)."""
-        return self._at_rest(self.plant, self.num_envs)[0] if self.episodes is None else self.episodes.start
+        return self.rest[0] if self.episodes is None else self.episodes.start
 
     # Inside: steps
 
@@ -249,7 +249,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
         values = {name: torch.tensor(each, dtype=self.dtype, device=self.device) for name, each in values.items()}
         values |= {name: given[rows] for name, given in (params or {}).items()}
         plant = self._plant(values, rows) if self.varying else self.plant
-        start, first = self._at_rest(plant, len(rows), rows)
+        start, first = self._at_rest(plant, rows)
         key = torch.tensor([int(s.integers(2**63)) for s in streams] if self.noise else [0] * len(rows), device=self.device)
         zero = torch.zeros(len(rows), dtype=torch.long, device=self.device)
         idle = self.high.new_zeros(len(rows), *self.single_action_space.shape)
@@ -267,15 +267,13 @@ class BeamVectorEnv(EpisodesVectorEnv):
                            self.gravity, self.plane)
         return Plant(params, stepper(scene, self.control_interval / self.substeps, self.form, self.method, self.solver))
 
-    def _at_rest(self, plant: Plant, count: int, rows: Tensor | None = None) -> tuple[tb.State, tb.State]:
-        """The beam in equilibrium without action, and the same with what the method remembers of a step without action."""
-        if plant is self.plant:
-            if self.rest is None:
-                self.rest = self._settled(plant, self.num_envs)
-            return self.rest if rows is None or count == self.num_envs else tuple(state[rows] for state in self.rest)
-        return self._settled(plant, count)
+    def _at_rest(self, plant: Plant, rows: Tensor) -> tuple[tb.State, tb.State]:
+        if plant is not self.plant:
+            return self._settled(plant, len(rows))
+        return self.rest if len(rows) == self.num_envs else tuple(state[rows] for state in self.rest)
 
     def _settled(self, plant: Plant, count: int) -> tuple[tb.State, tb.State]:
+        """The beam in equilibrium without action, and the same with what the method remembers of a step without action."""
         still = {name: self.high.new_zeros(count, size) for name, size in plant.scene.inputs.items()}
         if self.form != "nodal":
             start = plant.stepper.rest((count,))

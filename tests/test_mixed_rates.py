@@ -13,7 +13,7 @@ from torch.testing import assert_close
 
 from torchbeam import rotations as rot
 from torchbeam.beam import Beam
-from torchbeam.effects import Damping, Gravity, Input, LineLoad, TipLoad
+from torchbeam.effects import Along, Damping, Drag, Gravity, Input, LineLoad, Load, MassDamping, RootSpring, Spring, TipLoad
 from torchbeam.mixed import rates, residuals
 from torchbeam.mixed.block import block_rate
 from torchbeam.mixed.chain import Chain, check_times
@@ -24,6 +24,10 @@ from torchbeam.section import Section
 
 t = torch.tensor(0.7)
 DEAD = (TipLoad(force=wave(4), moment=wave(4)), LineLoad(force=wave(), follower=True))
+MOVED = (Drag(2.0, torch.rand(4), tangential=0.1, flow=lambda x, t: torch.sin(x + t)), MassDamping(0.3),
+         Spring(1, 2.0, to=wave(4), length=0.1), Spring(-1, torch.rand(4), to=(0.1, 0.2, 0.3)),
+         LineLoad(force=Along(lambda s, t: torch.stack((s * t, s, t * s * s), -1)), follower=True),
+         Load(lambda x, R, v, w, t: (t * R[..., 0] * (v * w).sum(-1, keepdim=True), torch.linalg.cross(x, v)), node=None))
 
 
 def vector(x):
@@ -34,14 +38,15 @@ def rates_with_random_highest(chain, x, s):
     """Any x' that satisfies the kinematic rows: these may use u', theta', V', Omega'."""
     f = unpack(torch.randn_like(vector(x)), chain.count)
     return pack((s.k.u_dot, s.k.theta_dot, f.F, f.M, x.V_dot, x.Omega_dot, f.V_dot, f.Omega_dot),
-                (f.F_root, f.M_root, f.u_tip, s.theta_nodes[..., -1, :]))
+                (f.F_root, f.M_root, s.u_nodes[..., -1, :] if chain.shifting else f.u_tip, s.theta_nodes[..., -1, :]))
 
 
-@pytest.mark.parametrize("size, effects", [(0.7, None), (3.0, DEAD)])
+@pytest.mark.parametrize("size, effects", [(0.7, None), (3.0, DEAD), (0.7, MOVED)])
 @pytest.mark.parametrize("N", [1, 2, 5])
 def test_every_row_is_the_derivative_of_the_residual(N, size, effects):
     """A x' - b = d/dt residual at 4 random states with random SPD compliance and mass, C^ab, frame and root in motion, dead
-    and follower loads everywhere, all functions of t. Random |theta| of about 5 (size 3) puts neighbours into different
+    and follower loads everywhere, all functions of t; or loads that read position, velocity and spin.
+    Random |theta| of about 5 (size 3) puts neighbours into different
     charts; there the loads that turn with inner nodes are left out, whose rotation has two expressions off the constraint.
     1e-10 of the row's largest value.
     """
@@ -230,6 +235,11 @@ def test_scenes_without_this_form_are_refused():
         Chain(Scene(beam, (Damping(0.1),)), "block_rate")
     with pytest.raises(ValueError, match="Gravity in a frame with an angular velocity"):
         Chain(Scene(beam, (Gravity((0, 0, -9.81)),), Frame(angular_velocity=(0.0, 0, 1))), "minimal")
+    for effect in (Spring(-1, 1.0, to=(0, 0, 0), damping=1.0), RootSpring((1.0, 1.0))):
+        with pytest.raises(ValueError, match=f"{type(effect).__name__} was given for form='block_rate', which has no place"):
+            Chain(Scene(beam, (effect,)), "block_rate")
+    with pytest.raises(ValueError, match="Drag in a frame with an angular velocity"):
+        Chain(Scene(beam, (Drag(1.0, 1.0, flow=(1.0, 0, 0)),), Frame(angular_velocity=(0.0, 0, 1))), "minimal")
     with pytest.raises(ValueError, match=r"a state of shape \(36,\) was given; a MixedState or \(\.\.\., 60\) is wanted"):
         block_rate(Scene(beam), torch.zeros(36))
     with pytest.raises(ValueError, match="'sweep' or 'dense' is wanted"):

@@ -15,12 +15,13 @@ from .drag import Drag
 from .gravity import Gravity
 from .loads import LineLoad, PointLoad, TipLoad
 from .mass import PointMass
-from .site import Acting, Effect, Pose, Site, Wrench, jacobians, together
+from .site import POSITION, ROTATION, SPIN, VELOCITY, Acting, Effect, Pose, Site, Wrench, jacobians, together
 from .springs import RootSpring, Spring
 from .user import Load
 from .values import Along, History, Input, Inputs, LoadValue, PerElement, of_time, plain, value_along, value_at
 
 __all__ = [
+    "POSITION", "ROTATION", "SPIN", "VELOCITY",
     "Acting", "Actuation", "Along", "Damping", "Drag", "Effect", "Gravity", "History", "Input", "Inputs", "LineLoad", "Load",
     "LoadValue", "MassDamping", "PerElement", "PointLoad", "PointMass", "Pose", "RootSpring", "Site", "Spring", "TipLoad",
     "Wrench", "jacobians", "of_time", "plain", "together", "value_along", "value_at",

@@ -58,6 +58,10 @@ class Drag(Acting):
         return self.added_mass * self.density * self.diameter**2 * (math.pi / 4)
 
     @property
+    def wants_axes(self) -> bool:
+        return self.flow is not None and not callable(self.flow)
+
+    @property
     def depends(self) -> frozenset[str]:
         return frozenset({ROTATION, VELOCITY, *({POSITION} if callable(self.flow) else ())})
 

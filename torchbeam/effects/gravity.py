@@ -22,6 +22,7 @@ class Gravity(Acting):
 
     node = None
     conservative = True
+    wants_axes = True
     depends = frozenset({ROTATION})
 
     def __post_init__(self) -> None:

@@ -73,7 +73,8 @@ class Acting:
 
     hook = "load"
     conservative = False
-    wants_support = False
+    wants_support = False  # whether it reads site.support
+    wants_axes = False  # whether it reads site.axes
     depends: frozenset[str] = frozenset()
 
     def reads(self, beam: Beam) -> frozenset[str]:

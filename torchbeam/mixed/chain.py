@@ -3,18 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from .. import quaternions as quat
 from .. import rotations as rot
-from ..effects import Gravity, Input, Site, of_time, value_at
+from ..effects import POSITION, ROTATION, SPIN, VELOCITY, Input, Site, of_time, value_at
 from ..scene import Scene
+from .algebra import mv
 
 IMPLICIT = "the implicit method 'midpoint' of the nodal form takes it"
 STRAINS = ("axial", "shear y", "shear z", "torsion", "bending y", "bending z")
+
+
+class Places(NamedTuple):
+    """Where loads act. Of the elements R (..., N, 3, 3), u m, V m/s, Omega rad/s (..., N, 3); of the nodes, as far as a load
+    asks (`Chain.turning`, `Chain.shifting`), their axes (..., N+1, 3, 3) and displacements (..., N+1, 3) m.
+    """
+
+    R: Tensor
+    u: Tensor
+    V: Tensor
+    Omega: Tensor
+    axes: Tensor
+    u_nodes: Tensor
 
 
 @dataclass(frozen=True)
@@ -45,6 +59,7 @@ class Chain:
     Mass_inverse: Tensor = field(init=False)
     changing: tuple[Any, ...] = field(init=False)  # loads with a rate
     turning: bool = field(init=False)  # whether a node's rotation is asked for
+    shifting: bool = field(init=False)  # whether a node's displacement is
 
     def __post_init__(self) -> None:
         _refuse(self.scene, self.form)
@@ -64,7 +79,8 @@ class Chain:
             Mass_inverse=torch.linalg.inv(beam.mass),
             inputs={**held, **moving},
             changing=tuple(e for e in self.scene.loads if e.moves(beam) or any(_changes(v, moving) for v in e.values)),
-            turning=any(e.node is not None and e.moves(beam) for e in self.scene.loads),
+            turning=any(e.node is not None and ROTATION in e.reads(beam) for e in self.scene.loads),
+            shifting=any(e.node is not None and POSITION in e.reads(beam) for e in self.scene.loads),
         )
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -100,16 +116,25 @@ class Chain:
         """R (..., N+1, 3, 3) of the nodes with the parameters theta (..., N+1, 3)."""
         return rot.turn(theta) @ self.frames
 
-    def loads(self, t: Tensor, R: Tensor, R_nodes: Tensor, effects: tuple | None = None) -> tuple[Tensor, Tensor]:
+    def places(self, R: Tensor, u: Tensor, V: Tensor, Omega: Tensor, theta_nodes: Tensor, u_nodes: Tensor) -> Places:
+        """`Places`, with what no load asks for left as in the undeformed beam."""
+        return Places(R, u, V, Omega, self.node_axes(theta_nodes) if self.turning else self.frames,
+                      u_nodes if self.shifting else torch.zeros_like(self.nodes))
+
+    def loads(self, t: Tensor, at: Places, effects: tuple | None = None) -> tuple[Tensor, Tensor]:
         """[force; moment] along the elements (..., N, 6), per length, and on the nodes (..., N+1, 6), frame a."""
         N, zero = self.count, self.nodes.new_zeros(3)
         inputs = {name: v(t) if callable(v) else v for name, v in self.inputs.items()}
         line, nodal = self.nodes.new_zeros(N, 6), self.nodes.new_zeros(N + 1, 6)
         for effect in self.scene.loads if effects is None else effects:
-            at, node = R, effect.node
-            if node is not None:
-                at = R_nodes[..., node, :, :]
-            site = Site(at) if node is not None else Site(at, self.Mass, s=self.s)
+            node = effect.node
+            if node is None:
+                reads = effect.reads(self.scene.beam)
+                site = Site(at.R, self.Mass, s=self.s, position=self.middle + at.u if POSITION in reads else None,
+                            velocity=mv(at.R, at.V) if VELOCITY in reads else None,
+                            spin=mv(at.R, at.Omega) if SPIN in reads else None)
+            else:
+                site = Site(at.axes[..., node, :, :], position=(self.nodes + at.u_nodes)[..., node, :])
             wrench = effect.wrench(site, t, inputs)
             wrench = torch.cat(torch.broadcast_tensors(*(zero if w is None else w for w in wrench)), -1)
             if node is None:
@@ -120,15 +145,14 @@ class Chain:
                 nodal = nodal + here * wrench[..., None, :]
         return line, nodal
 
-    def load_rates(
-        self, t: Tensor, R: Tensor, R_dot: Tensor, R_nodes: Tensor, R_nodes_dot: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """d/dt of `loads` along the motion, by forward mode: of their values in t, and of follower loads as they turn."""
+    def load_rates(self, t: Tensor, at: Places, rates: Places) -> tuple[Tensor, Tensor]:
+        """d/dt of `loads` along the motion, by forward mode: of their values in t, and of what they read as it moves."""
         if not self.changing:
             return self.nodes.new_zeros(self.count, 6), self.nodes.new_zeros(self.count + 1, 6)
-        at = (t, R, R_nodes)
-        moving = (torch.ones_like(t), R_dot.expand_as(R), R_nodes_dot.expand_as(R_nodes))
-        return torch.func.jvp(lambda *x: self.loads(*x, effects=self.changing), at, moving)[1]
+        both = (map(torch.Tensor.contiguous, torch.broadcast_tensors(x, rate))  # a dual number wants memory of its own
+                for x, rate in zip((t, *at), (torch.ones_like(t), *rates), strict=True))
+        values, slopes = zip(*both, strict=True)
+        return torch.func.jvp(lambda t, *x: self.loads(t, Places(*x), effects=self.changing), values, slopes)[1]
 
 
 def _changes(value: Any, moving: dict[str, Any]) -> bool:
@@ -142,8 +166,10 @@ def _jvp(function: Any, t: Tensor) -> tuple[Any, Any]:
 def _refuse(scene: Scene, form: str) -> None:
     beam = scene.beam
     for effect in scene.effects:
-        if effect.hook not in ("load", "strain") or (effect.hook == "load" and effect.reads(beam) - {"rotation"}):
-            raise ValueError(f"{type(effect).__name__} was given for form={form!r}; form='nodal' takes it")
+        more = effect.hook not in ("load", "strain") or any(getattr(effect, name, 0) for name in ("frees_root", "internal"))
+        if more or (effect.hook == "load" and effect.node is not None and effect.reads(beam) & {VELOCITY, SPIN}):
+            raise ValueError(f"{type(effect).__name__} was given for form={form!r}, which has no place for it; form='nodal' "
+                             "takes it")
     if any(beam.rigid):
         names = ", ".join(name for name, rigid in zip(STRAINS, beam.rigid, strict=True) if rigid)
         raise ValueError(f"the compliance S must not be singular for form={form!r}, but is rigid in {names}; {IMPLICIT}")
@@ -160,9 +186,10 @@ def _refuse(scene: Scene, form: str) -> None:
             "room; form='minimal' takes it, and so does the nodal form"
         )
     turns = scene.frame is not None and scene.frame.angular_velocity is not None
-    if turns and any(isinstance(e, Gravity) for e in scene.loads):
-        raise ValueError("Gravity in a frame with an angular velocity needs the frame's orientation, which the mixed forms "
-                         "do not carry; give the motion as RootMotion instead")
+    inertial = [type(e).__name__ for e in scene.loads if e.wants_axes]
+    if turns and inertial:
+        raise ValueError(f"{inertial[0]} in a frame with an angular velocity needs the frame's orientation, which the mixed "
+                         "forms do not carry; give the motion as RootMotion instead")
 
 
 def check_times(chain: Chain, t: Tensor) -> None:

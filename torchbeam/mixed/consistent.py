@@ -9,7 +9,7 @@ from .. import rotations as rot
 from ..checks import Value, as_tensor, finite
 from ..scene import Scene
 from .algebra import cross, crossing, halves, mv, rotation_nodes
-from .chain import Chain
+from .chain import Chain, Places
 from .kinematics import motion, node_rates, nodes
 from .minimal import balance
 from .residuals import residual
@@ -70,7 +70,7 @@ def observe(chain: Chain, t: Tensor, x: Fields, strain: Tensor, status: Tensor) 
     spin = mv(rot.turn(theta) @ rot.Q(theta), theta_dot)
     spin = spin if omega is None else spin + omega
     rotation = chain.node_axes(theta)
-    nodal = chain.loads(t, k.R, rotation)[1]
+    nodal = chain.loads(t, Places(k.R, x.u, x.V, x.Omega, rotation, u))[1]
     reaction = torch.cat((x.F_root, x.M_root), -1) - nodal[..., 0, :]
     shape = status.shape
     values = (*x, strain, position, velocity, rotation, spin, reaction)

@@ -43,7 +43,7 @@ def balance(chain: Chain, t: Tensor, u: Tensor, theta: Tensor, V: Tensor, Omega:
     F, M = halves(stress)
     P, H = halves(mv(chain.Mass, six(V, Omega)))
 
-    line, nodal = chain.loads(t, k.R, chain.node_axes(at.theta) if chain.turning else chain.frames)
+    line, nodal = chain.loads(t, chain.places(k.R, u, V, Omega, at.theta, at.u))
     E = six(mv(k.R, F), mv(k.R, M))
     W = backward(nodal[..., 1:, :] + 2 * torch.cat((E[..., 1:, :], torch.zeros_like(E[..., :1, :])), -2))
     force, moment = halves((W - E) / chain.h + line)

@@ -20,9 +20,9 @@ from torch import Tensor
 from .. import rotations as rot
 from ..quaternions import hat
 from .algebra import backward, cross, halves, mtv, mv, six
-from .chain import Chain
+from .chain import Chain, Places
 from .kinematics import Motion, motion, node_rates, nodes, strain_rates
-from .residuals import Element, e1, element, jump_at
+from .residuals import Element, e1, element, jump_at, with_tip
 from .state import Fields, pack
 
 
@@ -74,23 +74,25 @@ def terms(chain: Chain, t: Tensor, x: Fields) -> Terms:
         a_u=e.h * mv(e.R, cross(k.W, stretch)),
         a_theta=e.h * mv(turning, mv(e.Cab, e.kappa)),
         u_nodes=u_nodes, theta_nodes=theta_nodes,
-        **_load_rates(chain, t, x, e, k, theta_nodes),
+        **_load_rates(chain, t, x, e, k, u_nodes, theta_nodes),
     )
 
 
-def _load_rates(chain: Chain, t: Tensor, x: Fields, e: Element, k: Motion, theta_nodes_dot: Tensor) -> dict[str, Tensor]:
-    frames, still = chain.frames, torch.zeros_like(chain.frames)
-    if chain.turning:
-        frames, still = torch.func.jvp(
-            chain.node_axes, (_with_tip(nodes(chain, t, x.u, x.theta).theta, x.theta_tip),), (theta_nodes_dot,)
-        )
+def _load_rates(
+    chain: Chain, t: Tensor, x: Fields, e: Element, k: Motion, u_dot: Tensor, theta_dot: Tensor
+) -> dict[str, Tensor]:
+    """`u_dot`, `theta_dot` (..., N+1, 3) of the nodes."""
+    axes = chain.frames, torch.zeros_like(chain.frames)
+    u = torch.zeros_like(chain.nodes)
+    if chain.turning or chain.shifting:
+        at = nodes(chain, t, x.u, x.theta)
+        u = with_tip(at.u, x.u_tip)
+        if chain.turning:
+            axes = torch.func.jvp(chain.node_axes, (with_tip(at.theta, x.theta_tip),), (theta_dot,))
     R_dot = e.R @ hat(k.W) if chain.changing else e.R
-    line, nodal = chain.load_rates(t, e.R, R_dot, frames, still)
+    line, nodal = chain.load_rates(t, Places(e.R, x.u, x.V, x.Omega, axes[0], u),
+                                   Places(R_dot, k.u_dot, x.V_dot, x.Omega_dot, axes[1], u_dot))
     return dict(line=line, nodal=nodal)
-
-
-def _with_tip(nodes: Tensor, tip: Tensor) -> Tensor:
-    return torch.cat((nodes[..., :-1, :], tip[..., None, :].expand_as(nodes[..., :1, :])), -2)
 
 
 def sweep(chain: Chain, x: Fields, s: Terms) -> Tensor:

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from .. import rotations as rot
-from .algebra import chart_jump, cross, crossing, halves, mtv, mv, rotation_nodes, six
+from .algebra import chart_jump, cross, crossing, forward, halves, mtv, mv, rotation_nodes, six
 from .chain import Chain
 from .state import Fields
 
@@ -93,9 +93,9 @@ def residual(chain: Chain, t: Tensor, x: Fields) -> Tensor:
     e = element(chain, x)
     u_root, theta_root = chain.root(t)
     other = crossing(x.theta, theta_root)
-    nodes = rotation_nodes(x.theta, theta_root, other)
-    nodes = torch.cat((nodes[..., :-1, :], x.theta_tip[..., None, :].expand_as(nodes[..., :1, :])), -2)
-    line, nodal = chain.loads(t, e.R, chain.node_axes(nodes) if chain.turning else chain.frames)
+    nodes = with_tip(rotation_nodes(x.theta, theta_root, other), x.theta_tip)
+    u_nodes = with_tip(forward(u_root, x.u), x.u_tip) if chain.shifting else x.u
+    line, nodal = chain.loads(t, chain.places(e.R, x.u, x.V, x.Omega, nodes, u_nodes))
     (f, m), (force, moment) = halves(line), halves(nodal)
 
     equations = zip(
@@ -115,6 +115,10 @@ def _nodes(minus: Tensor, plus: Tensor, at_root: Tensor, at_right: Tensor) -> Te
     minus, plus = minus.expand(shape), plus.expand(shape)
     inner = plus[..., :-1, :] + minus[..., 1:, :]
     return torch.cat((minus[..., :1, :] - at_root[..., None, :], inner, plus[..., -1:, :]), -2)
+
+
+def with_tip(nodes: Tensor, tip: Tensor) -> Tensor:
+    return torch.cat((nodes[..., :-1, :], tip[..., None, :].expand_as(nodes[..., :1, :])), -2)
 
 
 def _only_tip(value: Tensor, chain: Chain) -> Tensor:
