@@ -123,11 +123,11 @@ def test_gradient_by_the_value(name):
         state = stepper.rest()
         for _ in range(3):
             state = stepper(state)
-        return state.tip.position, state.reaction
+        return state.tip.position, state.root.force, state.root.moment
 
     def still(value):
         state = tb.equilibrium(scene(value), tolerance=1e-12)
-        return state.tip.position, state.reaction
+        return state.tip.position, state.root.force, state.root.moment
 
     for function in (still, moved):
         assert torch.autograd.gradcheck(function, value, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True,
@@ -146,7 +146,7 @@ def test_gradient_by_tau(six):
         state = stepper.rest()
         for _ in range(3):
             state = stepper(state)
-        return state.tip.position, state.reaction
+        return state.tip.position, state.root.force, state.root.moment
 
     assert torch.autograd.gradcheck(moved, tau, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True,
                                         fast_mode=True)

@@ -29,17 +29,18 @@ from .mixed.block import BlockRate, block_rate
 from .mixed.consistent import consistent_state
 from .mixed.state import MixedState
 from .modes import Modes, modes
-from .scene import Frame, RootMotion, Scene
+from .scene import Scene
 from .section import Section
 from .solution import Energy, Solution, Stats
 from .state import State, rest
 from .statics import equilibrium
+from .supports import Frame, RootMotion, Support
 from .stations import Stations, Table
 
 __all__ = [
     "Actuation", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy", "ExplicitStepper", "Frame",
     "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping", "MixedState", "Modes", "PerElement",
     "PointLoad", "PointMass", "RootMotion", "RootSpring", "Scene", "Section", "Solution", "Spring", "State", "Stations",
-    "Stats", "Stepper", "Table", "TipLoad", "block_rate", "consistent_state", "critical_load", "equilibrium", "linearize",
+    "Stats", "Stepper", "Support", "Table", "TipLoad", "block_rate", "consistent_state", "critical_load", "equilibrium", "linearize",
     "modes", "plot", "rest", "sensors", "simulate",
 ]

@@ -92,6 +92,16 @@ def wants_gradient(*tensors: Any) -> bool:
     )
 
 
+def dependencies(problem: Any, x: Any) -> list[Any]:
+    """Everything a problem depends on: its fields and those of its model and its start, the beam's rest, and the loads, strains
+    and motions as they come out of the users' functions.
+    """
+    model = problem.model
+    about, fields = problem.residual(x), [*vars(problem).values(), *vars(model).values(), *vars(model.inertia).values()]
+    start = getattr(problem, "start", None)
+    return [about[0].nodes, about[0].strain, *fields, *(vars(start).values() if start is not None else ())]
+
+
 def _detached(x: Any) -> Any:
     """A tensor, None, or a named tuple of such."""
     if isinstance(x, tuple):

@@ -128,7 +128,7 @@ class Scene:
     @property
     def batch_shape(self) -> torch.Size:
         """Broadcast of the leading axes of the beam and of the loads' tensors (functions and inputs join later)."""
-        loads = [v.shape[:-1] for e in self.loads for v in e.values if hasattr(v, "shape")]
+        loads = [v.shape[:-1] for e in self.effects for v in e.values if hasattr(v, "shape")]
         taus = [] if self.damping is None else [self.damping.tau.shape[:-1] if self.damping.six else self.damping.tau.shape]
         return broadcast("a beam and loads", self.beam.batch_shape, *loads, *taus)
 

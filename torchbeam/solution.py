@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from torch import Tensor
 
-from .state import Point, Support
+from .state import Point, Reaction
 
 
 class Energy(NamedTuple):
@@ -64,7 +64,7 @@ class Solution:
         return self.state.nodes
 
     @property
-    def root(self) -> Support:
+    def root(self) -> Reaction:
         """force, moment (time, ..., 3): load of the support on the beam, frame a."""
         return self.state.root
 

@@ -159,23 +159,60 @@ def fitting(state: Any, scene: Any) -> State:
 
 
 def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float = 0.0) -> State:
-    """The scene's beam undeformed and at rest, with the scene's batch axes (or those given)."""
+    """The scene's beam undeformed and at rest in frame a, with the scene's batch axes (or those given). Supports that move are
+    where they are at the time t, and move.
+    """
     shape = torch.Size(scene.batch_shape if batch_shape is None else batch_shape)
     beam = scene.beam
     nodes = beam.count + 1
     zero = beam.nodes.new_zeros(())
-    return State(
+    sizes = [e.internal for e in scene.loads if getattr(e, "internal", 0)]
+    state = State(
         position=beam.nodes.expand(*shape, nodes, 3),
         rotation=beam.frames.expand(*shape, nodes, 4),
         velocity=zero.expand(*shape, nodes, 3),
         spin=zero.expand(*shape, nodes, 3),
         stress=zero.expand(*shape, nodes - 1, 6),
-        reaction=zero.expand(*shape, 6),
+        reaction=zero.expand(*shape, len(scene.supports), 6),
         work=zero.expand(shape),
         defect=zero.expand(shape),
         t=torch.full_like(zero, t).expand(shape),
         status=torch.zeros(shape, dtype=torch.long, device=zero.device),
+        frame=orientation(scene, shape),
+        internal=zero.expand(*shape, sum(sizes)) if sizes else None,
     )
+    return state if scene.frame is None else _carried(state, scene.frame)
+
+
+def turning(scene: Any) -> bool:
+    """Whether frame a turns."""
+    return scene.frame is not None and scene.frame.angular_velocity is not None
+
+
+def orientation(scene: Any, shape: tuple[int, ...]) -> Tensor | None:
+    """Of frame a at t = 0, (*shape, 4); None where it does not turn."""
+    return quat.identity(shape, scene.beam.nodes.dtype, scene.beam.nodes.device) if turning(scene) else None
+
+
+def completed(state: State, scene: Any) -> State:
+    """With an orientation of frame a and internal states of loads, where the scene wants them and the state has none."""
+    if turning(scene) and state.frame is None:
+        state = replace(state, frame=orientation(scene, state.batch_shape))
+    sizes = sum(getattr(load, "internal", 0) for load in scene.loads)
+    if sizes and state.internal is None:
+        state = replace(state, internal=state.position.new_zeros(*state.batch_shape, sizes))
+    return state
+
+
+def _carried(state: State, frame: Any) -> State:
+    """A state at rest in frame a, in absolute velocities."""
+    v, omega = (None if x is None else torch.as_tensor(x(state.t.amax()) if callable(x) else x).to(state.position)[..., None, :]
+                for x in (frame.velocity, frame.angular_velocity))
+    velocity, spin = state.velocity, state.spin
+    if omega is not None:
+        velocity = velocity + torch.linalg.cross(*torch.broadcast_tensors(omega, state.position))
+        spin = spin + quat.rotate(quat.conjugate(state.rotation), omega)
+    return replace(state, velocity=velocity if v is None else velocity + v, spin=spin)
 
 
 torch.serialization.add_safe_globals([State])

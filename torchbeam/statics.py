@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from .newton import DIVERGED, STATUS, attach, newton, no_derivatives, wants_gradient
+from .newton import DIVERGED, STATUS, attach, dependencies, newton, no_derivatives, wants_gradient
+from .nodal.external import internal
 from .nodal.model import Model
 from .nodal.still import Shape, Still
 from .scene import Scene
 from .solve import positive_definite
-from .state import State, fitting, rest
+from .state import State, fitting, orientation, rest, turning
 
 TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on another branch
 LEAST = 1e-4  # smallest load step, as a share of the whole load
@@ -43,22 +45,27 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     given = scene.tensors(inputs)
     start = rest(scene) if initial is None else fitting(initial, scene)
     time = torch.as_tensor(t, dtype=scene.dtype, device=scene.device)
+    start = model.space.enter(start)
     start = Shape(start.position, start.rotation, start.stress)
     x, reaction, status = _climb(model, time, given, start, tolerance)
     good = status == 0
-    if wants_gradient(model.external(x.rotation, time, given, scene.loads), *start, *vars(model).values()):
+    problem = Still(model, time, given, torch.ones_like(status, dtype=scene.dtype))
+    if wants_gradient(*dependencies(problem, x), *start):
         held = {name: torch.where(good[..., None], v, v.detach()) for name, v in given.items()}
-        problem = Still(model, time, held, torch.ones_like(status, dtype=scene.dtype))
+        problem = replace(problem, inputs=held)
         x, reaction = _attached(problem, x, reaction, start, good)
     if throw and not good.all():
         first = (~good).nonzero()[0].tolist()
         which = f"sample {first[0] if len(first) == 1 else tuple(first)} of {tuple(good.shape)}" if first else "the scene"
         raise RuntimeError(f"{which} has no equilibrium: {REASON[int(status[~good][0])]}")
-    if all(load.conservative for load in scene.loads):
-        _warn_of_unstable(Still(model, time, given, torch.ones_like(status, dtype=scene.dtype)), x, good)
-    still, zero = torch.zeros_like(x.position), torch.zeros_like(status, dtype=scene.dtype)
-    return State(*x[:2], velocity=still, spin=still, stress=x.stress, reaction=reaction, work=zero, defect=zero,
-                 t=time.expand(status.shape), status=status)
+    if all(load.conservative for load in scene.loads) and not turning(scene):
+        _warn_of_unstable(problem, x, good)
+    velocity, spin = problem.velocity(x)
+    zero = torch.zeros_like(status, dtype=scene.dtype)
+    return model.space.leave(State(
+        *x[:2], velocity=velocity, spin=model.space.to_section(x.rotation, spin), stress=x.stress, reaction=reaction, work=zero,
+        defect=zero, t=time.expand(status.shape), status=status, frame=orientation(scene, status.shape),
+        internal=internal(model, problem.nodes(x), time, given, status.shape)))
 
 
 def _warn_of_unstable(problem: Still, x: Shape, good: Tensor) -> None:
@@ -81,7 +88,7 @@ def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, toleran
         shape = probe.measure().shape
         x = Shape(*(v.expand(*shape, *v.shape[-2:]) for v in x))
         reached, step = t.new_zeros(shape), t.new_ones(shape)
-        reaction = probe.nodes.new_zeros(*shape, 6)
+        reaction = probe.nodes.new_zeros(*shape, *model.held.fixed.shape)
         status = torch.zeros(shape, dtype=torch.long, device=t.device)
         while True:
             climbing = (reached < 1) & (status == 0)
@@ -89,11 +96,12 @@ def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, toleran
                 return x, reaction, status
             share = torch.where(climbing, (reached + step).clamp(max=1), reached)
             outcome = newton(Still(model, t, inputs, share), x, climbing, tolerance, LIMIT)
-            cosine = (outcome.x.rotation * x.rotation).sum(-1).abs().amin(-1)
+            turn = model.space.multiply(model.space.inverse(x.rotation), outcome.x.rotation)
+            cosine = model.space.cosine(turn).abs().amin(-1)
             calm = cosine > torch.cos(torch.as_tensor(TURN / 2))
             good = climbing & (outcome.status == 0) & calm
             x = Shape(*(torch.where(good[..., None, None], a, b) for a, b in zip(outcome.x, x, strict=True)))
-            reaction = torch.where(good[..., None], outcome.reaction, reaction)
+            reaction = torch.where(good[..., None, None], outcome.reaction, reaction)
             reached = torch.where(good, share, reached)
             step = torch.where(good, 1.5 * step, step / 2)
             stuck = climbing & ~good & (step < LEAST)
@@ -101,14 +109,12 @@ def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, toleran
 
 
 def _attached(problem: Still, x: Shape, reaction: Tensor, start: Shape, good: Tensor) -> tuple[Shape, Tensor]:
-    """The solution with its derivatives, those by the clamp included, whose place and axes come from the start. A sample
+    """The solution with its derivatives, those by the supports included, whose place and axes come from the scene. A sample
     that is not good keeps its shape and has none.
     """
     mask = good[..., None, None]
     safe = Shape(start.position.detach(), start.rotation.detach(), torch.zeros_like(start.stress))
     solved = Shape(*(torch.where(mask, a, b) for a, b in zip(x, safe, strict=True)))
-    held = (torch.cat((torch.where(mask, clamp[..., :1, :], v[..., :1, :]), v[..., 1:, :]), -2)
-            for clamp, v in zip(start[:2], solved[:2], strict=True))
-    attached, moved = attach(problem, Shape(*held, solved.stress), good)
+    attached, moved = attach(problem, problem.held(solved), good)
     x = Shape(*(torch.where(mask, a, b) for a, b in zip(attached, x, strict=True)))
-    return x, torch.where(good[..., None], moved, reaction)
+    return x, torch.where(mask, moved, reaction)

@@ -18,7 +18,7 @@ from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene import Scene
 from ..solution import Energy, Solution, Stats
-from ..state import State, fitting, rest
+from ..state import State, completed, fitting, rest
 from .mixed import simulate_mixed
 from .ode import ADVICE, integrate, status_at
 from .ode import METHODS as ODE_METHODS
@@ -98,7 +98,10 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     stepper = Stepper(scene, step, method, **options)
     first_inputs = _held(inputs, t[0])
     states, iterations = [stepper.begin(_begin(scene, initial, t[0]), (t[1] - t[0]) / counts[0], **first_inputs)], []
-    kind, instant = type(states[0]), stepper.method.INSTANT
+    names, instant = tuple(vars(states[0])), stepper.method.INSTANT
+
+    def kind(*values: Any) -> State:
+        return type(states[0])(**dict(zip(names, values, strict=True)))
 
     def march(part: list[tuple[int, int, int]], *fields: Tensor) -> tuple[Tensor, ...]:
         """Fields of the states that `part` of the plan asks for and of the last, then the iterations of each step."""
@@ -137,10 +140,11 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
         return (Rates(rates.model, scene.tensors({**held, **_held(moving, now)})) if moving else rates)(now, y)
 
     start = _begin(scene, initial, t[0])
-    acting = rates.model.external(start.rotation, t[0], rates.inputs, scene.loads)  # functions and inputs may have axes too
     y0 = rates.pack(start)
-    y0 = y0 if isinstance(acting, float) else y0.expand(*torch.broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
-    parameters = tuple(x for x in vars(rates.model).values() if isinstance(x, Tensor) and x.requires_grad)
+    acting = rates.balance(t[0], rates.unpack(t[0], y0)[0])[0]  # functions and inputs may have axes too
+    y0 = y0.expand(*torch.broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
+    model = rates.model
+    parameters = tuple(x for x in (*vars(model).values(), *vars(model.inertia).values()) if isinstance(x, Tensor) and x.requires_grad)
     loads = tuple(v for load in scene.loads for v in load.values if isinstance(v, Tensor) and v.requires_grad)
     ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
                                         parameters=(*parameters, *loads))
@@ -150,7 +154,8 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
 
 
 def _begin(scene: Scene, initial: State | None, t: Tensor) -> State:
-    return (rest(scene) if initial is None else fitting(initial, scene)).level().at(t)
+    start = rest(scene, t=t.item()) if initial is None else fitting(initial, scene)
+    return completed(start.level(), scene).at(t)
 
 
 def _held(inputs: dict[str, Any], t: Tensor) -> dict[str, Any]:
@@ -158,8 +163,13 @@ def _held(inputs: dict[str, Any], t: Tensor) -> dict[str, Any]:
 
 
 def _energy(model: Model, states: State) -> Energy:
-    return Energy(model.kinetic_energy(states.velocity, states.spin), model.strain_energy(states.position, states.rotation),
-                  states.work)
+    return Energy(*_energies(model, states), states.work)
+
+
+def _energies(model: Model, states: State) -> tuple[Tensor, Tensor]:
+    states = model.space.enter(states)
+    return (model.kinetic_energy(states.rotation, states.velocity, states.spin),
+            model.strain_energy(states.position, states.rotation))
 
 
 def _judged(solution: Solution, throw: bool) -> Solution:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,12 +13,12 @@ from torch import Tensor
 
 from ..checks import count, step_size
 from ..effects import Inputs
-from ..newton import DIVERGED, LIMIT, SUCCESS, attach, newton, wants_gradient
+from ..newton import DIVERGED, LIMIT, SUCCESS, attach, dependencies, newton, wants_gradient
 from ..nodal.alpha import Alpha, AlphaState
 from ..nodal.model import Model
 from ..nodal.step import Step
 from ..scene import Scene
-from ..state import State, rest
+from ..state import State, completed, rest
 
 METHODS = {"midpoint": Step, "generalized_alpha": Alpha}
 TURN = 1.2  # rad that a node may turn in one step; larger turns have more than one solution, and the wrong one gains energy
@@ -60,6 +60,13 @@ class Stepper:
         self.method = METHODS[method]
         self.scene = scene
         self.model = Model.of(scene, lumped)
+        if conserve and scene.carried:
+            raise ValueError("conserve with a frame or support that moves was given; what holds the beam still is wanted")
+        if self.method is Alpha:
+            for given, what in ((scene.frame is not None, "a moving frame"), (self.model.inertia.offset is not None, "a mass off its "
+                                "node"), (self.model.internal_states > 0, "a load with internal states")):
+                if given:
+                    raise ValueError(f"{what} was given to generalized_alpha; 'midpoint' takes it")
         self.dt = torch.as_tensor(step_size("dt", dt), dtype=scene.dtype, device=scene.device)
         self.tolerance, self.limit = tolerance, count("iterations", iterations)
         self.halvings = count("halvings", halvings, least=0)
@@ -84,7 +91,7 @@ class Stepper:
         dt = self.dt if dt is None else torch.as_tensor(dt).to(self.dt)
         given = self.scene.tensors(inputs)
         state = state if state.velocity.ndim == state.position.ndim else state.level()
-        state = self.begin(state, dt, **inputs)
+        state = self.model.space.enter(completed(self.begin(state, dt, **inputs), self.scene))
         moving = state.status == SUCCESS
         if active is not None:
             moving = moving & torch.as_tensor(active, dtype=torch.bool, device=moving.device)
@@ -105,7 +112,7 @@ class Stepper:
             after = trial.where(left, after)
             status = torch.where(left, SUCCESS, status)
             failed = failed & ~left
-        return replace(after, status=torch.where(moving, status, state.status))
+        return self.model.space.leave(replace(after, status=torch.where(moving, status, state.status)))
 
     def begin(self, state: State, dt: float | Tensor | None = None, **inputs: Any) -> State:
         """`state` with what the method remembers beside it, and no more: the mean rates of a trial step by "midpoint"."""
@@ -117,17 +124,19 @@ class Stepper:
         trial = copy(self)
         trial.method = trial._step = Step
         after = trial(state, dt=dt, **inputs)
-        rise = Step(self.model, after, dt, dt, {}).strain - Step(self.model, state, dt, dt, {}).strain
-        return AlphaState.between(state, after, rise, dt)
+        enter = self.model.space.enter
+        rise = Step(self.model, enter(after), dt, dt, {}).strain - Step(self.model, enter(state), dt, dt, {}).strain
+        return AlphaState.between(state, *self.model.space.motion(after.velocity - state.velocity, after.spin - state.spin),
+                                  rise, dt)
 
     def _attempt(self, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor) -> tuple[State, Tensor, Tensor]:
         """One Newton solve: (state after, of a failed sample before; status; iterations)."""
         problem = self._step(self.model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(problem, problem.guess(), moving, self.tolerance, self.limit)
-        status = torch.where((status == SUCCESS) & (x.m[..., 0].amin(-1) < math.cos(TURN * problem.PART / 2)), DIVERGED, status)
+        status = torch.where((status == SUCCESS) & (self.model.space.cosine(x.m).amin(-1) < math.cos(TURN * problem.PART / 2)), DIVERGED, status)
         good = moving & (status == SUCCESS)
         problem = replace(problem)  # what it had cached carries no gradient
-        if wants_gradient(*self._tensors(problem)):
+        if wants_gradient(*dependencies(problem, x)):
             x = type(x)(*(torch.where(good[..., None, None], a, b) for a, b in zip(x, problem.still(), strict=True)))
             if not good.all():  # nothing that failed samples hold reaches a derivative
                 held = {name: torch.where(good[..., None], v, v.detach()) for name, v in inputs.items()}
@@ -135,8 +144,3 @@ class Stepper:
             x, reaction = attach(problem, x, good)
         after = problem.finish(x, reaction)
         return (after if good.all() else after.where(good, state)), status, iterations
-
-    def _tensors(self, problem: Step) -> list[Any]:
-        """Everything a step depends on, the loads as they come out of the users' functions."""
-        model, state = self.model, problem.start
-        return [problem.external(state.rotation), *(getattr(x, f.name) for x in (model, state) for f in fields(x))]

@@ -10,7 +10,7 @@ psi = log(R_n^T R_{n+1}) the rotation vector of the step and rho the spectral ra
 
 where v holds velocity (frame a) and spin (section axes), and at the end of the step
 
-    momentum(q")                + to_nodes(h B^T [F; M])_force  - f = 0
+    M q"                        + to_nodes(h B^T [F; M])_force  - f = 0
     R (J q" + Omega x J Omega)  + to_nodes(h B^T [F; M])_moment - m = 0          S [F; M] = strain + rate (strain rate)
 
 The strain rate follows from the strains as q" does from v (Jansen, Whiting and Hulbert 2000): damping is second order too.
@@ -20,38 +20,40 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from .. import quaternions as quat
-from ..quaternions import hat
 from ..state import State
+from . import external
 from .balance import Linearisation, Residual, largest
-from .element import Kinematics, forces, geometric_stiffness, kinematics, strain, strain_operator, to_nodes
+from .external import Chain, Nodes
 from .model import times
-from .step import Step
+from .step import SPINS, Step
 
 
 @dataclass(frozen=True)
 class AlphaState(State):
     """What the method remembers beside the state; stress and reaction are those at the state's instant.
 
-    acceleration  (..., N+1, 12) q" and a: of position m/s^2, frame a, and of spin rad/s^2, section axes
-    straining     (..., N, 12) strain rate 1/s and 1/(m s), and its algorithmic counterpart
+    acceleration  (..., N+1, 2 w) q" and a: of position m/s^2, frame a, and of spin rad/s^2, section axes, in the coordinates
+                  of the scene's space (w = 6; 3 in a plane)
+    straining     (..., N, 2 k) strain rate 1/s and 1/(m s), and its algorithmic counterpart, likewise (k = 6; 3 in a plane)
     """
 
     acceleration: Tensor
     straining: Tensor
 
     @classmethod
-    def between(cls, state: State, after: State, rise: Tensor, dt: Tensor) -> AlphaState:
-        """`state` with the mean rates up to a state a step later, in which the strains rose by `rise` (..., N, 6)."""
+    def between(cls, state: State, velocity: Tensor, spin: Tensor, strain: Tensor, dt: Tensor) -> AlphaState:
+        """`state` with the mean rates up to a state a step later, over which velocity, spin and strain rose by so much (in the
+        space's coordinates).
+        """
         h = dt[..., None, None]
-        mean = torch.cat((after.velocity - state.velocity, after.spin - state.spin), -1) / h
-        return cls(**vars(state), acceleration=torch.cat((mean, mean), -1), straining=torch.cat((rise, rise), -1) / h)
+        mean = torch.cat((velocity, spin), -1) / h
+        return cls(**vars(state), acceleration=torch.cat((mean, mean), -1), straining=torch.cat((strain, strain), -1) / h)
 
     def plain(self) -> State:
         """What every method knows of the state."""
@@ -59,7 +61,7 @@ class AlphaState(State):
 
 
 class End(NamedTuple):
-    """The unknowns: u (..., N+1, 3) m and m (..., N+1, 4) from the start to the end, stress (..., N, 6) N and N m."""
+    """The unknowns: u (..., N+1, p) m and m (..., N+1, ...) from the start to the end, stress (..., N, k) N and N m."""
 
     u: Tensor
     m: Tensor
@@ -90,7 +92,8 @@ class Alpha(Step):
 
     def guess(self) -> End:
         """Constant velocity, and the stress of the step before."""
-        return End(self.start.velocity * self.h, quat.exponential(self.start.spin * self.h), self.start.stress)
+        turn = self.model.space.exponential(self.start.spin * self.h)
+        return self.held(End(self.start.velocity * self.h, turn, self.start.stress))
 
     def still(self) -> End:
         return End(*super().still())
@@ -106,100 +109,122 @@ class Alpha(Step):
         return ((1 - m) * algorithmic + m * a - f * q) / (1 - f)
 
     def motion(self, x: End) -> tuple[Tensor, Tensor, Tensor]:
-        """(..., N+1, 6) at the end: velocity and spin, q", a."""
+        """(..., N+1, w) at the end: velocity and spin, q", a."""
         *_, gamma, beta = self.coefficients
-        a_n = self.start.acceleration[..., 6:]
+        w = self.model.space.unknowns
+        a_n = self.start.acceleration[..., w:]
         v_n = torch.cat((self.start.velocity, self.start.spin), -1)
-        way = torch.cat((x.u, quat.logarithm(x.m)), -1)
+        way = torch.cat((x.u, self.model.space.logarithm(x.m)), -1)
         a = ((way / self.h - v_n) / self.h - (0.5 - beta) * a_n) / beta
         return v_n + self.h * ((1 - gamma) * a_n + gamma * a), self.true(a, self.start.acceleration), a
 
     def rates(self, strain_end: Tensor) -> tuple[Tensor, Tensor]:
-        """(..., N, 6) at the end: strain rate, and its algorithmic counterpart."""
+        """(..., N, k) at the end: strain rate, and its algorithmic counterpart."""
         gamma = self.coefficients[2]
-        d = ((strain_end - self.strain) / self.h - (1 - gamma) * self.start.straining[..., 6:]) / gamma
+        before = self.start.straining[..., self.model.space.strain:]
+        d = ((strain_end - self.strain) / self.h - (1 - gamma) * before) / gamma
         return self.true(d, self.start.straining), d
 
-    def at_end(self, x: End) -> tuple[Kinematics, Tensor, Tensor]:
-        q = quat.normalize(quat.multiply(self.start.rotation, x.m))
-        position = self.start.position + x.u
-        return kinematics(position, q, self.model.length), position, q
+    def turned(self, x: End) -> Tensor:
+        space = self.model.space
+        return space.normalize(space.multiply(self.start.rotation, x.m))
 
-    def residual(self, x: End) -> tuple[Residual, Kinematics, Tensor]:
-        """The balance at x; with it the elements and the nodes' rotation."""
-        model, h = self.model, self.model.length
-        end, _, q = self.at_end(x)
+    def at_end(self, x: End, q: Tensor, motion: Tensor) -> Nodes:
+        """What loads see."""
+        p, space = self.model.space.position, self.model.space
+        return Nodes(self.start.position + x.u, q, motion[..., :p], space.to_frame(q, motion[..., p:]), None, self.start.internal,
+                     self.dt)
+
+    def load(self, nodes: Nodes) -> Tensor | float:
+        moving = self.model.loads[0]
+        return self._dead + self.model.external(nodes, self.t, self.inputs, moving) if moving else self._dead
+
+    def residual(self, x: End) -> tuple[Residual, Any, Tensor, Tensor, Tensor]:
+        """The balance at x; with it the elements, the nodes' rotation and their motion."""
+        model, space, h = self.model, self.model.space, self.model.length
+        x = self.held(x)
+        q = self.turned(x)
+        end = space.kinematics(self.start.position + x.u, q, h)
         v, true, _ = self.motion(x)
-        change = model.momentum(true[..., :3])
-        torque = torch.zeros_like(change) if model.inertia is None else quat.rotate(q, self._torque(v, true)[0])
+        p = space.position
+        change = model.inertia.momentum(true[..., :p])
+        torque = torch.zeros_like(true[..., p:]) if model.inertia.inertia is None else space.to_frame(q, self._torque(v, true)[0])
         inertia = torch.cat((change, torque), -1)
-        element = forces(end, x.stress, h)
-        external = self.external(q)
-        strain_end = strain(end, h, model.reference)
-        followed = strain_end
+        element = space.forces(end, x.stress, h)
+        load = self.load(self.at_end(x, q, v))
+        strain_end = space.strains(end, h, model.reference)
+        followed = strain_end - self.own_strain
         if model.rate is not None:
             followed = followed + times(model.rate, self.rates(strain_end)[0][..., None])[..., 0]
         gap = followed - times(model.S, x.stress[..., None])[..., 0]
-        nodes = inertia + to_nodes(element) - external
-        sizes = largest(h, element, external, inertia)
-        return Residual(nodes, gap, *sizes, followed.detach().abs().amax((-1, -2))), end, q
+        nodes = inertia + space.to_nodes(element) - load
+        sizes = largest(p, h, element, load, inertia)
+        return Residual(model.held, nodes, gap, *sizes, followed.detach().abs().amax((-1, -2))), end, q, v, true
 
     def _torque(self, v: Tensor, true: Tensor) -> tuple[Tensor, Tensor]:
         """J q" + Omega x J Omega and J Omega, section axes."""
-        H = (self.model.inertia @ v[..., 3:, None])[..., 0]
-        return (self.model.inertia @ true[..., 3:, None])[..., 0] + torch.linalg.cross(v[..., 3:], H), H
+        p, space, inertia = self.model.space.position, self.model.space, self.model.inertia
+        H = inertia.angular_momentum(v[..., p:])
+        return inertia.angular_momentum(true[..., p:]) + (space.hat(v[..., p:]) @ H[..., None])[..., 0], H
 
-    def linearise(self, x: End, end: Kinematics, q: Tensor) -> Linearisation:
+    def linearise(self, x: End, end: Any, q: Tensor, v: Tensor, true: Tensor) -> Linearisation:
         """The tangent by (dr, spin of R) at the end: d(psi) = (I + ~psi/2 + k ~psi ~psi) R^T spin."""
-        model, h = self.model, self.model.length[..., None]
+        model, space, h = self.model, self.model.space, self.model.length[..., None]
+        p, inertia = space.position, self.model.inertia
         *_, gamma, beta = self.coefficients
         by_a = self.share / beta / self.h[..., None] ** 2
-        E = B = strain_operator(end, model.length)
+        E = B = space.strain_operator(end, model.length)
         if model.rate is not None:
             E = E + self.share / gamma / self.h[..., None] * times(model.rate, E)
-        eye = torch.eye(3, dtype=q.dtype, device=q.device)
-        coupling = None
-        by_r = by_a * model.mass[..., None] * eye
-        if model.coupling is not None:
-            k = by_a * model.coupling[..., None] * eye
-            by_r = by_r - pad(k, (0, 0, 0, 0, 0, 1)) - pad(k, (0, 0, 0, 0, 1, 0))
-            coupling = pad(k, (0, 3, 0, 3))
-        diagonal = pad(by_r, (0, 3, 0, 3))
-        if model.inertia is not None:
-            v, true, _ = self.motion(x)
+        eye = torch.eye(p, dtype=q.dtype, device=q.device)
+        diagonal, coupling = inertia.blocks(by_a * eye)
+        R = by_psi = None
+        if inertia.inertia is not None or SPINS & self._read:
+            R, by_psi = space.spin_matrix(q), space.logarithm_by_turn(x.m)
+        if inertia.inertia is not None:
             torque, H = self._torque(v, true)
-            R, psi = quat.matrix(q), hat(quat.logarithm(x.m))
-            s2 = x.m[..., 1:].square().sum(-1, keepdim=True)
-            g = quat.arc_ratio(x.m[..., :1], s2)
-            small = s2 < 1e-6
-            k = torch.where(small, 1 / 12 + s2 / 180, (1 - g * x.m[..., :1]) / torch.where(small, 1.0, 4 * g**2 * s2))
-            by_psi = eye + psi / 2 + k[..., None] * psi @ psi
-            by_spin = gamma / beta / self.h[..., None] * (hat(v[..., 3:]) @ model.inertia - hat(H)) + by_a * model.inertia
+            by_spin = gamma / beta / self.h[..., None] * (space.hat(v[..., p:]) @ inertia.inertia - space.hat(H)) + (
+                by_a * inertia.inertia)
             turned = (R @ torque[..., None])[..., 0]
-            diagonal = diagonal + pad(R @ by_spin @ by_psi @ R.mT - hat(turned), (3, 0, 3, 0))
-        load = self.model.external_tangent(q, self.t, self.inputs, self._loads[0])
-        if not isinstance(load, float):
-            diagonal = diagonal - pad(load, (3, 0))
-        rest = geometric_stiffness(end, x.stress, model.length)
-        return Linearisation.condense(rest, diagonal, h * B, self.C, E, coupling)
+            diagonal = diagonal + pad(R @ by_spin @ by_psi @ R.mT - space.hat(turned), (p, 0, p, 0))
+        if model.loads[0]:
+            by, nodes = None, self.at_end(x, q, v)
+            if self._read:
+                rate = gamma / beta / self.h[..., None]
+                spin = rate * R @ by_psi @ R.mT - space.hat(nodes.spin) if SPINS & self._read else rate * torch.eye(
+                    space.spin, dtype=q.dtype, device=q.device)
+                by = Chain(rate * eye, spin)
+            diagonal = diagonal - external.tangent(model, nodes, self.t, self.inputs, model.loads[0], by)
+        rest = space.geometric_stiffness(end, x.stress, model.length)
+        return Linearisation.condense(model, rest, diagonal, h * B, self.C, E, coupling)
 
     def finish(self, x: End, reaction: Tensor) -> AlphaState:
         """The state at the end of the step; the work by the mean of the loads at its two ends."""
-        end, position, q = self.at_end(x)
+        model, space = self.model, self.model.space
+        x = self.held(x)
+        q = self.turned(x)
         v, true, a = self.motion(x)
-        free = pad(torch.ones_like(x.u[..., 1:, :1]), (0, 0, 1, 0))
-        work = self.start.work
-        external = self.external(q)
-        if not isinstance(external, float):
-            before = self.model.external(self.start.rotation, self.t - self.dt, self.inputs, self.model.scene.loads)
-            way = torch.cat((x.u, quat.rotate(q, quat.logarithm(x.m))), -1)
-            work = work + ((before + external) / 2 * way).sum((-1, -2))
+        p = space.position
+        work, turn = self.start.work, space.to_frame(q, space.logarithm(x.m))
+        load = self.load(self.at_end(x, q, v))
+        if not isinstance(load, float):
+            before = Nodes(self.start.position, self.start.rotation, self.start.velocity,
+                           space.to_frame(self.start.rotation, self.start.spin), None, self.start.internal, self.dt)
+            first = model.external(before, self.t - self.dt, self.inputs)
+            work = work + ((first + load) / 2 * torch.cat((x.u, turn), -1)).sum((-1, -2))
+        for k, given in enumerate(self.given):
+            at = given.node
+            made = torch.cat((x.u[..., at, :], turn[..., at, :]), -1)
+            work = work + ((self.start.reaction[..., k, :] + reaction[..., k, :]) / 2 * made).sum(-1)
         straining = self.start.straining
-        if self.model.rate is not None:
-            straining = torch.cat(self.rates(strain(end, self.model.length, self.model.reference)), -1)
-        return replace(self.start, position=position, rotation=q, velocity=free * v[..., :3], spin=free * v[..., 3:],
-                       stress=x.stress, reaction=reaction, work=work, t=self.start.t + self.dt,
-                       acceleration=free * torch.cat((true, a), -1), straining=straining)
+        if model.rate is not None:
+            end = space.kinematics(self.start.position + x.u, q, model.length)
+            straining = torch.cat(self.rates(space.strains(end, model.length, model.reference)), -1)
+        free = 1.0 if self.given else torch.cat((model.held.slide, model.held.turn.expand(-1, space.spin)), -1)
+        v, acceleration = free * v, torch.cat((free * true, free * a), -1)
+        return replace(self.start, position=self.start.position + x.u, rotation=q, velocity=v[..., :p], spin=v[..., p:],
+                       stress=x.stress, reaction=reaction, work=work, t=self.start.t + self.dt, acceleration=acceleration,
+                       straining=straining, internal=self._internal(self.at_end(x, q, v)))
 
 
 torch.serialization.add_safe_globals([AlphaState])

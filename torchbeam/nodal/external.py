@@ -34,6 +34,9 @@ class Nodes(NamedTuple):
     dt: Tensor | None = None
 
 
+STEADY = 1e9  # s: so long a step takes internal states to where they rest
+
+
 class Chain(NamedTuple):
     """Derivatives of velocity and spin by the move (displacement, spin) that the tangent is taken by: (..., N+1, p, p) and
     (..., N+1, s, s), frame a.
@@ -76,11 +79,42 @@ def tangent(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[
     return total
 
 
+def internal(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, shape: tuple[int, ...]) -> Tensor | None:
+    """Internal states of user loads in equilibrium, (*shape, z); None where there are none."""
+    found = [load.advance(site, site.internal, t, inputs, site.dt)
+             for load, site in _sites(model, nodes, t, model.scene.loads) if _size(load)]
+    return _joined([z.expand(*shape, z.shape[-1]) for z in found]) if found else None
+
+
+def advanced(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor:
+    """The same at the end of a step in whose middle the nodes are."""
+    found = []
+    for load, site in _sites(model, nodes, t, model.scene.loads):
+        if _size(load):
+            found.append(2 * load.advance(site, site.internal, t, inputs, site.dt) - site.internal)
+    return _joined(found)
+
+
+def advanced_rates(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor:
+    """Rates (..., z) of the internal states."""
+    return _joined([load.rates(site, site.internal, t, inputs)
+                    for load, site in _sites(model, nodes, t, model.scene.loads) if _size(load)])
+
+
+def _joined(parts: list[Tensor]) -> Tensor:
+    shape = torch.broadcast_shapes(*(x.shape[:-1] for x in parts))
+    return torch.cat([x.expand(*shape, x.shape[-1]) for x in parts], -1)
+
+
+def _size(load: Any) -> int:
+    return getattr(load, "internal", 0)
+
+
 def _sites(model: Model, nodes: Nodes, t: Tensor, loads: tuple[Any, ...]) -> Iterator[tuple[Any, Site]]:
     space, first = model.space, 0
     for load in loads:
         reads = model.reads(load)
-        size = getattr(load, "internal", 0)
+        size = _size(load)
         own = {}
         if reads:
             place = nodes if load.node is None else Nodes(*(None if x is None else x[..., load.node, :] for x in (

@@ -112,9 +112,7 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
     share = pad(h / 2, (0, 0, 0, 1)) + pad(h / 2, (0, 0, 1, 0))
     for body in scene.bodies:
         at, nodes = body.node % (beam.count + 1), beam.count + 1
-        own = _rigid(*(None if x is None else torch.as_tensor(x, dtype=scene.dtype, device=scene.device)
-                       for x in (body.mass, body.offset, body.inertia)))
-        mass = mass + pad(own[..., None, :, :], (0, 0, 0, 0, at, nodes - 1 - at))
+        mass = mass + pad(body.about_node(h)[..., None, :, :], (0, 0, 0, 0, at, nodes - 1 - at))
     offset = beam.offset or any(b.offset is not None for b in scene.bodies)
     rotary = beam.rotary or offset or any(b.inertia is not None for b in scene.bodies)
     e = None
@@ -137,18 +135,6 @@ def _mass(mass: Tensor, offset: bool) -> Tensor:
         raise ValueError("a section mass that couples V and Omega otherwise than an offset centre of mass was given; M21 = m ~e "
                          "is wanted")
     return m
-
-
-def _rigid(m: Tensor, e: Tensor | None, J: Tensor | None) -> Tensor:
-    """6x6 mass (..., 6, 6) about the node of a body with mass m (...), centre e (..., 3) and inertia J about it."""
-    eye = torch.eye(3, dtype=m.dtype, device=m.device)
-    M11 = m[..., None, None] * eye
-    M21 = torch.zeros_like(M11) if e is None else m[..., None, None] * hat(e)
-    M22 = torch.zeros_like(M11) if J is None else J
-    if e is not None:
-        M22 = M22 + m[..., None, None] * hat(e).mT @ hat(e)
-    M11, M21, M22 = torch.broadcast_tensors(M11, M21, M22)
-    return torch.cat((torch.cat((M11, M21.mT), -1), torch.cat((M21, M22), -1)), -2)
 
 
 def _vector(skew: Tensor) -> Tensor:

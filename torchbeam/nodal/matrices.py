@@ -1,4 +1,11 @@
-"""Mass, damping and tangent stiffness of small motions about an equilibrium, of the free nodes' moves."""
+"""Mass, damping and tangent stiffness of small motions about an equilibrium, of the moves that the supports leave free.
+
+With T = [I, A] the centre's move by a node's displacement and spin, J and H = J omega in frame a, and omega of frame a:
+
+    M = T^T M T + J      D = T^T 2 M ~omega T + J ~omega + ~omega J - ~H      K = T^T M ~omega ~omega T + ~omega (J ~omega - ~H) + ...
+
+beside damping, elasticity, stress and loads: gyroscopic, and softened by the rotation.
+"""
 
 from __future__ import annotations
 
@@ -6,49 +13,108 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from .. import quaternions as quat
 from ..state import State
-from .element import geometric_stiffness, kinematics, strain_operator, to_blocks
+from . import external
+from .external import Chain
 from .model import Model, times
+from .still import Shape, Still
+
+Blocks = tuple[Tensor, Tensor | None, Tensor | None]  # (..., N+1, w, w) of the nodes, (..., N, w, w) to the next and back
 
 
 def matrices(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -> tuple[Tensor, Tensor | None, Tensor]:
-    """M, D (None without damping) and K (..., 6 N, 6 N) of the free nodes' moves at an equilibrium."""
-    kin = kinematics(state.position, state.rotation, model.length)
-    B = strain_operator(kin, model.length)
-    hB = (model.length[..., None] * B).mT
-    K = _dense(*to_blocks(geometric_stiffness(kin, state.stress, model.length) + hB @ times(model.C, B)))
-    loads = tuple(x for x in model.scene.loads if x.moves(model.scene.beam))
-    if loads:
-        K = K - _dense(pad(model.external_tangent(state.rotation, t, inputs, loads), (3, 0)))
-    D = None if model.rate is None else _dense(*to_blocks(hB @ times(model.C, times(model.rate, B))))
-    M = _mass(model, state.rotation)
+    """M, D (None without damping or rotation) and K (..., n, n) of the n free moves at an equilibrium, see `moves`."""
+    M, D, K = (None if blocks is None else dense(model, *blocks) for blocks in chains(model, state, t, inputs))
     M, K = torch.broadcast_tensors(M, K)
     return (M, None, K) if D is None else torch.broadcast_tensors(M, D, K)
 
 
-def _mass(model: Model, rotation: Tensor) -> Tensor:
-    eye = torch.eye(3, dtype=rotation.dtype, device=rotation.device)
-    diagonal = pad(model.mass[..., None] * eye, (0, 3, 0, 3))
-    if model.inertia is not None:
-        R = quat.matrix(rotation)
-        diagonal = diagonal + pad(R @ model.inertia @ R.mT, (3, 0, 3, 0))
-    if model.coupling is None:
-        return _dense(diagonal)
-    k = pad(model.coupling[..., None] * eye, (0, 3, 0, 3))
-    return _dense(diagonal - pad(k, (0, 0, 0, 0, 0, 1)) - pad(k, (0, 0, 0, 0, 1, 0)), k, k)
+def chains(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -> tuple[Blocks, Blocks | None, Blocks]:
+    """The same as block tridiagonal chains of all nodes."""
+    space, inertia, p = model.space, model.inertia, model.space.position
+    state = space.enter(state)
+    x = Shape(state.position, state.rotation, state.stress)
+    problem = Still(model, t, inputs, torch.ones_like(t))
+    omega = problem.frame[1]
+    kin = space.kinematics(x.position, x.rotation, model.length)
+    B = space.strain_operator(kin, model.length)
+    hB = (model.length[..., None] * B).mT
+    K = space.to_blocks(space.geometric_stiffness(kin, x.stress, model.length) + hB @ times(model.C, B))
+    D = None if model.rate is None else space.to_blocks(hB @ times(model.C, times(model.rate, B)))
+
+    eye = torch.eye(p, dtype=B.dtype, device=B.device)
+    arm = None if inertia.offset is None else inertia.arm(x.rotation)
+    turn = None if arm is None else space.arm(arm)
+    M = _blocks(inertia.blocks(eye, arm, turn))
+    if inertia.inertia is not None:
+        R = space.spin_matrix(x.rotation)
+        J = R @ inertia.inertia @ R.mT
+        M = _add(M, pad(J, (p, 0, p, 0)))
+    if omega is not None:
+        tilde, hat = space.tilde(omega), space.hat(omega)
+        K = _sum(_add(K, pad(problem.inertia(x)[1], (p, 0, p, 0))), _blocks(inertia.blocks(tilde @ tilde, arm, turn)))
+        gyroscopic = _blocks(inertia.blocks(2 * tilde, arm, turn))
+        if inertia.inertia is not None:
+            H = space.hat((J @ omega[..., None])[..., 0])
+            gyroscopic = _add(gyroscopic, pad(J @ hat + hat @ J - H, (p, 0, p, 0)))
+        D = gyroscopic if D is None else _sum(D, gyroscopic)
+    moving = model.loads[0]
+    if moving:
+        nodes = problem.nodes(x)
+        still = Chain(torch.zeros_like(eye) if omega is None else tilde, torch.zeros_like(eye[:space.spin, :space.spin]))
+        at = external.tangent(model, nodes, t, inputs, moving, still)
+        K = _add(K, -at)
+        if any(model.reads(load) & {"velocity", "spin"} for load in moving):
+            moved = Chain(still.velocity + eye, torch.eye(space.spin, dtype=B.dtype, device=B.device))
+            drag = at - external.tangent(model, nodes, t, inputs, moving, moved)
+            D = (drag, None, None) if D is None else _add(D, drag)
+    return M, D, K
 
 
-def _dense(diagonal: Tensor, upper: Tensor | None = None, lower: Tensor | None = None) -> Tensor:
-    """(..., 6 N, 6 N) of the free nodes, from blocks (..., N+1, 6, 6) of all and (..., N, 6, 6) between them."""
-    N = diagonal.shape[-3] - 1
+def moves(model: Model, free: Tensor) -> Tensor:
+    """Free moves (..., n) -> displacement and spin of all nodes (..., N+1, 6), frame a, zero where held."""
+    at = _free(model)
+    whole = free.new_zeros(*free.shape[:-1], at.numel())
+    whole = whole.index_copy(-1, at.nonzero()[:, 0], free).unflatten(-1, (model.count + 1, -1))
+    if model.space.unknowns == 6:
+        return whole
+    to = model.space.whole(torch.eye(model.space.unknowns, dtype=model.length.dtype, device=free.device)).to(free.dtype)
+    return whole @ to
+
+
+def _free(model: Model) -> Tensor:
+    """(nodes times unknowns) bool."""
+    free = torch.ones(model.count + 1, model.space.unknowns, dtype=torch.bool, device=model.length.device)
+    for node, fixed in zip(model.held.nodes, model.held.fixed, strict=True):
+        free[node] = fixed == 0
+    return free.flatten()
+
+
+def dense(model: Model, diagonal: Tensor, upper: Tensor | None = None, lower: Tensor | None = None) -> Tensor:
+    """(..., n, n) of the free moves, from blocks of all nodes."""
+    nodes, w = model.count + 1, model.space.unknowns
+    blocks = [diagonal] if upper is None else [diagonal, upper, lower]
+    shape = torch.broadcast_shapes(*(x.shape[:-3] for x in blocks))
+    A = diagonal.new_zeros(*shape, nodes, w, nodes, w)
+    at = torch.arange(nodes, device=diagonal.device)
+    diagonal = diagonal.expand(*shape, nodes, w, w)
+    A[..., at, :, at, :] = diagonal.movedim(-3, 0)
     if upper is not None:
-        shape = torch.broadcast_shapes(*(x.shape[:-3] for x in (diagonal, upper, lower)))
-        diagonal, upper, lower = (x.expand(*shape, *x.shape[-3:]) for x in (diagonal, upper, lower))
-    A = diagonal.new_zeros(*diagonal.shape[:-3], N, 6, N, 6)
-    at = torch.arange(N, device=diagonal.device)
-    A[..., at, :, at, :] = diagonal[..., 1:, :, :].movedim(-3, 0)
-    if upper is not None and N > 1:
-        A[..., at[:-1], :, at[1:], :] = upper[..., 1:, :, :].movedim(-3, 0)
-        A[..., at[1:], :, at[:-1], :] = lower[..., 1:, :, :].movedim(-3, 0)
-    return A.flatten(-4, -3).flatten(-2)
+        upper, lower = (x.expand(*shape, nodes - 1, w, w) for x in (upper, lower))
+        A[..., at[:-1], :, at[1:], :] = upper.movedim(-3, 0)
+        A[..., at[1:], :, at[:-1], :] = lower.movedim(-3, 0)
+    free = _free(model).nonzero()[:, 0]
+    return A.flatten(-4, -3).flatten(-2).index_select(-1, free).index_select(-2, free)
+
+
+def _blocks(pair: tuple[Tensor, Tensor | None]) -> Blocks:
+    at, between = pair
+    return (at, None, None) if between is None else (at, between[..., 0, :, :], between[..., -1, :, :])
+
+
+def _add(blocks: Blocks, diagonal: Tensor) -> Blocks:
+    return blocks[0] + diagonal, *blocks[1:]
+
+
+def _sum(a: Blocks, b: Blocks) -> Blocks:
+    return tuple(x if y is None else y if x is None else x + y for x, y in zip(a, b, strict=True))

@@ -12,6 +12,7 @@ from torch.nn.functional import pad
 
 from ..effects import Gravity, Inputs
 from ..scene import Scene
+from ..state import turning
 from . import external
 from .element import kinematics, strain
 from .external import Nodes
@@ -81,6 +82,16 @@ class Model:
         """(..., N+1) m, arclength of the nodes."""
         return pad(self.length[..., 0].cumsum(-1), (1, 0))
 
+    @property
+    def turning(self) -> bool:
+        """Whether frame a turns."""
+        return turning(self.scene)
+
+    @property
+    def internal_states(self) -> int:
+        """How many numbers the loads remember."""
+        return sum(getattr(load, "internal", 0) for load in self.scene.loads)
+
     @cached_property
     def carrying(self) -> Carrying:
         return Carrying(self.scene, self.space)
@@ -104,7 +115,7 @@ class Model:
         """Strain (..., N or 1, k) that the beam takes by itself; 0.0 where there is none."""
         total = 0.0
         for effect in self.scene.eigenstrains:
-            total = total + self.space.part_of_strain(effect.strain(t, inputs, self.length, self.count))
+            total = total + self.space.part_of_strain(effect.eigenstrain(t, inputs, self.length, self.count))
         return total
 
     def stiffness(self, dt: Tensor | None = None) -> Tensor:

@@ -274,6 +274,12 @@ class Plane(Space):
     def to_frame(self, q: Tensor, spin: Tensor) -> Tensor:
         return spin
 
+    def enter_rotation(self, q: Tensor) -> Tensor:
+        return q @ self._rotation_map.mT
+
+    def to_section(self, q: Tensor, spin: Tensor) -> Tensor:
+        return spin
+
     def spin_matrix(self, q: Tensor) -> Tensor:
         return torch.ones_like(q[..., :1, None])
 

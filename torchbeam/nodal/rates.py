@@ -8,22 +8,25 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from .. import quaternions as quat
 from ..effects import Inputs
 from ..scene import Scene
 from ..state import State
-from .element import forces, kinematics, strain, strain_operator, to_nodes
+from .external import Nodes, advanced_rates
 from .model import Model, times
+from .motion import INCREMENT
 
-SIZES = (3, 4, 3, 3)  # position, rotation, velocity, spin of a free node
+GAP = 1e-4  # s: central differences of a prescribed motion
 
 
 @dataclass(frozen=True)
 class Rates:
-    """The right-hand side dy/dt = f(t, y), y (..., 13 N + 1): position, quaternion, velocity and spin of the N free nodes,
-    and the work of the loads.
+    """The right-hand side dy/dt = f(t, y) of the nodes with unknowns: position, rotation, velocity and spin, then, where there
+    are such, the frame's orientation and internal states of loads, and the work of the loads.
 
-        r' = v      q' = q Omega / 2      m v' = f      J Omega' = R^T m - Omega x J Omega
+        r' = v      R' = R ~Omega      m v' = f      J Omega' = R^T m - Omega x J Omega
+
+    in a frame that turns with omega, where v and Omega are absolute: r' = v - v_a - omega x r, R' = R ~(Omega - R^T omega),
+    m (v' + omega x v) = f. A mass off its node or a node held in part couples v' and Omega': one block a node.
     """
 
     model: Model
@@ -31,68 +34,172 @@ class Rates:
 
     @classmethod
     def of(cls, scene: Scene, inputs: Inputs) -> Rates:
-        """Raises ValueError where a block of the mass is singular or a stiffness infinite: both need the implicit form."""
+        """Raises ValueError where a block of the mass is singular or a stiffness infinite (both need the implicit form), and for
+        supports that move other than a clamp at node 0.
+        """
         model = Model.of(scene, lumped=True)
-        if model.inertia is None or (torch.linalg.det(model.inertia[..., 1:, :, :]) <= 0).any():
+        J = model.inertia.inertia
+        if J is None or (torch.linalg.det(J[..., model.held.first:, :, :]) <= 0).any():
             raise ValueError("a section without rotary inertia was given; an explicit method wants some (the implicit "
                              "method 'midpoint' needs none)")
         if any(scene.beam.rigid):
             raise ValueError("an infinite stiffness was given; an explicit method wants finite ones (the implicit method "
                              "'midpoint' takes it)")
+        if any(s.moves and not (s.clamp and s.node == 0) for s in scene.supports):
+            raise ValueError("a support that moves, other than a clamp at node 0, was given; the implicit method 'midpoint' takes it")
         return cls(model, inputs)
 
+    @property
+    def sizes(self) -> list[int]:
+        """Of position, rotation, velocity, spin of the nodes with unknowns."""
+        space, beam = self.model.space, self.model.scene.beam
+        n = beam.count + 1 - self.model.held.first
+        rotation = space.enter_rotation(beam.frames).shape[-1]
+        return [n * space.position, n * rotation, n * space.position, n * space.spin]
+
     def pack(self, state: State) -> Tensor:
-        """The state's free nodes and its work as one vector."""
-        fields = (state.position, state.rotation, state.velocity, state.spin)
-        shape = torch.broadcast_shapes(state.batch_shape, self.model.scene.batch_shape)
-        flat = [x[..., 1:, :].expand(*shape, *x[..., 1:, :].shape[-2:]).flatten(-2) for x in fields]
-        return torch.cat((*flat, state.work.expand(shape)[..., None]), -1)
-
-    def unpack(self, y: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Position, unit quaternion, velocity and spin of all nodes, root included."""
-        N = self.model.scene.beam.count
-        r, q, v, omega = (part.unflatten(-1, (N, -1)) for part in y[..., :-1].split([N * s for s in SIZES], -1))
-        beam = self.model.scene.beam
-        r, q = (torch.cat((root[..., :1, :].expand(*x.shape[:-2], 1, x.shape[-1]), x), -2)
-                for root, x in ((beam.nodes, r), (beam.frames, quat.normalize(q))))
-        return r, q, pad(v, (0, 0, 1, 0)), pad(omega, (0, 0, 1, 0))
-
-    def stress(self, r: Tensor, q: Tensor, v: Tensor, omega: Tensor) -> Tensor:
-        """[F; M] (..., N, 6) of the strain and, where there is damping, of its rate."""
+        """The state's nodes with unknowns, and what else changes, as one vector."""
         model = self.model
-        kin = kinematics(r, q, model.length)
-        felt = strain(kin, model.length, model.reference)[..., None]
+        shape = torch.broadcast_shapes(state.batch_shape, model.scene.batch_shape)
+        state = model.space.enter(state)
+        parts = [x[..., model.held.first:, :].flatten(-2) for x in (state.position, state.rotation, state.velocity, state.spin)]
+        parts += [x for x in (state.frame, state.internal) if x is not None]
+        return torch.cat([x.expand(*shape, x.shape[-1]) for x in (*parts, state.work[..., None])], -1)
+
+    def unpack(self, t: Tensor, y: Tensor) -> tuple[Nodes, Tensor, Tensor]:
+        """(nodes, supports included; spins in section axes; the rotations of nodes with unknowns as they are in y)."""
+        model, space = self.model, self.model.space
+        *parts, rest = y.split([*self.sizes, y.shape[-1] - sum(self.sizes)], -1)
+        n = model.count + 1 - model.held.first
+        r, raw, v, spin = (x.unflatten(-1, (n, -1)) for x in parts)
+        q = space.normalize(raw)
+        z, frame = model.internal_states, None
+        if model.turning:
+            width = rest.shape[-1] - 1 - z
+            frame = space.normalize(rest[..., :width])
+        internal = rest[..., rest.shape[-1] - 1 - z:-1] if z else None
+        if model.held.first:
+            support = model.scene.supports[0]
+            pose = space.pose(*model.carrying.pose(support, t), 0)
+            if model.scene.carried:
+                motion = space.motion(*model.carrying.absolute(support, t, torch.full_like(t, GAP / INCREMENT)))
+            else:
+                motion = torch.zeros_like(pose[0]), torch.zeros_like(pose[0][..., :space.spin])
+            r, q, v, spin = (torch.cat((first[..., None, :].expand(*x.shape[:-2], 1, x.shape[-1]), x), -2)
+                             for first, x in zip((pose[0], pose[1], *motion), (r, q, v, spin), strict=True))
+        return Nodes(r, q, v, space.to_frame(q, spin), frame, internal, None), spin, raw
+
+    def stress(self, nodes: Nodes, t: Tensor) -> Tensor:
+        """[F; M] (..., N, k) of the strain and, where there is damping, of its rate."""
+        model, space = self.model, self.model.space
+        kin = space.kinematics(nodes.position, nodes.rotation, model.length)
+        felt = (space.strains(kin, model.length, model.reference) - model.eigenstrain(t, self.inputs))[..., None]
         if model.rate is not None:
-            spin = quat.rotate(q, omega)
-            nine = torch.cat((v.diff(dim=-2), spin[..., :-1, :], spin[..., 1:, :]), -1)
-            felt = felt + times(model.rate, strain_operator(kin, model.length) @ nine[..., None])
+            moving = space.to_elements(torch.cat((nodes.velocity, nodes.spin), -1))
+            felt = felt + times(model.rate, space.strain_operator(kin, model.length) @ moving[..., None])
         return times(model.C, felt)[..., 0]
 
-    def balance(self, t: Tensor, r: Tensor, q: Tensor, v: Tensor, omega: Tensor) -> tuple[Tensor, Tensor]:
-        """(loads less internal forces (..., N+1, 6) in frame a, loads)"""
-        model = self.model
-        internal = to_nodes(forces(kinematics(r, q, model.length), self.stress(r, q, v, omega), model.length))
-        external = model.external(q, t, self.inputs, model.scene.loads) + torch.zeros_like(internal)
-        return external - internal, external
+    def balance(self, t: Tensor, nodes: Nodes) -> tuple[Tensor, Tensor]:
+        """(loads less internal forces (..., N+1, w) in frame a, loads)"""
+        model, space = self.model, self.model.space
+        kin = space.kinematics(nodes.position, nodes.rotation, model.length)
+        internal = space.to_nodes(space.forces(kin, self.stress(nodes, t), model.length))
+        loads = model.external(nodes, t, self.inputs) + torch.zeros_like(internal)
+        return loads - internal, loads
+
+    def accelerations(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
+        """v' (frame a) and Omega' (section axes) of the nodes with unknowns."""
+        model, space, first = self.model, self.model.space, self.model.held.first
+        inertia, omega, p = model.inertia, model.carrying.frame(t)[1], space.position
+        q, v, spin, net = (x[..., first:, :] for x in (nodes.rotation, nodes.velocity, spin, net))
+        J, m = inertia.inertia[..., first:, :, :], inertia.mass[..., first:, :]
+        bias = torch.zeros_like(v) if omega is None else (space.tilde(omega) @ v[..., None])[..., 0]
+        gyroscopic = (space.hat(spin) @ (J @ spin[..., None]))[..., 0]
+        if inertia.offset is None and model.held.free is None:
+            torque = space.to_section(q, net[..., p:]) - gyroscopic
+            return net[..., :p] / m - bias, torch.linalg.solve(J, torque[..., None])[..., 0]
+        R = space.spin_matrix(q)
+        by_v, by_spin = m[..., None] * torch.eye(p, dtype=m.dtype, device=m.device), R @ J @ R.mT
+        torque, force = net[..., p:] - space.to_frame(q, gyroscopic), net[..., :p]
+        coupling = torch.zeros_like(by_v[..., :space.spin])
+        if inertia.offset is not None:
+            e = inertia.arm(nodes.rotation)[..., first:, :]
+            tilde, A = space.tilde(space.to_frame(q, spin)), space.arm(e)
+            bias = bias + (tilde @ (tilde @ e[..., None]))[..., 0]
+            coupling = m[..., None] * A
+            by_spin = by_spin + A.mT @ coupling
+            torque = torque - (A.mT @ (m * bias)[..., None])[..., 0]
+        force = force - m * bias
+        top, bottom = (torch.cat(torch.broadcast_tensors(*row) if p == space.spin else _level(*row), -1)
+                       for row in ((by_v, coupling), (coupling.mT, by_spin)))
+        block = torch.cat(_level(top, bottom), -2)
+        right = torch.cat((force, torque), -1)
+        free = model.held.free
+        if free is not None:
+            block = block * free[..., None] * free[..., None, :] + torch.diag_embed(1 - free)
+            right = right * free
+        found = torch.linalg.solve(block, right[..., None])[..., 0]
+        return found[..., :p], space.to_section(q, found[..., p:])
 
     def __call__(self, t: Tensor, y: Tensor) -> Tensor:
+        model, space, first = self.model, self.model.space, self.model.held.first
+        nodes, spin, raw = self.unpack(t, y)
+        net, loads = self.balance(t, nodes)
+        acceleration, spin_rate = self.accelerations(t, nodes, spin, net)
+        v, omega = model.carrying.frame(t)
+        velocity, turn = nodes.velocity[..., first:, :], spin[..., first:, :]
+        if v is not None:
+            velocity = velocity - v
+        if omega is not None:
+            velocity = velocity - (space.tilde(omega) @ nodes.position[..., first:, :, None])[..., 0]
+            turn = turn - space.to_section(nodes.rotation[..., first:, :], omega)
+        parts = [x.flatten(-2) for x in (velocity, space.rotation_rate(raw, turn), acceleration, spin_rate)]
+        if nodes.frame is not None:
+            parts.append(space.rotation_rate(nodes.frame, omega[..., 0, :]))
+        if nodes.internal is not None:
+            parts.append(advanced_rates(model, nodes, t, self.inputs))
+        power = (loads * torch.cat((nodes.velocity, nodes.spin), -1)).sum((-1, -2))
+        if model.scene.carried and model.held.first:
+            moving = torch.cat((nodes.velocity, nodes.spin), -1)[..., 0, :]
+            power = power + (self.reaction(t, nodes, net)[..., 0, :] * moving).sum(-1)
+        return torch.cat([x.expand(*y.shape[:-1], x.shape[-1]) for x in (*parts, power[..., None])], -1)
+
+    def reaction(self, t: Tensor, nodes: Nodes, net: Tensor) -> Tensor:
+        """(..., K, w): what the balance lacks at the supports, the inertia of a clamp that moves included."""
         model = self.model
-        r, q, v, omega = self.unpack(y)
-        net, external = self.balance(t, r, q, v, omega)
-        acceleration = net[..., 1:, :3] / model.mass[..., 1:, :]
-        free, J = omega[..., 1:, :], model.inertia[..., 1:, :, :]
-        torque = quat.rotate(quat.conjugate(q[..., 1:, :]), net[..., 1:, 3:])
-        torque = torque - torch.linalg.cross(free, (J @ free[..., None])[..., 0])
-        spin_rate = torch.linalg.solve(J, torque[..., None])[..., 0]
-        q_raw = y[..., 3 * J.shape[-3]:7 * J.shape[-3]].unflatten(-1, (-1, 4))  # its length is left as it is
-        q_rate = quat.multiply(q_raw, pad(free / 2, (1, 0)))
-        power = (external[..., :3] * v).sum((-1, -2)) + (external[..., 3:] * quat.rotate(q, omega)).sum((-1, -2))
-        parts = (v[..., 1:, :], q_rate, acceleration, spin_rate)
-        return torch.cat((*(x.flatten(-2) for x in parts), power[..., None]), -1)
+        found = [-model.held.fixed[k] * net[..., node, :] for k, node in enumerate(model.held.nodes)]
+        if not found:
+            return net[..., :0, :]
+        if model.scene.carried and model.held.first:
+            before, after = (self._momentum(at) for at in (t - GAP, t + GAP))
+            omega, space = model.carrying.frame(t)[1], model.space
+            rate = (after - before) / (2 * GAP)
+            if omega is not None:
+                p = space.position
+                now, omega = self._momentum(t), omega[..., 0, :]
+                rate = rate + torch.cat(((space.tilde(omega) @ now[..., :p, None])[..., 0], (space.hat(omega) @ now[..., p:, None])[..., 0]), -1)
+            found[0] = found[0] + rate
+        return torch.stack(torch.broadcast_tensors(*found), -2)
+
+    def _momentum(self, t: Tensor) -> Tensor:
+        """[m v; R J Omega] (..., w) of a clamp at node 0, whose own mass lies on it."""
+        model, space = self.model, self.model.space
+        support = model.scene.supports[0]
+        _, q = space.pose(*model.carrying.pose(support, t), 0)
+        v, spin = space.motion(*model.carrying.absolute(support, t, torch.full_like(t, GAP / INCREMENT)))
+        H = (model.inertia.inertia[..., 0, :, :] @ spin[..., None])[..., 0]
+        return torch.cat(torch.broadcast_tensors(model.inertia.mass[..., 0, :] * v, space.to_frame(q, H))
+                         if space.position == space.spin else (model.inertia.mass[..., 0, :] * v, space.to_frame(q, H)), -1)
 
     def state(self, t: Tensor, y: Tensor, status: Tensor) -> State:
         """The state at time t; stress and reaction are those of the instant."""
-        r, q, v, omega = self.unpack(y)
-        net, _ = self.balance(t, r, q, v, omega)
-        return State(r, q, v, omega, self.stress(r, q, v, omega), -net[..., 0, :], y[..., -1], torch.zeros_like(y[..., -1]),
-                     t.expand(y.shape[:-1]), status)
+        nodes, spin, _ = self.unpack(t, y)
+        net, _ = self.balance(t, nodes)
+        return self.model.space.leave(State(
+            nodes.position, nodes.rotation, nodes.velocity, spin, self.stress(nodes, t), self.reaction(t, nodes, net), y[..., -1],
+            torch.zeros_like(y[..., -1]), t.expand(y.shape[:-1]), status, frame=nodes.frame, internal=nodes.internal))
+
+
+def _level(*blocks: Tensor) -> list[Tensor]:
+    shape = torch.broadcast_shapes(*(b.shape[:-2] for b in blocks))
+    return [b.expand(*shape, *b.shape[-2:]) for b in blocks]

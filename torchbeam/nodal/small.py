@@ -45,7 +45,7 @@ class Small(Space):
     def enter(self, state: State) -> State:
         if state.frame is not None:
             raise ValueError("a state in a frame that turns was given; small rotations want one that does not")
-        return replace(state, rotation=quat.logarithm(quat.multiply(quat.conjugate(self.frames), state.rotation)))
+        return replace(state, rotation=self.enter_rotation(state.rotation))
 
     def leave(self, state: State) -> State:
         return replace(state, rotation=quat.multiply(self.frames, quat.exponential(state.rotation)))
@@ -77,12 +77,23 @@ class Small(Space):
         return self.R if node is None else self.R[..., node, :, :]
 
     def matrix(self, q: Tensor) -> Tensor:
-        return self.R
+        return self.R[..., self.R.shape[-3] - q.shape[-2]:, :, :]
 
     spin_matrix = matrix
 
     def to_frame(self, q: Tensor, spin: Tensor) -> Tensor:
-        return (self.R @ spin[..., None])[..., 0]
+        R = self.R[..., self.R.shape[-3] - q.shape[-2]:, :, :]  # of all nodes, or of those that a clamp at node 0 leaves
+        return (R @ spin[..., None])[..., 0]
+
+    def enter_rotation(self, q: Tensor) -> Tensor:
+        return quat.logarithm(quat.multiply(quat.conjugate(self.frames), q))
+
+    def rotation_rate(self, q: Tensor, spin: Tensor) -> Tensor:
+        return spin
+
+    def to_section(self, q: Tensor, spin: Tensor) -> Tensor:
+        R = self.R[..., self.R.shape[-3] - q.shape[-2]:, :, :]
+        return (R.mT @ spin[..., None])[..., 0]
 
     def multiply(self, p: Tensor, q: Tensor) -> Tensor:
         return p + q

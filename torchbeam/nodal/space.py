@@ -119,6 +119,18 @@ class Space:
 
     # Rotations
 
+    def enter_rotation(self, q: Tensor) -> Tensor:
+        """Quaternions (..., N+1, 4) of all nodes in these coordinates."""
+        return q
+
+    def rotation_rate(self, q: Tensor, spin: Tensor) -> Tensor:
+        """R' of R, spin in section axes."""
+        return self.multiply(q, pad(spin / 2, (1, 0)))
+
+    def to_section(self, q: Tensor, spin: Tensor) -> Tensor:
+        """A spin, frame a -> section axes."""
+        return quat.rotate(quat.conjugate(q), spin)
+
     def none(self, like: Tensor) -> Tensor:
         """The rotation that changes nothing, for positions `like` these."""
         return pad(torch.zeros_like(like), (1, 0), value=1.0)

@@ -32,8 +32,10 @@ from ..state import State
 from . import external
 from .balance import Linearisation, Residual, largest
 from .external import Chain, Nodes
+from .held import put
 from .model import Model, times
 
+SPINS = frozenset({"spin"})
 MOST = 0.01  # of the kinetic energy, that `conserve` may take or give in one step
 
 
@@ -170,8 +172,8 @@ class Step:
         u, m = x.u, x.m
         for given in self.given:
             if given.u is not None:
-                u = _put(u, given.node, torch.where(given.position, given.u, u[..., given.node, :]))
-                m = _put(m, given.node, given.m) if given.rotation else m
+                u = put(u, given.node, torch.where(given.position, given.u, u[..., given.node, :]))
+                m = put(m, given.node, given.m) if given.rotation else m
         return x._replace(u=u, m=m)
 
     @cached_property
@@ -209,7 +211,7 @@ class Step:
             velocity = velocity - v
         if omega is not None:
             velocity = velocity - (space.tilde(omega) @ start.position[..., None])[..., 0]
-            spin = spin - space.to_frame(space.inverse(start.rotation), omega)
+            spin = spin - space.to_section(start.rotation, omega)
         return self.held(Middle(velocity * self.h / 2, space.cayley(spin * self.h / 2), start.stress))
 
     def still(self) -> Middle:
@@ -220,7 +222,7 @@ class Step:
     def moved(self, x: Middle, move: Tensor, dstress: Tensor) -> Middle:
         """x after a move of the mid-step configuration; a spin s in frame a turns R_n R(m) from the left."""
         space = self.model.space
-        turn = space.to_frame(space.inverse(self.start.rotation), move[..., space.position:])
+        turn = space.to_section(self.start.rotation, move[..., space.position:])
         return Middle(x.u + move[..., :space.position], space.multiply(space.cayley(turn), x.m), x.stress + dstress)
 
     def way(self, x: Middle) -> Way:
@@ -249,7 +251,7 @@ class Step:
         """Omega_{n+1}, section axes."""
         spin = 2 / self.h * way.theta - self.start.spin
         for given in self.given:
-            spin = spin if given.spin is None else _put(spin, given.node, given.spin)
+            spin = spin if given.spin is None else put(spin, given.node, given.spin)
         return spin
 
     def velocity_end(self, way: Way, spin: Tensor) -> tuple[Tensor, Tensor]:
@@ -261,7 +263,7 @@ class Step:
             velocity = centre - inertia.centre_velocity(way.q_end, torch.zeros_like(centre), spin)
         for given in self.given:
             if given.velocity is not None:
-                velocity = _put(velocity, given.node, given.velocity)
+                velocity = put(velocity, given.node, given.velocity)
                 centre = inertia.centre_velocity(way.q_end, velocity, spin)
         return velocity, centre
 
@@ -302,7 +304,7 @@ class Step:
         inertia, turning = self.inertia(way)
         middle = space.kinematics(self.start.position + x.u, way.q, h)
         element = space.forces(middle, x.stress, h)
-        external = self.external(x, way)
+        load = self.external(x, way)
         end = space.kinematics(self.start.position + 2 * x.u, way.q_end, h)
         strain_end = space.strains(end, h, model.reference)
         rise = strain_end - self.strain
@@ -310,8 +312,8 @@ class Step:
         if model.rate is not None:
             followed = followed + times(model.rate, rise[..., None])[..., 0] / self.dt[..., None, None]
         gap = followed - times(model.S, x.stress[..., None])[..., 0]
-        nodes = inertia + space.to_nodes(element) - external
-        sizes = largest(space.position, h, element, external, inertia)
+        nodes = inertia + space.to_nodes(element) - load
+        sizes = largest(space.position, h, element, load, inertia)
         return Residual(model.held, nodes, gap, *sizes, followed.detach().abs().amax((-1, -2))), way, middle, end, turning
 
     def linearise(self, x: Middle, way: Way, middle: Any, end: Any, turning: Tensor) -> Linearisation:
@@ -363,11 +365,10 @@ class Step:
         way = self.way(x)
         spin = self.spin_end(way)
         velocity, _ = self.velocity_end(way, spin)
-        external = self.external(x, way)
+        load = self.external(x, way)
         work, turn = start.work, space.to_frame(way.q, way.theta)
-        if not isinstance(external, float):
-            way_made = torch.cat((self.h * way.velocity, turn), -1)
-            work = work + (external * way_made).sum((-1, -2))
+        if not isinstance(load, float):
+            work = work + (load * torch.cat((self.h * way.velocity, turn), -1)).sum((-1, -2))
         for k, given in enumerate(self.given):
             made = torch.cat((self.dt[..., None] * way.velocity[..., given.node, :], turn[..., given.node, :]), -1)
             work = work + (reaction[..., k, :] * made).sum(-1)
@@ -375,15 +376,13 @@ class Step:
             velocity, spin = model.held.slide * velocity, model.held.turn * spin
         after = replace(
             start, position=start.position + 2 * x.u, rotation=way.q_end, velocity=velocity, spin=spin, stress=x.stress,
-            reaction=reaction, work=work, t=start.t + self.dt, frame=self.frame_end, internal=self._internal(x, way),
+            reaction=reaction, work=work, t=start.t + self.dt, frame=self.frame_end, internal=self._internal(self.nodes(x, way)),
         )
         return self._conserved(after) if self.conserve else after
 
-    def _internal(self, x: Middle, way: Way) -> Tensor | None:
+    def _internal(self, nodes: Nodes) -> Tensor | None:
         """The user loads' own states at the end."""
-        if self.start.internal is None:
-            return None
-        return external.advanced(self.model, self.nodes(x, way), self.t, self.inputs)
+        return None if self.start.internal is None else external.advanced(self.model, nodes, self.t, self.inputs)
 
     def _conserved(self, after: State) -> State:
         """`after` with its velocities scaled by s, s^2 = 1 - defect/kinetic."""
@@ -401,13 +400,3 @@ class Step:
         change = (-defect / kinetic.clamp(min=torch.finfo(kinetic.dtype).tiny)).clamp(-MOST, MOST)
         scale = (1 + change).sqrt()[..., None, None]
         return replace(after, velocity=scale * after.velocity, spin=scale * after.spin, defect=defect + change * kinetic)
-
-
-SPINS = frozenset({"spin"})
-
-
-def _put(x: Tensor, node: int, value: Tensor) -> Tensor:
-    """x (..., N+1, n) with the row of a node replaced by value (..., n)."""
-    at = torch.zeros(x.shape[-2], 1, dtype=torch.bool, device=x.device)
-    at[node] = True
-    return torch.where(at, value[..., None, :], x)

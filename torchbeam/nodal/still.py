@@ -13,7 +13,8 @@ from torch.nn.functional import pad
 from ..effects import Inputs
 from . import external
 from .balance import Linearisation, Residual, largest
-from .external import Nodes
+from .external import STEADY, Nodes
+from .held import put
 from .model import Model, times
 
 
@@ -51,15 +52,17 @@ class Still:
     def moved(self, x: Shape, move: Tensor, dstress: Tensor) -> Shape:
         space = self.model.space
         turn = move[..., space.position:]
-        if space.turns:
-            rotation = space.normalize(space.multiply(space.cayley(turn), x.rotation))
-        else:
-            rotation = x.rotation + space.to_frame_inverse(turn)
+        turn = space.cayley(turn if space.turns else space.to_section(x.rotation, turn))
+        rotation = space.normalize(space.multiply(turn, x.rotation))
         return Shape(x.position + move[..., :space.position], rotation, x.stress + dstress)
 
     def nodes(self, x: Shape) -> Nodes:
         velocity, spin = self.velocity(x)
-        return Nodes(x.position, x.rotation, velocity, spin)
+        nodes, sizes = Nodes(x.position, x.rotation, velocity, spin), self.model.internal_states
+        if not sizes:
+            return nodes
+        start = x.position.new_zeros(*x.position.shape[:-2], sizes)
+        return nodes._replace(internal=start, dt=torch.full_like(self.t, STEADY))
 
     def velocity(self, x: Shape) -> tuple[Tensor, Tensor]:
         """Of nodes that move with frame a, absolute, frame a."""
@@ -70,7 +73,7 @@ class Still:
             velocity, spin = velocity + (space.tilde(omega) @ x.position[..., None])[..., 0], omega + spin
         return velocity, spin
 
-    def _inertia(self, x: Shape) -> tuple[Tensor, Tensor]:
+    def inertia(self, x: Shape) -> tuple[Tensor, Tensor]:
         """Force and moment (..., N+1, w), and their derivative by position and spin (..., N+1, w, w), neighbours apart."""
         model, space, omega = self.model, self.model.space, self.frame[1]
         inertia = model.inertia
@@ -98,7 +101,7 @@ class Still:
         element = space.forces(kin, x.stress, h)
         load = model.external(self.nodes(x), self.t, self.inputs)
         if self.frame[1] is not None:
-            load = load - self._inertia(x)[0]
+            load = load - self.inertia(x)[0]
         load = load if isinstance(load, float) else self.share[..., None, None] * load
         bent = space.strains(kin, h, model.reference) - self._own_strain
         gap = bent - times(model.S, x.stress[..., None])[..., 0]
@@ -116,7 +119,7 @@ class Still:
             tilde = space.tilde(self.frame[1])
             arm = None if model.inertia.offset is None else space.arm(model.inertia.arm(x.rotation))
             at, coupling = model.inertia.blocks(tilde @ tilde, None if arm is None else model.inertia.arm(x.rotation), arm)
-            diagonal = diagonal + share * (at + pad(self._inertia(x)[1], (p, 0, p, 0)))
+            diagonal = diagonal + share * (at + pad(self.inertia(x)[1], (p, 0, p, 0)))
             coupling = None if coupling is None else share[..., None] * coupling
         return Linearisation.condense(model, space.geometric_stiffness(kin, x.stress, model.length), diagonal,
                                       model.length[..., None] * B, model.stiffness(), B, coupling)
@@ -130,10 +133,3 @@ class Still:
             position = put(position, at, torch.where(fixed[:space.position] > 0, r, position[..., at, :]))
             rotation = put(rotation, at, q) if bool(fixed[space.position:].all()) else rotation
         return Shape(position, rotation, x.stress)
-
-
-def put(x: Tensor, node: int, value: Tensor) -> Tensor:
-    """x (..., N+1, n) with the row of a node replaced by value (..., n)."""
-    at = torch.zeros(x.shape[-2], 1, dtype=torch.bool, device=x.device)
-    at[node] = True
-    return torch.where(at, value[..., None, :], x)
