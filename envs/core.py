@@ -20,7 +20,7 @@ from .episodes import Episodes
 from .plant import Parameter, Parameters, Plant, cantilever, first_frequency, section_named, stepper, varied
 from .rows import replaced
 from .sensors import Sensors
-from .vector import RENDER_MODES, EpisodesVectorEnv
+from .vector import EpisodesVectorEnv
 
 
 class BeamVectorEnv(EpisodesVectorEnv):
@@ -28,7 +28,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
     in place.
 
     A task derives from this, hands the arguments below on, with its own defaults, and defines what differs of
-        PLANE, GOAL, AIM               the plane of planar=True; size of `goal`; bounds of `aim`
+        PLANE, GOAL, AIM, HUB, ...     the plane of planar=True; size of `goal`; bounds of `aim`; see below
         parameters()                   -> name -> `Parameter`, what may change with the episode
         effects(params)                -> loads of the scene, beside damping and gravity
         begin(streams, rows)           -> goal (k, GOAL) of fresh episodes of the sub-envs rows (k,), each from its own stream
@@ -79,8 +79,9 @@ class BeamVectorEnv(EpisodesVectorEnv):
     PLANE: ClassVar[str] = "xy"
     GOAL: ClassVar[int] = 0
     AIM: ClassVar[tuple[float, ...]] = ()
-    HUB: ClassVar[int] = 0  # actions beside the tip force
-    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES)}  # noqa: RUF012
+    HUB: ClassVar[int] = 0  # actions before those of the tip force
+    VIEW: ClassVar[tuple[float, float, float]] = (-0.12, 1.12, 0.6)  # of a picture, in lengths: x from, to; half its height
+    UNITS: ClassVar[dict[str, str]] = {"distance": "m"}  # of what is measured
 
     def __init__(
         self, num_envs: int = 1, *, length: float = 1.5, section: tb.Section | str = "aluminium strip",
@@ -238,7 +239,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
     # Inside: resets
 
     def renew(self, episodes: Episodes | None, mask: Tensor, params: dict[str, Tensor] | None = None,
-               goal: Tensor | None = None) -> Episodes:
+              goal: Tensor | None = None) -> Episodes:
         """The episodes with those in the mask started afresh: built and solved for these alone, then put in their rows."""
         episodes = self._with_room(episodes, set(params or {}))
         rows = mask.nonzero()[:, 0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from torchbeam import State
@@ -54,8 +53,3 @@ class Episodes:
     def detach(self) -> Episodes:
         """The same out of the graph; the plant stays in it."""
         return Episodes(self.plant, **{name: x.detach() for name, x in vars(self).items() if name != "plant"})
-
-    def where(self, mask: Tensor, name: str, other: Tensor) -> Tensor:
-        """The field `name` where mask (n,) holds, `other` elsewhere."""
-        own = getattr(self, name)
-        return torch.where(mask[(...,) + (None,) * (own.ndim - 1)], own, other)

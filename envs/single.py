@@ -35,7 +35,8 @@ class SingleEnv(gymnasium.Env):
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
 
     def render(self) -> np.ndarray | None:
-        return self.one.render()
+        frames = self.one.render()
+        return None if frames is None else frames[0]
 
     def close(self) -> None:
         self.one.close()

@@ -29,6 +29,7 @@ class EpisodesVectorEnv(VectorEnv):
     """
 
     OPTIONS: tuple[str, ...] = ("reset_mask",)
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES)}  # noqa: RUF012
 
     def __init__(self, num_envs: int, observation_space: Box, action_space: Box, *, dtype: torch.dtype, device: torch.device,
                  max_episode_steps: int | None, autoreset_mode: str | AutoresetMode, output: str, render_mode: str | None,
@@ -92,17 +93,20 @@ class EpisodesVectorEnv(VectorEnv):
         return (self._out(after.observation), self._out(reward, np.float64), self._out(terminated), self._out(truncated),
                 self._out(info))
 
-    def render(self) -> np.ndarray | None:
-        """The episodes as one picture, (height, width, 3) uint8, tiled; None where render_mode is not "rgb_array"."""
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """By "rgb_array" a picture of each sub-env, (height, width, 3) uint8; by "human" a window shows `tiled`, and None."""
+        now = self._running()
         if self.render_mode is None:
             gymnasium.logger.warn("render() was called without a render_mode; give render_mode='rgb_array'")
             return None
+        return self.renderer.frames(now, self.num_envs) if self.render_mode == "rgb_array" else self.renderer.show(now)
+
+    def tiled(self) -> np.ndarray:
+        """The first 16 sub-envs in one picture, (height, width, 3) uint8; ValueError without a render_mode."""
         now = self._running()
         if self.renderer is None:
-            from .rendering import Renderer  # pygame is needed by none but those who look
-
-            self.renderer = Renderer(self)
-        return self.renderer(now, self.render_mode)
+            raise ValueError("tiled() was called without a render_mode; render_mode='rgb_array' is wanted")
+        return self.renderer.tiled(now)
 
     def close_extras(self, **kwargs: Any) -> None:
         if self.renderer is not None:
@@ -193,8 +197,13 @@ class EpisodesVectorEnv(VectorEnv):
 
     def _shown(self, fresh: Tensor) -> None:
         """Let the renderer follow what it draws a trace of."""
-        if self.renderer is not None:
-            self.renderer.follow(self.episodes, fresh)
+        if self.render_mode is None:
+            return
+        if self.renderer is None:
+            from .rendering import Renderer  # pygame is needed by none but those who look
+
+            self.renderer = Renderer(self)
+        self.renderer.follow(self.episodes, fresh)
         if self.render_mode == "human":
             self.render()
 

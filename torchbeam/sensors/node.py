@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -19,7 +19,6 @@ class _OfNode(Sensor):
     """A sensor at a node, counted from the root; -1 is the tip."""
 
     node: int
-    what: ClassVar[str]
 
     def __post_init__(self) -> None:
         if isinstance(self.node, bool) or not isinstance(self.node, int):
@@ -44,9 +43,12 @@ class NodePosition(_OfNode):
     """
 
     reference: Any = None
-    what = "position"
     unit = "m"
     labels = XYZ
+
+    @property
+    def what(self) -> str:
+        return "position" if self.reference is None else "displacement"
 
     def __post_init__(self) -> None:
         super().__post_init__()

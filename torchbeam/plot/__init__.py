@@ -1,0 +1,15 @@
+"""Pictures of beams and their motions (extra `plot`: matplotlib).
+
+    ax = tb.plot.shape(solution.state[::10])        each function takes axes or makes new ones, and returns them
+    tb.plot.save(ax, "out/shapes.png")
+    tb.plot.animate(solution, "out/motion.gif")
+
+Figures belong to nobody but the caller: pyplot, its state and its windows are not used.
+"""
+
+from .animation import animate
+from .canvas import axes, grid, save
+from .curves import campbell, energies, history, load_path
+from .shapes import mode_shapes, shape
+
+__all__ = ["animate", "axes", "campbell", "energies", "grid", "history", "load_path", "mode_shapes", "save", "shape"]

@@ -1,0 +1,62 @@
+"""Axes to draw on: figures of their own, without pyplot and its state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor
+
+Axes = Any  # matplotlib.axes.Axes; matplotlib is imported where something is drawn
+GREY = "0.6"
+
+
+def axes(size: tuple[float, float] = (6.0, 3.8), *, three: bool = False) -> Axes:
+    """New axes in a figure of the given size (inches), flat or three-dimensional. Raises ImportError without matplotlib."""
+    figure = _figure(size)
+    return _tidy(figure.add_subplot(projection="3d" if three else None))
+
+
+def grid(rows: int, columns: int, size: tuple[float, float] | None = None, *, three: Sequence[int] = ()) -> list[Axes]:
+    """rows x columns axes in one figure, row by row; `three`: the places, counted from 0, of three-dimensional ones."""
+    figure = _figure(size or (5.0 * columns, 3.4 * rows))
+    return [_tidy(figure.add_subplot(rows, columns, i + 1, projection="3d" if i in three else None))
+            for i in range(rows * columns)]
+
+
+def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
+    """The figure of `ax` as a file, its folder made where missing: the path."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    ax.figure.savefig(path, dpi=dpi)
+    return path
+
+
+def is_3d(ax: Axes) -> bool:
+    return ax.name == "3d"
+
+
+def numbers(x: Tensor) -> Any:
+    """A tensor as a NumPy array."""
+    return x.detach().cpu().numpy()
+
+
+def _figure(size: tuple[float, float]) -> Any:
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise ImportError("torchbeam.plot wants matplotlib: pip install 'torchbeam[plot]'") from None
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _tidy(ax: Axes) -> Axes:
+    if is_3d(ax):
+        for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+            axis.pane.set_visible(False)
+    else:
+        ax.spines[["top", "right"]].set_visible(False)
+    return ax

@@ -1,0 +1,102 @@
+"""Curves over time, load and speed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..sensors import Sensor
+from ..solution import Solution
+from .canvas import GREY, Axes, axes, numbers
+
+
+def history(solution: Solution, sensor: Sensor, ax: Axes | None = None, *, label: str | None = None, **line: Any) -> Axes:
+    """A sensor's readings over time, one line for each of its numbers; of a batch, thin lines in one colour each.
+
+    label  in front of the sensor's own labels;  further keywords: as matplotlib has them for lines
+    """
+    ax = axes() if ax is None else ax
+    t, values = numbers(solution.t), sensor.flat(solution.state).detach()
+    values = values.reshape(len(t), -1, sensor.size)
+    crowd = dict(alpha=max(0.15, values.shape[1] ** -0.5), lw=0.8) if values.shape[1] > 1 else dict(lw=1.5)
+    for k, name in enumerate(sensor.labels):
+        lines = ax.plot(t, numbers(values[..., k]), **{"color": ax._get_lines.get_next_color(), **crowd, **line})
+        lines[0].set_label(" ".join(filter(None, (label, name if sensor.size > 1 or label is None else None))))
+    ax.set(xlabel="time / s", ylabel=f"{sensor.name}{'' if sensor.unit == '1' else f' / {sensor.unit}'}")
+    ax.margins(x=0)
+    if sensor.size > 1 or label:
+        _legend(ax)
+    return ax
+
+
+def energies(solution: Solution, ax: Axes | None = None) -> Axes:
+    """Kinetic and strain energy, their sum, and the loads' work (J) over time, of one sample. The gap between the sum and the
+    work is what damping took.
+    """
+    ax = axes() if ax is None else ax
+    t, energy = numbers(solution.t), solution.energy
+    if energy.kinetic.ndim != 1:
+        raise ValueError(f"a batch {tuple(energy.kinetic.shape[1:])} of solutions was given to energies; one sample is wanted")
+    ax.plot(t, numbers(energy.kinetic), color="C0", lw=1, label="kinetic")
+    ax.plot(t, numbers(energy.strain), color="C1", lw=1, label="strain")
+    ax.plot(t, numbers(energy.kinetic + energy.strain), color="k", lw=1.8, label="kinetic + strain")
+    if energy.work is not None:
+        ax.plot(t, numbers(energy.work), color="C3", lw=1.5, ls="--", label="work of the loads")
+    ax.set(xlabel="time / s", ylabel="energy / J")
+    ax.margins(x=0)
+    return _legend(ax)
+
+
+def load_path(response: Tensor, load: Tensor, ax: Axes | None = None, *, stable: Tensor | None = None, label: str | None = None,
+              names: tuple[str, str] = ("response", "load"), **line: Any) -> Axes:
+    """Load (n,) over response (n,) along a path of equilibria, in its order: it may turn back.
+
+    stable  (n,) bool: where not, the line is dashed
+    names   of the two axes, with their units
+    """
+    ax = axes() if ax is None else ax
+    x, y = numbers(torch.as_tensor(response)), numbers(torch.as_tensor(load))
+    if x.shape != y.shape or x.ndim != 1:
+        raise ValueError(f"a response {x.shape} and a load {y.shape} were given to load_path; two series alike are wanted")
+    color = line.pop("color", None) or ax._get_lines.get_next_color()
+    good = torch.ones(len(x), dtype=torch.bool) if stable is None else torch.as_tensor(stable).cpu()
+    cuts = [0, *((good[1:] != good[:-1]).nonzero()[:, 0] + 1).tolist(), len(x)]
+    for i, (first, last) in enumerate(pairwise(cuts)):
+        style = dict(color=color, lw=1.6, ls="-" if good[first] else "--", label=label if i == 0 else None)
+        ax.plot(x[max(first - 1, 0):last], y[max(first - 1, 0):last], **{**style, **line})
+    ax.set(xlabel=names[0], ylabel=names[1])
+    ax.axhline(0, color="0.85", lw=0.8, zorder=0)
+    ax.axvline(0, color="0.85", lw=0.8, zorder=0)
+    return _legend(ax) if label else ax
+
+
+def campbell(speed: Tensor, frequency: Tensor, ax: Axes | None = None, *, orders: Sequence[int] = (1, 2, 3),
+             names: Sequence[str] | None = None) -> Axes:
+    """Frequencies (n, count) rad/s of a beam that turns over its speed (n,) rad/s, with rays of the given multiples of the
+    speed: where one crosses a curve, that order of the turning excites that mode.
+
+    names  of the modes, for a legend
+    """
+    ax = axes() if ax is None else ax
+    x, y = numbers(torch.as_tensor(speed)), numbers(torch.as_tensor(frequency))
+    if x.ndim != 1 or y.ndim != 2 or len(x) != len(y):
+        raise ValueError(f"speeds {x.shape} and frequencies {y.shape} were given to campbell; (n,) and (n, count) are wanted")
+    for k, curve in enumerate(y.T):
+        ax.plot(x, curve, color=f"C{k % 10}", lw=1.6, label=None if names is None else names[k])
+    top = 1.05 * y.max()
+    for order in orders:
+        end = min(x.max(), top / order)
+        ax.plot([0, end], [0, order * end], color=GREY, lw=0.8, ls=":")
+        ax.annotate(f"{order}/rev", (end, order * end), (2, 0), textcoords="offset points", color="0.4", fontsize=8,
+                    va="center" if end == x.max() else "bottom", annotation_clip=False)
+    ax.set(xlabel="speed / (rad/s)", ylabel="frequency / (rad/s)", xlim=(0, x.max()), ylim=(0, top))
+    return ax if names is None else _legend(ax)
+
+
+def _legend(ax: Axes) -> Axes:
+    ax.legend(frameon=False, fontsize=8)
+    return ax

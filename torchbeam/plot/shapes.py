@@ -1,0 +1,156 @@
+"""Pictures of the beam itself: shapes, section axes, modes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from .. import quaternions as quat
+from ..modes import Modes
+from ..state import State
+from .canvas import GREY, Axes, axes, is_3d, numbers
+
+PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+TRIAD = ("#c0392b", "#27ae60", "#2c5fb3")  # x, y, z
+POINTS = 8  # of the curve through an element
+
+
+def shape(state: Any, ax: Axes | None = None, *, plane: str | None = None, frames: bool = False, color: Any = None,
+          label: str | None = None, nodes: bool = True, **line: Any) -> Axes:
+    """The beam's axis: of one state, or of each in a batch or trajectory, the first darkest.
+
+    plane   "xy", "xz" or "yz": seen along the third axis; None = in space, unless all lies in one of these planes
+    frames  draw the section axes of the nodes too: x red, y green, z blue
+    nodes   mark the nodes;  color, label and further keywords: as matplotlib has them for lines
+
+    Between nodes the curve is cubic, with the sections' x axes as its tangents.
+    """
+    position, turn = _nodes(state)
+    ax, seen = _prepared(ax, plane, position)
+    curves = numbers(_curve(position, turn[..., 0])[..., seen])
+    dots = numbers(position[..., seen])
+    for i, (curve, points) in enumerate(zip(curves, dots, strict=True)):
+        shade = color if color is not None else "C0" if len(curves) == 1 else _shade(i, len(curves))
+        style = dict(color=shade, label=label if i == 0 else None, lw=1.8, **line)
+        (drawn,) = ax.plot(*curve.T, **style)
+        if nodes:
+            ax.plot(*points.T, "o", ms=2.5, color=drawn.get_color(), alpha=drawn.get_alpha())
+    if frames:
+        _triads(ax, position, turn, seen)
+    return _even(ax, seen)
+
+
+def mode_shapes(state: Any, modes: Modes, ax: Axes | None = None, *, count: int = 4, scale: float = 0.15,
+                plane: str | None = None) -> Axes:
+    """The first `count` modes about a state (both of one sample): the beam's axis moved by the mode, its largest displacement
+    `scale` times the beam's length, at the instant at which it is largest; frequencies in Hz, of motions that do not oscillate
+    the rate in 1/s. A mode that hardly displaces the axis (torsion) is named, not drawn.
+    """
+    position, turn = _nodes(state)
+    if len(position) > 1 or modes.shape.ndim != 3:
+        raise ValueError("modes or a state of more than one sample were given to mode_shapes; one sample is wanted")
+    length = torch.linalg.vector_norm(position[0].diff(dim=0), dim=-1).sum()
+    moves = modes.shape.detach()[:count]
+    flat = moves[..., :3].flatten(1)
+    peak = flat.gather(1, flat.abs().argmax(-1, keepdim=True))[..., None]
+    move = (moves * torch.exp(-1j * peak.angle())).real
+    largest = torch.linalg.vector_norm(move[..., :3], dim=-1).amax(-1)
+    silent = largest < 1e-3 * length * torch.linalg.vector_norm(move[..., 3:], dim=-1).amax(-1)
+    move = move * torch.where(silent, 0.0, scale * length / largest.clamp(min=1e-300))[:, None, None]
+    at_rest = turn[..., 0]
+    moved = position + move[..., :3]
+    tilted = at_rest + torch.linalg.cross(move[..., 3:], at_rest.expand_as(moved))  # a mode is linear in its size
+    chord = torch.linalg.vector_norm(position.diff(dim=-2), dim=-1, keepdim=True)
+    ax, seen = _prepared(ax, plane, torch.cat((position, moved)))
+    ax.plot(*numbers(_curve(position, at_rest)[0][..., seen]).T, color=GREY, lw=1, ls="--")
+    for i, curve in enumerate(numbers(_curve(moved, tilted, chord)[..., seen])):
+        value = modes.eigenvalue[i].detach()
+        speed = f"{value.imag.abs().item() / (2 * torch.pi):.4g} Hz" if value.imag != 0 else f"{value.real.item():.3g} /s"
+        line = curve[:0] if silent[i] else curve
+        ax.plot(*line.T, color=f"C{i}", lw=1.8, label=f"{i + 1}: {speed}{' (turns about its axis)' if silent[i] else ''}")
+    ax.legend(frameon=False, fontsize=8)
+    return _even(ax, seen)
+
+
+def _nodes(state: Any) -> tuple[Tensor, Tensor]:
+    """Positions (samples, N+1, 3) and section axes (samples, N+1, 3, 3), whatever the form."""
+    if not hasattr(state, "position"):
+        raise ValueError(f"{type(state).__name__} was given to a picture of the beam; a state is wanted (of a solution: "
+                         "solution.state)")
+    R = quat.matrix(state.rotation) if isinstance(state, State) else state.rotation
+    shape = torch.broadcast_shapes(state.position.shape[:-1], R.shape[:-2])
+    position, R = state.position.detach().expand(*shape, 3), R.detach().expand(*shape, 3, 3)
+    return position.reshape(-1, shape[-1], 3), R.reshape(-1, shape[-1], 3, 3)
+
+
+def _curve(position: Tensor, along: Tensor, length: Tensor | None = None) -> Tensor:
+    """Cubic Hermite curves through nodes (samples, N+1, 3): (samples, points, 3). along (samples, N+1, 3): their derivative by
+    arc length; length (..., N, 1) of the elements, by default their chords'.
+    """
+    rise = position.diff(dim=-2)
+    length = torch.linalg.vector_norm(rise, dim=-1, keepdim=True) if length is None else length
+    start, rise = position[..., :-1, None, :], rise[..., None, :]
+    leaves, comes = ((length * along[..., part, :])[..., None, :] for part in (slice(None, -1), slice(1, None)))
+    x = torch.linspace(0, 1, POINTS + 1, dtype=position.dtype, device=position.device)[:-1, None]
+    inside = start + rise * x * x * (3 - 2 * x) + x * (1 - x) * (leaves * (1 - x) - comes * x)
+    return torch.cat((inside.flatten(-3, -2), position[..., -1:, :]), -2)
+
+
+def _prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axes, list[int]]:
+    """Axes, and the coordinates they show."""
+    if plane is not None and plane not in PLANES:
+        raise ValueError(f"plane = {plane!r} was given; {', '.join(map(repr, PLANES))} or None is wanted")
+    if ax is not None and is_3d(ax):
+        return ax, [0, 1, 2]
+    if plane is None:
+        extent = position.flatten(0, -2).amax(0) - position.flatten(0, -2).amin(0)
+        flat = [name for name, pair in PLANES.items() if extent[3 - sum(pair)] <= 1e-6 * extent.max()]
+        if not flat and ax is not None:
+            raise ValueError("flat axes were given for a beam that is in no plane of two coordinates; say plane=")
+        at = [pair for pair in flat if extent[list(PLANES[pair])].min() > 0] or flat
+        plane = at[0] if at else None
+    seen = [0, 1, 2] if plane is None else list(PLANES[plane])
+    return axes(three=plane is None, size=(6, 5) if plane is None else (6, 3.8)) if ax is None else ax, seen
+
+
+def _even(ax: Axes, seen: list[int]) -> Axes:
+    """Equal scales, names of the axes, and room around what was drawn."""
+    for set_label, i in zip((ax.set_xlabel, ax.set_ylabel, *([ax.set_zlabel] if is_3d(ax) else [])), seen, strict=True):
+        set_label(f"{'xyz'[i]} / m")
+    if not is_3d(ax):
+        ax.set_aspect("equal", adjustable="datalim")
+        return ax
+    flat, deep = ax.xy_dataLim, ax.zz_dataLim  # of all that was drawn
+    least, most = (flat.x0, flat.y0, deep.x0), (flat.x1, flat.y1, deep.x1)
+    half = max(0.3 * max(b - a for a, b in zip(least, most, strict=True)), 1e-12)
+    sizes = []
+    for set_limits, a, b in zip((ax.set_xlim, ax.set_ylim, ax.set_zlim), least, most, strict=True):
+        middle, reach = (a + b) / 2, max((b - a) / 2 * 1.05, half / 2)
+        set_limits(middle - reach, middle + reach)
+        sizes.append(reach)
+    ax.set_box_aspect(sizes)
+    for axis, size in zip((ax.xaxis, ax.yaxis, ax.zaxis), sizes, strict=True):
+        axis.set_major_locator(_few(2 if size < max(sizes) / 2 else 6))
+    return ax
+
+
+def _few(count: int) -> Any:
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(count)
+
+
+def _triads(ax: Axes, position: Tensor, turn: Tensor, seen: list[int]) -> None:
+    reach = 0.06 * torch.linalg.vector_norm(position.diff(dim=-2), dim=-1).sum(-1)[:, None, None]
+    for i, color in enumerate(TRIAD):
+        ends = numbers((position + reach * turn[..., i])[..., seen])
+        for start, end in zip(numbers(position[..., seen]).reshape(-1, len(seen)), ends.reshape(-1, len(seen)), strict=True):
+            ax.plot(*zip(start, end, strict=True), color=color, lw=1)
+
+
+def _shade(i: int, count: int) -> Any:
+    from matplotlib import colormaps
+
+    return colormaps["viridis"](0.9 * i / (count - 1))

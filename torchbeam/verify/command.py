@@ -1,0 +1,54 @@
+"""python -m torchbeam verify: run the cases, print the table, write it."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import platform
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import torch
+
+from ..cli import versions
+from . import CASES
+from .case import Result, run
+
+HEAD = ("case", "source", "quantity", "reference", "here", "error", "mesh", "s")
+
+
+def main(argv: Sequence[str]) -> int:
+    """Compare with closed forms, other codes and published figures; 0 if every error is within its bound."""
+    parser = argparse.ArgumentParser(prog="python -m torchbeam verify", description=main.__doc__)
+    parser.add_argument("--out", type=Path, help="folder for verify.json, verify.csv and verify.md")
+    parser.add_argument("--filter", default="", metavar="TEXT", help="only cases whose name, source or quantity holds TEXT")
+    args = parser.parse_args(argv)
+    results = [run(case) for case in CASES if args.filter in f"{case.name} {case.source} {case.quantity}"]
+    text = markdown(results)
+    print(text)
+    if args.out:
+        args.out.mkdir(parents=True, exist_ok=True)
+        (args.out / "verify.md").write_text(text)
+        rows = [{**asdict(r), "ok": r.ok} for r in results]
+        (args.out / "verify.json").write_text(json.dumps({
+            "versions": versions("torchbeam", "torch"), "machine": f"{platform.system()} {platform.machine()}",
+            "threads": torch.get_num_threads(), "results": rows}, indent=1))
+        with (args.out / "verify.csv").open("w", newline="") as file:
+            writer = csv.DictWriter(file, list(rows[0]) if rows else [])
+            writer.writeheader()
+            writer.writerows(rows)
+    return 0 if all(r.ok for r in results) else 1
+
+
+def markdown(results: Iterable[Result]) -> str:
+    """The table: of a case with several numbers, that of the largest error."""
+    lines = ["`reference` and `here`: the number with the largest error, of as many as stand in brackets. `error` is relative, "
+             "or over what `quantity` names.", "", f"| {' | '.join(HEAD)} |", "|---|---|---|---:|---:|---:|---|---:|"]
+    for r in results:
+        many = f" ({r.entries})" if r.entries > 1 else ""
+        error = f"{r.error:.1e}" if r.ok else f"**{r.error:.1e}**, {r.bound:.0e} is accepted"
+        cells = (r.case, r.source, r.quantity + many, f"{r.reference:.6g}", f"{r.ours:.6g}", error, r.mesh, f"{r.seconds:.1f}")
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*lines, ""])

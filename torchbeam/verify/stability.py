@@ -1,0 +1,66 @@
+"""Loads of buckling and flutter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+import torchbeam as tb
+
+from .build import INF, along, cantilever, planar, section
+from .case import Case, reference
+
+ORDER = "elements are of second order: the measured error of this mesh and a tenth"
+N = 32
+
+
+def euler() -> tuple[Tensor, Tensor]:
+    found = tb.critical_load(lambda P: cantilever(N, tb.TipLoad(force=along(0, -P)), of=planar()), 10.0)
+    return found.factor, torch.tensor(reference("stability_limits")["values"][0]["value"])
+
+
+def beck() -> tb.Critical:
+    follower = lambda P: cantilever(N, tb.TipLoad(force=along(0, -P), follower=True), of=planar())  # noqa: E731
+    return tb.critical_load(follower, 60.0, points=13)
+
+
+def beck_load() -> tuple[Tensor, Tensor]:
+    return beck().factor, torch.tensor(reference("stability_limits")["values"][1]["P_cr_L2_over_EI"])
+
+
+def beck_frequency() -> tuple[Tensor, Tensor]:
+    return beck().frequency, torch.tensor(reference("stability_limits")["values"][1]["omega_flutter"])
+
+
+def damped_beck() -> tuple[Tensor, Tensor]:
+    follower = lambda P: cantilever(N, tb.TipLoad(force=along(0, -P), follower=True), tb.Damping(1e-3), of=planar())  # noqa: E731
+    return tb.critical_load(follower, 30.0).factor, torch.tensor(10.94)
+
+
+def sideways() -> tuple[Tensor, Tensor]:
+    strip = section(GJ=0.5, EI=(INF, 1.0))
+    found = tb.critical_load(cantilever(N, tb.TipLoad(force=tb.Input("P", 3)), of=strip), 10.0, P=torch.tensor([0.0, 0, 1]))
+    return found.factor, torch.tensor(4.0126 * 0.5**0.5)
+
+
+def own_weight() -> tuple[Tensor, Tensor]:
+    column = tb.Beam.straight(1.0, N, section(), direction=(0, 0, 1), up=(1, 0, 0))
+    return tb.critical_load(lambda q: tb.Scene(column, [tb.Gravity(along(2, -q))]), 20.0).factor, torch.tensor(7.8373)
+
+
+def case(name: str, source: str, quantity: str, solve: Callable, bound: float, why: str = ORDER) -> Case:
+    return Case(name, source, quantity, f"{N} elements", solve, bound, why)
+
+
+CASES = [
+    case("column, dead load", "Euler", "P L^2/EI of buckling", euler, 4.5e-4),
+    case("column under its own weight", "Greenhill 1881; Timoshenko and Gere 1961", "q L^3/EI of buckling", own_weight, 4.5e-4),
+    case("strip on edge, tip load", "Timoshenko and Gere 1961", "P L^2/EI of lateral-torsional buckling, GJ = EI/2",
+         sideways, 9e-4),
+    case("column, tangential load", "Beck 1952, 1e-6", "P L^2/EI of flutter", beck_load, 4.1e-3),
+    case("column, tangential load", "Beck 1952, 1e-6", "frequency of flutter", beck_frequency, 3e-3),
+    case("column, tangential load, slight material damping", "Bolotin and Zhinzher 1969", "P L^2/EI of flutter", damped_beck,
+         1.8e-3, "damping of tau omega = 0.01 is not vanishing"),
+]
