@@ -44,7 +44,7 @@ def test_newton_update_inverts_the_derivative_of_the_residual(case):
     _, (nodes, strain) = torch.func.jvp(g, (torch.zeros_like(move), torch.zeros_like(dstress)), (move, dstress))
     assert_close(nodes[..., 1:, :], -residual.nodes[..., 1:, :], rtol=0, atol=1e-9)
     assert_close(strain, -residual.strain, rtol=0, atol=1e-10)
-    assert_close(residual.nodes[..., 0, :] + nodes[..., 0, :], reaction, rtol=0, atol=1e-9)
+    assert_close(residual.nodes[..., 0, :] + nodes[..., 0, :], reaction[..., 0, :], rtol=0, atol=1e-9)
 
 
 def smooth(tau=0.0, scale=1.0):

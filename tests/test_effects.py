@@ -9,6 +9,7 @@ from torch.testing import assert_close
 from torch.utils._python_dispatch import TorchDispatchMode
 
 import torchbeam as tb
+from torchbeam.nodal.external import Nodes
 from torchbeam.nodal.model import Model
 from torchbeam.nodal.step import Step
 
@@ -59,7 +60,7 @@ def operations(*effects):
     with Counter() as whole:
         problem.residual(x)
     with Counter() as loads:
-        model.external(start.rotation, t, {}, scene.loads)
+        model.external(Nodes(start.position, start.rotation), t, {})
     return whole.count, loads.count
 
 

@@ -13,11 +13,11 @@ from torchbeam.nodal.element import (
     kinematics,
     strain,
     strain_operator,
-    to_blocks,
-    to_nodes,
 )
+from torchbeam.nodal.space import Space
 
 N, BATCH = 3, (5,)
+to_nodes, to_blocks = Space().to_nodes, Space().to_blocks
 # Relative rotations: far, near a half turn, both sides of the series (s2 = 1e-6 is 2e-3 rad), next to and at zero.
 TURNS = [0.6, 2.1e-3, 1.9e-3, 1e-4, 1e-8, 0.0]
 # Sums of a hundred products of size one; next to zero, closed forms divide rounding by |l| down to 1e-3.

@@ -93,13 +93,18 @@ def wants_gradient(*tensors: Any) -> bool:
 
 
 def dependencies(problem: Any, x: Any) -> list[Any]:
-    """Everything a problem depends on: its fields and those of its model and its start, the beam's rest, and the loads, strains
-    and motions as they come out of the users' functions.
+    """Everything a problem depends on: its inputs and its start, its model, what the scene's effects and motions hold; and where
+    those are functions, what comes of them.
     """
-    model = problem.model
-    about, fields = problem.residual(x), [*vars(problem).values(), *vars(model).values(), *vars(model.inertia).values()]
-    start = getattr(problem, "start", None)
-    return [about[0].nodes, about[0].strain, *fields, *(vars(start).values() if start is not None else ())]
+    model, start = problem.model, getattr(problem, "start", None)
+    scene = model.scene
+    held = [v for owner in (*scene.effects, *scene.supports, scene.frame) if owner is not None for v in vars(owner).values()]
+    known = [*held, *vars(model).values(), *vars(model.inertia).values(), *problem.inputs.values(),
+             *(() if start is None else vars(start).values())]
+    if any(callable(v) and not isinstance(v, Tensor) for v in held):
+        residual = problem.residual(x)[0]
+        known += [residual.nodes, residual.strain]
+    return known
 
 
 def _detached(x: Any) -> Any:

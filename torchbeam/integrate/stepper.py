@@ -136,7 +136,7 @@ class Stepper:
         status = torch.where((status == SUCCESS) & (self.model.space.cosine(x.m).amin(-1) < math.cos(TURN * problem.PART / 2)), DIVERGED, status)
         good = moving & (status == SUCCESS)
         problem = replace(problem)  # what it had cached carries no gradient
-        if wants_gradient(*dependencies(problem, x)):
+        if wants_gradient(*dependencies(replace(problem), x)):
             x = type(x)(*(torch.where(good[..., None, None], a, b) for a, b in zip(x, problem.still(), strict=True)))
             if not good.all():  # nothing that failed samples hold reaches a derivative
                 held = {name: torch.where(good[..., None], v, v.detach()) for name, v in inputs.items()}

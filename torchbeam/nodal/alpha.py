@@ -57,7 +57,7 @@ class AlphaState(State):
 
     def plain(self) -> State:
         """What every method knows of the state."""
-        return State(*(getattr(self, f.name) for f in fields(State)))
+        return State(**{f.name: getattr(self, f.name) for f in fields(State)})
 
 
 class End(NamedTuple):

@@ -212,6 +212,8 @@ class Step:
         if omega is not None:
             velocity = velocity - (space.tilde(omega) @ start.position[..., None])[..., 0]
             spin = spin - space.to_section(start.rotation, omega)
+        if self.given:  # what is held does not move in frame a, whatever the mean of its velocities
+            velocity, spin = self.model.held.slide * velocity, self.model.held.turn * spin
         return self.held(Middle(velocity * self.h / 2, space.cayley(spin * self.h / 2), start.stress))
 
     def still(self) -> Middle:
