@@ -1,6 +1,7 @@
 """torchbeam: batched, differentiable, geometrically exact beam dynamics in PyTorch."""
 
 from . import plot, sensors
+from .advise import Advice, advise
 from .beam import Beam
 from .critical import Critical, critical_load
 from .effects import (
@@ -37,9 +38,9 @@ from .statics import equilibrium
 from .stations import Stations, Table
 
 __all__ = [
-    "Actuation", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy", "ExplicitStepper", "Frame",
+    "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy", "ExplicitStepper", "Frame",
     "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping", "MixedState", "Modes", "PerElement",
     "PointLoad", "PointMass", "RootMotion", "RootSpring", "Scene", "Section", "Solution", "Spring", "State", "Stations",
-    "Stats", "Stepper", "Table", "TipLoad", "block_rate", "consistent_state", "critical_load", "equilibrium", "linearize",
-    "modes", "plot", "rest", "sensors", "simulate",
+    "Stats", "Stepper", "Table", "TipLoad", "advise", "block_rate", "consistent_state", "critical_load", "equilibrium",
+    "linearize", "modes", "plot", "rest", "sensors", "simulate",
 ]
