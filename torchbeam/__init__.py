@@ -22,6 +22,7 @@ from .effects import (
     Spring,
     TipLoad,
 )
+from .identify import Fit, identify
 from .integrate.explicit import ExplicitStepper
 from .integrate.simulate import simulate
 from .integrate.stepper import Stepper
@@ -30,6 +31,7 @@ from .mixed.block import BlockRate, block_rate
 from .mixed.consistent import consistent_state
 from .mixed.state import MixedState
 from .modes import Modes, modes
+from .montecarlo import Samples, monte_carlo
 from .scene import Frame, RootMotion, Scene
 from .section import Section
 from .solution import Energy, Solution, Stats
@@ -38,9 +40,9 @@ from .statics import equilibrium
 from .stations import Stations, Table
 
 __all__ = [
-    "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy", "ExplicitStepper", "Frame",
-    "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping", "MixedState", "Modes", "PerElement",
-    "PointLoad", "PointMass", "RootMotion", "RootSpring", "Scene", "Section", "Solution", "Spring", "State", "Stations",
-    "Stats", "Stepper", "Table", "TipLoad", "advise", "block_rate", "consistent_state", "critical_load", "equilibrium",
-    "linearize", "modes", "plot", "rest", "sensors", "simulate",
+    "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy", "ExplicitStepper", "Fit",
+    "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping", "MixedState", "Modes",
+    "PerElement", "PointLoad", "PointMass", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Solution", "Spring",
+    "State", "Stations", "Stats", "Stepper", "Table", "TipLoad", "advise", "block_rate", "consistent_state",
+    "critical_load", "equilibrium", "identify", "linearize", "modes", "monte_carlo", "plot", "rest", "sensors", "simulate",
 ]
