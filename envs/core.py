@@ -36,7 +36,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
         inputs(action, now)            -> what the stepper is given over one control interval: from the action (n, a) that acts
         aim(now, tip)                  -> (n, size of AIM), what is seen beside the sensors; `tip` as the sensors have it
         cost(now)                      -> (n,), of an interval, at its end
-        ended(now)                     -> (n,) bool, or None: whether the task is over
+        lost(now)                      -> (n,) bool, or None: whether nothing is left to do; it costs what a failure does
         measures(now)                  -> what goes into `info`, name -> (n,)
         sketch(now)                    -> what a picture shows beside the beam: see `envs/rendering.py`
     where `now` is an `Episodes`.
@@ -61,7 +61,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
     randomize          what is drawn uniformly at each reset, from the sub-env's generator: name -> (low, high); True = every
                        parameter, from its documented range; None
     control_cost       per interval and |action|^2
-    failure_reward     of the interval in which the solver fails
+    failure_reward     of the interval in which the solver fails, or the task is lost
     max_episode_steps  None = no end
     autoreset_mode     "NextStep": the step after an episode's last one resets it; its action is ignored and its reward 0.
                        "SameStep". "Disabled": an episode that is over stands still, reward 0 and flags kept, until
@@ -177,7 +177,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
     def cost(self, now: Episodes) -> Tensor:
         raise NotImplementedError
 
-    def ended(self, now: Episodes) -> Tensor | None:
+    def lost(self, now: Episodes) -> Tensor | None:
         return None
 
     def measures(self, now: Episodes) -> dict[str, Tensor]:
@@ -215,10 +215,11 @@ class BeamVectorEnv(EpisodesVectorEnv):
         good = active & ~failed
         if not good.all():
             observation = torch.where(good[:, None], observation, before.observation)
+        lost = self.lost(after)
+        ended = failed if lost is None else failed | (good & lost)
         reward = -self.cost(after) - self.control_cost * action.square().sum(-1)
-        reward = torch.where(active, torch.where(failed, self.failure_reward, reward), 0.0)
-        ended, over = self.ended(after), before.terminated | failed
-        over = over if ended is None else over | (good & ended)
+        reward = torch.where(active, torch.where(ended, self.failure_reward, reward), 0.0)
+        over = before.terminated | ended
         late = torch.zeros_like(active) if self.max_episode_steps is None else steps >= self.max_episode_steps
         after = replace(after, observation=observation, terminated=over, truncated=before.truncated | (good & late & ~over))
         return after, reward, failed
