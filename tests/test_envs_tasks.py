@@ -151,7 +151,7 @@ def test_flutter_grows_unless_it_is_held():
     two others. The gains come from a random search."""
     gains = np.array([5.9, -5.8, -137.0, -6.7, -0.4])
     held = np.array([0.0, 1.0, 0.0, 1.0])
-    env = vector("torchbeam/FlutterHoldPlanar-v0", 4, elements=4, substeps=2, autoreset_mode="Disabled")
+    env = vector("torchbeam/FlutterHoldPlanar-v0", 4, elements=6, substeps=2, autoreset_mode="Disabled")
     observation, _ = env.reset(options={"goal": [[0.2], [0.2], [-0.1], [-0.1]]})
     for _ in range(100):
         action = held * np.clip(observation[:, [1, 3, 5, 7, 8]] @ gains, -1, 1)
