@@ -309,3 +309,27 @@ def test_refusal(sentence):
     with pytest.raises(ValueError) as refusal:
         REFUSED[sentence]()
     assert sentence in str(refusal.value)
+
+
+PARAMETERS = {
+    "Drag": (lambda p: fx.Drag(p[0], p[1], normal=p[2], tangential=p[3], flow=p[4:]), 7),
+    "MassDamping": (lambda p: fx.MassDamping(p[0]), 1),
+    "Spring": (lambda p: fx.Spring(-1, p[0], to=p[1:4], length=p[4], damping=p[5]), 6),
+    "RootSpring": (lambda p: fx.RootSpring(p[:6], damping=(p[6], p[7:])), 10),
+    "LineLoad of elements": (lambda p: tb.LineLoad(force=fx.PerElement(p.reshape(SITES - 1, 3)), follower=True), 3 * SITES - 3),
+    "Load with a lag": (lambda p: fx.Load(lagged, internal=2, rate=lambda z, *m: lag(z, *m) * p, of=fx.site.READS), 2),
+}
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_gradient_by_parameters(name):
+    """Wrench and tangent against central differences, by reverse and forward mode."""
+    make, size = PARAMETERS[name]
+    p = 0.5 + torch.rand(size)
+    site = a_site(make(p))
+
+    def found(p):
+        effect = make(p)
+        return fx.together(effect.wrench(site, ZERO, {}), site.R), *effect.tangent(site, ZERO, {}).values()
+
+    assert torch.autograd.gradcheck(found, p.requires_grad_(), check_forward_ad=True, fast_mode=True)

@@ -6,13 +6,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ..checks import Value
 from ..quaternions import hat
 from .site import POSITION, ROTATION, VELOCITY, Acting, Site, Wrench, jacobians
-from .values import Inputs, LoadValue, like, load_value, parameter
+from .values import Inputs, LoadValue, like, load_value, parameter, present
 
 
 @dataclass(frozen=True)
@@ -49,11 +50,11 @@ class Drag(Acting):
 
     @property
     def carries(self) -> bool:
-        """Whether there is an added mass, by what was given at construction."""
-        return bool((self.added_mass != 0).any())
+        """Whether there is an added mass."""
+        return present(self.added_mass)
 
     @property
-    def added(self) -> Tensor:
+    def added(self) -> Tensor | np.ndarray:
         """(...) kg/m, mass of fluid that moves with the beam across its axis."""
         return self.added_mass * self.density * self.diameter**2 * (math.pi / 4)
 

@@ -185,6 +185,11 @@ def parameter(name: str, value: Value, *, zero: bool = True) -> Tensor | np.ndar
     return value
 
 
+def present(value: Tensor | np.ndarray) -> bool:
+    """Whether a parameter is there: any tensor, and any number but 0."""
+    return isinstance(value, Tensor) or bool(value.any())
+
+
 def like(value: Tensor | np.ndarray, other: Tensor) -> Tensor:
     """`value` as a tensor of the other's dtype and device."""
     return torch.as_tensor(value, dtype=other.dtype, device=other.device)
