@@ -2,7 +2,8 @@
 
 import json
 import math
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
 
 import pytest
 import torch
@@ -41,6 +42,21 @@ def test_chunks_do_not_matter():
     for other in others:
         assert (other.theta[:100] == whole.theta).all() and (other.y[:100] == whole.y).all()
     assert not (tb.monte_carlo(product, LAWS, 100, seed=1).theta == whole.theta).any()
+
+
+def test_the_default_dtype_does_not_matter():
+    """A worker may have another one: the samples are those that were asked for, to the bit."""
+    here = tb.monte_carlo(product, LAWS, 8)
+    torch.set_default_dtype(torch.float32)
+    there = tb.monte_carlo(product, LAWS, 8, dtype=torch.float64)
+    assert (here.theta == there.theta).all() and tb.monte_carlo(product, LAWS, 8).y.dtype == torch.float32
+
+
+def test_other_processes():
+    """Two spawned workers: what this process gets, to the bit."""
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        there = tb.monte_carlo(torch.sin, LAWS, 64, chunk=16, executor=pool)
+    assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64).y).all()
 
 
 def test_taken_up_again(tmp_path):

@@ -89,7 +89,9 @@ def sample(laws: tuple[Law, ...], seed: int, first: int, last: int, dtype: torch
     engine = torch.quasirandom.SobolEngine(len(laws), scramble=True, seed=seed)
     if first:
         engine.fast_forward(first)
-    u = engine.draw(last - first, dtype=torch.float64) + 2.0**-31  # multiples of 2^-30: now never 0, and never 1
+    start = engine.quasi.double() / 2**engine.MAXBIT  # the engine itself keeps its first point in the default dtype
+    u = engine.draw(last - first, dtype=torch.float64)
+    u = (torch.cat((start[None], u[1:])) if first == 0 else u) + 2.0**-31  # multiples of 2^-30: now never 0, and never 1
     columns = []
     for law, v in zip(laws, u.unbind(-1), strict=True):
         if isinstance(law, (tuple, list)):
