@@ -271,7 +271,16 @@ def test_point_mass_both_ways():
     assert_close(fx.PointMass(2.0, inertia=(1.0, 2, 3)).about_node(m), torch.diag(torch.tensor([2.0, 2, 2, 1, 2, 3])))
 
 
+def test_rayleigh():
+    """ratio = alpha/(2 w) + tau w/2 at both frequencies."""
+    mass, strain = fx.rayleigh((3.0, torch.tensor([20.0, 40.0])), (0.02, 0.03))
+    for w, z in ((3.0, 0.02), (torch.tensor([20.0, 40.0]), 0.03)):
+        assert_close(mass.alpha / (2 * w) + strain.tau * w / 2, torch.full((2,), z), rtol=1e-6, atol=0)
+
+
 REFUSED = {
+    "rayleigh with two equal": lambda: fx.rayleigh((3.0, 3.0), (0.02, 0.03)),
+    "take a negative coefficient": lambda: fx.rayleigh((3.0, 4.0), (0.01, 0.1)),
     "alpha = -1": lambda: fx.MassDamping(-1.0),
     "tau = -0.1": lambda: tb.Damping(-0.1),
     "Drag's density = -1": lambda: fx.Drag(-1.0, 0.1),

@@ -5,6 +5,7 @@ from .advise import Advice, advise
 from .beam import Beam
 from .critical import Critical, critical_load
 from .effects import (
+    Accelerogram,
     Actuation,
     Along,
     Damping,
@@ -21,6 +22,7 @@ from .effects import (
     RootSpring,
     Spring,
     TipLoad,
+    rayleigh,
 )
 from .identify import Fit, identify
 from .integrate.explicit import ExplicitStepper
@@ -32,6 +34,7 @@ from .mixed.consistent import consistent_state
 from .mixed.state import MixedState
 from .modes import Modes, modes
 from .montecarlo import Samples, monte_carlo
+from .paths import Path, path
 from .scene import Frame, RootMotion, Scene
 from .section import Section
 from .solution import Energy, Solution, Stats
@@ -40,9 +43,10 @@ from .statics import equilibrium
 from .stations import Stations, Table
 
 __all__ = [
-    "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy", "ExplicitStepper", "Fit",
-    "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping", "MixedState", "Modes",
-    "PerElement", "PointLoad", "PointMass", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Solution", "Spring",
-    "State", "Stations", "Stats", "Stepper", "Table", "TipLoad", "advise", "block_rate", "consistent_state",
-    "critical_load", "equilibrium", "identify", "linearize", "modes", "monte_carlo", "plot", "rest", "sensors", "simulate",
+    "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy",
+    "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
+    "MixedState", "Modes", "PerElement", "PointLoad", "PointMass", "RootMotion", "RootSpring", "Samples", "Scene", "Section",
+    "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Table", "TipLoad", "advise", "block_rate",
+    "consistent_state", "critical_load", "equilibrium", "identify", "linearize", "modes", "monte_carlo", "path", "plot", "rayleigh",
+    "rest", "sensors", "simulate",
 ]

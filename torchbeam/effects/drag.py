@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -26,7 +25,7 @@ class Drag(Acting):
     normal, tangential  (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and 0.4 above the drag crisis
     flow      m/s: (..., 3) in inertial axes, as Gravity's g; or function(position, t) -> (..., sites, 3), both in frame a;
               None = still
-    added_mass  C_a of the fluid that moves along, C_a rho pi d^2/4 per length across the axis (`added`)
+    added_mass  C_a of the fluid that moves along, C_a rho pi d^2/4 per length across the axis, see `added`
 
     Raises ValueError for a negative density, diameter or coefficient.
     """
@@ -53,10 +52,10 @@ class Drag(Acting):
         """Whether there is an added mass."""
         return present(self.added_mass)
 
-    @property
-    def added(self) -> Tensor | np.ndarray:
-        """(...) kg/m, mass of fluid that moves with the beam across its axis."""
-        return self.added_mass * self.density * self.diameter**2 * (math.pi / 4)
+    def added(self, other: Tensor) -> Tensor:
+        """(...) kg/m, mass of fluid that moves with the beam across its axis; dtype and device of `other`."""
+        C, rho, d = (like(v, other) for v in (self.added_mass, self.density, self.diameter))
+        return C * rho * d**2 * (math.pi / 4)
 
     @property
     def wants_axes(self) -> bool:
