@@ -30,6 +30,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
     A task derives from this, hands the arguments below on, with its own defaults, and defines what differs of
         PLANE, GOAL, AIM, HUB, ...     the plane of planar=True; size of `goal`; bounds of `aim`; see below
         parameters()                   -> name -> `Parameter`, what may change with the episode
+        held()                         -> arguments of the scene beside beam and effects, where it is not clamped
         effects(params)                -> loads of the scene, beside damping and gravity
         begin(streams, rows)           -> goal (k, GOAL) of fresh episodes of the sub-envs rows (k,), each from its own stream
         launch(beam, goal)             -> the state that episodes start in, of the beam at rest
@@ -143,6 +144,9 @@ class BeamVectorEnv(EpisodesVectorEnv):
         own = {"stiffness": Parameter(1.0, 0.8, 1.2, above=True), "mass": Parameter(1.0, 0.8, 1.2, above=True),
                "offset": Parameter(0.0, -0.02 * self.length, 0.02 * self.length, least=-math.inf)}
         return own if self.damping is None else {**own, "damping": Parameter(self.damping, self.damping / 2, 2 * self.damping)}
+
+    def held(self) -> dict[str, Any]:
+        return {}
 
     def effects(self, params: dict[str, Tensor]) -> tuple:
         moment = tb.Input("moment", 3) if "offset" in self.varying else None
@@ -266,7 +270,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
         params |= {name: params[name].expand(len(rows)) for name in self.varying}
         params |= values
         scene = cantilever(self.length, self.elements, varied(self.section, params, rows), self.effects(params), params,
-                           self.gravity, self.plane)
+                           self.gravity, self.plane, **self.held())
         return Plant(params, stepper(scene, self.control_interval / self.substeps, self.form, self.method, self.solver))
 
     def _at_rest(self, plant: Plant, rows: Tensor) -> tuple[tb.State, tb.State]:
@@ -277,7 +281,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
     def _settled(self, plant: Plant, count: int) -> tuple[tb.State, tb.State]:
         """The beam in equilibrium without action, and the same with what the method remembers of a step without action."""
         still = {name: self.high.new_zeros(count, size) for name, size in plant.scene.inputs.items()}
-        if self.form != "nodal":
+        if self.gravity is None or self.form != "nodal":
             start = plant.stepper.rest((count,))
         else:
             start = tb.equilibrium(plant.scene, throw=False, **still)

@@ -96,10 +96,16 @@ def test_sync_and_gymnasium_vector_envs():
         np.testing.assert_array_equal(a[3], b[3])
 
 
-def test_the_command_that_measures(tmp_path, capsys):
-    """Two rows in all three files; the share beside the simulation is positive, the error that of this coarse mesh."""
+def test_error_of_the_mesh():
+    """Two elements in a plane, in steps of 20 ms, against sixteen in steps of 2.5 ms, for four intervals."""
+    assert 1e-3 < benchmark.error(ID, **SMALL) < 0.5
+
+
+def test_the_command_that_measures(tmp_path, capsys, monkeypatch):
+    """Two rows in all three files."""
+    monkeypatch.setattr(benchmark, "error", lambda id, **arguments: 0.01)  # tested above; slow on the mesh it compares with
     rows = benchmark.measure(ID, [2], 0.1, **SMALL)
-    assert len(rows) == 1 and rows[0].rate > 1 and rows[0].overhead > 0 and 1e-3 < rows[0].error < 1
+    assert len(rows) == 1 and rows[0].rate > 1 and rows[0].overhead > 0
     assert benchmark.main(["--task", "TipReach", "--batches", "1", "--seconds", "0.05", "--out", str(tmp_path)]) == 0
     written = json.loads((tmp_path / "envs.json").read_text())
     assert [row["id"] for row in written["rows"]] == ["torchbeam/TipReach-v0", ID]
