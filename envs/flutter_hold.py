@@ -32,8 +32,8 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
 
     the straight strip is unstable: two modes join and grow into flutter. Internal damping, as always here, makes that happen
     earlier; a coarse mesh holds out longer: without damping six elements flutter from 1.11 times that load, eight from 1.06,
-    twelve from 1.03. A small force across the tip is to hold it straight. The thrust is 1.2 times Beck's, at which motion in the soft
-    direction grows by a factor of e in 0.2 s at 3.5 Hz; up and down the strip is eleven times stiffer and stable. No
+    twelve from 1.03. A small force across the tip is to hold it straight. The thrust is 1.2 times Beck's, at which motion in
+    the soft direction grows by a factor of e in 0.2 s at 3.5 Hz; up and down the strip is eleven times stiffer and stable. No
     gravity.
 
     ## Action space

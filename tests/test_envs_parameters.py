@@ -131,7 +131,8 @@ def test_the_example_in_the_docs():
     names: dict = {}
     for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
         exec(block.replace("num_envs=256", "num_envs=2"), names)
-    assert names["observation"].shape == (2, 2 + 4 + 2 + 2) and names["info"]["params"]["stiffness"] == pytest.approx([1.1, 1.1])
+    assert names["observation"].shape == (2, 2 + 4 + 2 + 2)
+    assert names["info"]["params"]["stiffness"] == pytest.approx([1.1, 1.1])
 
 
 def test_a_target_out_of_reach():
