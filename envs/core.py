@@ -30,13 +30,14 @@ class BeamVectorEnv(EpisodesVectorEnv):
     A task derives from this, hands the arguments below on, with its own defaults, and defines what differs of
         PLANE, GOAL, AIM, HUB, ...     the plane of planar=True; size of `goal`; bounds of `aim`; see below
         parameters()                   -> name -> `Parameter`, what may change with the episode
+        held()                         -> arguments of the scene beside beam and effects, where it is not clamped
         effects(params)                -> loads of the scene, beside damping and gravity
         begin(streams, rows)           -> goal (k, GOAL) of fresh episodes of the sub-envs rows (k,), each from its own stream
         launch(beam, goal)             -> the state that episodes start in, of the beam at rest
         inputs(action, now)            -> what the stepper is given over one control interval: from the action (n, a) that acts
         aim(now, tip)                  -> (n, size of AIM), what is seen beside the sensors; `tip` as the sensors have it
         cost(now)                      -> (n,), of an interval, at its end
-        ended(now)                     -> (n,) bool, or None: whether the task is over
+        lost(now)                      -> (n,) bool, or None: whether nothing is left to do; it costs what a failure does
         measures(now)                  -> what goes into `info`, name -> (n,)
         sketch(now)                    -> what a picture shows beside the beam: see `envs/rendering.py`
     where `now` is an `Episodes`.
@@ -61,7 +62,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
     randomize          what is drawn uniformly at each reset, from the sub-env's generator: name -> (low, high); True = every
                        parameter, from its documented range; None
     control_cost       per interval and |action|^2
-    failure_reward     of the interval in which the solver fails
+    failure_reward     of the interval in which the solver fails, or the task is lost
     max_episode_steps  None = no end
     autoreset_mode     "NextStep": the step after an episode's last one resets it; its action is ignored and its reward 0.
                        "SameStep". "Disabled": an episode that is over stands still, reward 0 and flags kept, until
@@ -144,6 +145,9 @@ class BeamVectorEnv(EpisodesVectorEnv):
                "offset": Parameter(0.0, -0.02 * self.length, 0.02 * self.length, least=-math.inf)}
         return own if self.damping is None else {**own, "damping": Parameter(self.damping, self.damping / 2, 2 * self.damping)}
 
+    def held(self) -> dict[str, Any]:
+        return {}
+
     def effects(self, params: dict[str, Tensor]) -> tuple:
         moment = tb.Input("moment", 3) if "offset" in self.varying else None
         return (tb.TipLoad(force=tb.Input("force", 3), moment=moment),)
@@ -177,7 +181,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
     def cost(self, now: Episodes) -> Tensor:
         raise NotImplementedError
 
-    def ended(self, now: Episodes) -> Tensor | None:
+    def lost(self, now: Episodes) -> Tensor | None:
         return None
 
     def measures(self, now: Episodes) -> dict[str, Tensor]:
@@ -215,10 +219,11 @@ class BeamVectorEnv(EpisodesVectorEnv):
         good = active & ~failed
         if not good.all():
             observation = torch.where(good[:, None], observation, before.observation)
+        lost = self.lost(after)
+        ended = failed if lost is None else failed | (good & lost)
         reward = -self.cost(after) - self.control_cost * action.square().sum(-1)
-        reward = torch.where(active, torch.where(failed, self.failure_reward, reward), 0.0)
-        ended, over = self.ended(after), before.terminated | failed
-        over = over if ended is None else over | (good & ended)
+        reward = torch.where(active, torch.where(ended, self.failure_reward, reward), 0.0)
+        over = before.terminated | ended
         late = torch.zeros_like(active) if self.max_episode_steps is None else steps >= self.max_episode_steps
         after = replace(after, observation=observation, terminated=over, truncated=before.truncated | (good & late & ~over))
         return after, reward, failed
@@ -265,7 +270,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
         params |= {name: params[name].expand(len(rows)) for name in self.varying}
         params |= values
         scene = cantilever(self.length, self.elements, varied(self.section, params, rows), self.effects(params), params,
-                           self.gravity, self.plane)
+                           self.gravity, self.plane, **self.held())
         return Plant(params, stepper(scene, self.control_interval / self.substeps, self.form, self.method, self.solver))
 
     def _at_rest(self, plant: Plant, rows: Tensor) -> tuple[tb.State, tb.State]:
@@ -276,7 +281,7 @@ class BeamVectorEnv(EpisodesVectorEnv):
     def _settled(self, plant: Plant, count: int) -> tuple[tb.State, tb.State]:
         """The beam in equilibrium without action, and the same with what the method remembers of a step without action."""
         still = {name: self.high.new_zeros(count, size) for name, size in plant.scene.inputs.items()}
-        if self.form != "nodal":
+        if self.gravity is None or self.form != "nodal":
             start = plant.stepper.rest((count,))
         else:
             start = tb.equilibrium(plant.scene, throw=False, **still)

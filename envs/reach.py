@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,16 +29,20 @@ class Reach:
     coefficients: Tensor
 
     @classmethod
-    def of(cls, scene: tb.Scene, force: Tensor, axes: Tensor) -> Reach:
-        """scene with the input "force"; force (1 or 2,) N, largest along the rows of axes (1 or 2, 3)."""
+    def of(cls, scene: tb.Scene, force: Tensor, axes: Tensor, read: Callable[[tb.State], Tensor] | None = None) -> Reach:
+        """scene with the input "force"; force (1 or 2,) N, largest along the rows of axes (1 or 2, 3).
+
+        read  what to interpolate instead of the tip's position: state -> (..., c)
+        """
         k = torch.arange(DEGREE + 1, dtype=scene.dtype, device=scene.device)
         points = torch.cos(torch.pi * (k + 0.5) / (DEGREE + 1))
         grid = torch.stack(torch.meshgrid(*[points] * len(force), indexing="ij"), -1)
         loads = (grid.reshape(-1, *[1] * len(scene.batch_shape), len(force)) * force) @ axes
-        tip = tb.equilibrium(scene, force=loads).tip.position.unflatten(0, (DEGREE + 1, -1))
+        state = tb.equilibrium(scene, force=loads)
+        value = (state.tip.position if read is None else read(state)).unflatten(0, (DEGREE + 1, -1))
         basis = _chebyshev(points) * torch.where(k > 0, 2.0, 1.0) / (DEGREE + 1)  # (point, degree)
         second = basis if len(force) == 2 else basis.new_ones(1, 1)
-        return cls(torch.einsum("pi,qj,pq...c->...ijc", basis, second, tip))
+        return cls(torch.einsum("pi,qj,pq...c->...ijc", basis, second, value))
 
     def tip(self, share: Tensor, rows: Tensor | slice = slice(None)) -> Tensor:
         """(k, 3) m, where static forces share * force, share (k, 1 or 2), hold the tips of the sub-envs `rows`."""

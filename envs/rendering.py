@@ -23,7 +23,8 @@ TRACE = 60  # instants of the tip's path that are shown
 PARTS = 8  # straight pieces of an element's curve
 ARROW = 0.2  # of the length, for the full force
 BACK, INK, PALE, FRAME = (255, 255, 255), (40, 44, 52), (150, 155, 165), (222, 225, 230)
-BEAM, FAILED, TARGET, FORCE, TIP = (31, 84, 148), (200, 30, 30), (20, 140, 70), (214, 107, 10), (160, 190, 225)
+BEAM, FAILED, TARGET, FORCE = (31, 84, 148), (200, 30, 30), (20, 140, 70), (214, 107, 10)
+TIP, PATH = (160, 190, 225), (165, 215, 180)
 
 
 class Renderer:
@@ -107,6 +108,8 @@ class Renderer:
         """Time and measures of each sub-env; of as many as there is room for."""
         texts = [f"{t:.2f} s" for t in (now.steps[:count] * self.env.control_interval).tolist()]
         for name, values in self.env.measures(now).items():
+            if not values.is_floating_point():
+                continue
             unit = self.env.UNITS.get(name, "")
             longer = [f"{text}   {name} {v:.3f} {unit}" for text, v in zip(texts, values[:count].tolist(), strict=True)]
             if all(self.font.size(text)[0] < FINE * (self.size[0] - 10) for text in longer):
@@ -136,7 +139,7 @@ class Renderer:
         root, tip = at(line[0]), at(line[-1])
         self._dashes(surface, at(np.zeros(3)), at([self.env.length, 0, 0]))
         if "path" in shown:
-            pygame.draw.aalines(surface, TARGET, False, at(shown["path"]))
+            self._stroke(surface, PATH, at(shown["path"]), 0.8 * unit)
         if len(trace) > 1:
             self._stroke(surface, TIP, at(trace), unit)
         self._support(surface, root, unit, shown.get("hinge", False))

@@ -15,6 +15,7 @@ class SingleEnv(gymnasium.Env):
     """One member of the class attribute `vector`; takes its arguments, but num_envs, autoreset_mode and output."""
 
     vector: ClassVar[type[BeamVectorEnv]]
+    metadata = BeamVectorEnv.metadata
 
     def __init__(self, *, render_mode: str | None = None, max_episode_steps: int | None = None, **arguments: Any) -> None:
         for name in ("num_envs", "autoreset_mode", "output"):

@@ -126,4 +126,3 @@ class TipReachEnv(SingleEnv):
     """
 
     vector = TipReachVectorEnv
-    metadata = TipReachVectorEnv.metadata

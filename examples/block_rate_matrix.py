@@ -10,6 +10,7 @@ from pathlib import Path
 
 import torch
 
+import torchbeam as tb
 import torchbeam.mixed.state as mixed_state
 from torchbeam.beam import Beam
 from torchbeam.effects import TipLoad
@@ -79,11 +80,9 @@ print("rows that are wrong as printed:", *WRONG_ROWS, "  ranks:", *RANKS)
 
 
 def draw(path: Path = Path("out/block_rate_matrix.png")) -> None:
-    import matplotlib.pyplot as plt
-
     names = ("u", "theta", "F", "M", "V", "Omega", "V'", "Omega'", "F*1", "M*1", "u^2", "theta^2")
     assert len(names) == len(mixed_state.Fields._fields)
-    figure, axes = plt.subplots(1, 2, figsize=(13, 6.5), constrained_layout=True)
+    axes = tb.plot.grid(1, 2, (13, 6.5))
     for axis, A, title in zip(axes, (printed[0], system.A), ("as printed", "corrected"), strict=True):
         axis.imshow(torch.sign(A).masked_fill(A == 0, torch.nan), cmap="coolwarm", vmin=-1.6, vmax=1.6)
         axis.set(title=f"{title}  (rank {torch.linalg.matrix_rank(A)})")
@@ -94,9 +93,7 @@ def draw(path: Path = Path("out/block_rate_matrix.png")) -> None:
             axis.axvline(edge - 0.5, color="0.8", lw=0.5)
     for i in WRONG_ROWS:
         axes[0].axhspan(3 * i - 3.5, 3 * i - 0.5, color="gold", alpha=0.25, zorder=-1)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=150)
-    print("wrote", path)
+    print("wrote", tb.plot.save(axes[0], path))
 
 
 if __name__ == "__main__":

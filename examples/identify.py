@@ -2,8 +2,8 @@
 
 The data are not ours: the tip of the common dynamic case (EI = 1 N m^2, 0.2 kg/m, a dead transverse tip load of 1 N applied
 suddenly), on which two independent codes agree, every 10 ms over the first 0.4 s: half a period (0.3 s leads from this start
-to a false minimum). From a start that is 40 % too soft and 75 % too heavy, Gauss-Newton on the logarithms of EI and m takes
-four iterations; the Jacobian comes from forward mode, the directions of the two parameters being the two samples of one batch.
+to a false minimum). From a start that is 40 % too soft and 75 % too heavy, `tb.identify` searches the logarithms of EI and m;
+the Jacobian comes from forward mode, the directions of the two parameters being the two samples of one batch.
 What is left, 0.7 % of m, is the error of eight elements at 10 ms. Run as a script, it also draws out/identify.png.
 """
 
@@ -23,55 +23,35 @@ TIP = torch.tensor(CASE["tip"][:WINDOW])
 TRUE, START = (1.0, 0.2), (0.6, 0.35)
 
 
-def tip(log: torch.Tensor) -> torch.Tensor:
-    """Tip (time, batch, 3) for log [EI, m] (batch, 2); what else the section has is given with the data."""
-    EI, m = log.exp().unbind(-1)
+def tip(theta: torch.Tensor) -> torch.Tensor:
+    """Tip (batch, time, 3) for EI, m (batch, 2); what else the section has is given with the data."""
+    EI, m = theta.unbind(-1)
     section = tb.Section.from_stiffness(EA=4e4, GA=1.4835e4, GJ=0.769, EI=EI, mass=m, inertia=5e-6)
     scene = tb.Scene(tb.Beam.straight(1.0, N, section), [tb.TipLoad(force=(0, 1.0, 0))])
-    return tb.simulate(scene, T, step=0.01).tip.position
+    return tb.simulate(scene, T, step=0.01).tip.position.movedim(0, 1)
 
 
-def identify(start: tuple[float, float], iterations: int = 12) -> tuple[torch.Tensor, list[tuple[float, float, float]]]:
-    """Gauss-Newton with steps of at most a factor e^0.5 in each parameter: (EI, m), [(RMS misfit m, EI, m) ...]."""
-    log, history = torch.tensor(start).log(), []
-    for _ in range(iterations):
-        both, slopes = torch.func.jvp(tip, (log.repeat(2, 1),), (torch.eye(2),))
-        misfit = (both[:, 0] - TIP).flatten()
-        history.append((misfit.square().mean().sqrt().item(), *log.exp().tolist()))
-        jacobian = slopes.movedim(1, -1).reshape(-1, 2)
-        step = torch.linalg.lstsq(jacobian, -misfit[:, None]).solution[:, 0].clamp(-0.5, 0.5)
-        log = log + step
-        if step.abs().max() < 1e-3:
-            break
-    return log.exp(), history
-
-
-found, history = identify(START)
-CHECK = max(abs(math.log(a / b)) for a, b in zip(found.tolist(), TRUE, strict=True))  # larger relative error of the two
+fit = tb.identify(tip, TIP, START, names=("EI", "m"), log=True, tolerance=1e-3)
+CHECK = max(abs(math.log(a / b)) for a, b in zip(fit.theta.tolist(), TRUE, strict=True))  # larger relative error of the two
 EXPECTED, TOLERANCE = 0.0, 0.01
 
-print("  misfit mm      EI       m")
-for misfit, EI, m in history:
-    print(f"{1e3 * misfit:11.3f} {EI:7.4f} {m:7.4f}")
-print(f"EI = {found[0]:.4f} (1), m = {found[1]:.4f} (0.2): within {100 * CHECK:.2f} %")
+print("     EI       m")
+for EI, m in fit.history[:, 0].tolist():
+    print(f"{EI:7.4f} {m:7.4f}")
+print(f"{fit}: within {100 * CHECK:.2f} % of 1 and 0.2")
 
 
 def draw(path: Path = Path("out/identify.png")) -> None:
-    import matplotlib.pyplot as plt
-
+    axis = tb.plot.axes((6, 3.6))
     with torch.no_grad():
-        curves = tip(torch.stack((torch.tensor(START).log(), found.log())))[..., 1]
-    figure, axis = plt.subplots(figsize=(6, 3.6), layout="constrained")
+        start = tip(torch.tensor([START]))[0]
     axis.plot(T, TIP[:, 1], "o", ms=4, color="0.6", label="data (other codes)")
-    for curve, label, style in zip(curves.T, ("start: EI = 0.60, m = 0.35", f"found: EI = {found[0]:.3f}, m = {found[1]:.3f}"),
-                                   ("C1--", "C0"), strict=True):
-        axis.plot(T, curve, style, label=label)
+    EI, m = fit.theta.tolist()
+    axis.plot(T, start[:, 1], "C1--", label="start: EI = 0.60, m = 0.35")
+    axis.plot(T, fit.y[:, 1], "C0", label=f"found: EI = {EI:.3f}, m = {m:.3f}")
     axis.set(xlabel="time / s", ylabel="tip deflection / m", xlim=(0, T[-1]), ylim=(0, None))
-    axis.spines[["top", "right"]].set_visible(False)
     axis.legend(frameon=False)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=160)
-    print("wrote", path)
+    print("wrote", tb.plot.save(axis, path, dpi=160))
 
 
 if __name__ == "__main__":

@@ -80,9 +80,7 @@ def save(folder: Path = Path("out")) -> None:
 
 
 def draw(path: Path = Path("out/work_precision.png")) -> None:
-    import matplotlib.pyplot as plt
-
-    figure, axis = plt.subplots(figsize=(6.4, 4), layout="constrained")
+    axis = tb.plot.axes((6.4, 4))
     marks = dict(zip((20.0, 10.0, 5.0, 2.5), "osD^", strict=True))
     for i, mesh in enumerate(sorted({N for _, N, step, *_ in rows if step})):
         points = [(cpu, 100 * error, step) for _, N, step, error, cpu, _ in rows if step and N == mesh]
@@ -100,10 +98,8 @@ def draw(path: Path = Path("out/work_precision.png")) -> None:
     axis.xaxis.set_major_formatter("{x:g}")
     axis.yaxis.set_major_formatter("{x:g}")
     axis.grid(True, which="major", color="0.9", lw=0.8)
-    axis.spines[["top", "right"]].set_visible(False)
     axis.legend(frameon=False, fontsize=8, ncols=2)
-    figure.savefig(path, dpi=160)
-    print("wrote", path)
+    print("wrote", tb.plot.save(axis, path, dpi=160))
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ def extrapolated(of):
 
 
 def test_euler(reference):
-    """Dead axial load: (pi/2)^2 EI/L^2; batch of EI, each proportional to it; d(factor)/d(EI) the same, backward and forward."""
+    """Dead axial load: (pi/2)^2 EI/L^2, by a batch of EI; d(factor)/d(EI) is factor/EI, backward and forward."""
     want = reference("stability_limits")["values"][0]["value"]
     EI = torch.tensor([1.0, 3.0], requires_grad=True)
 

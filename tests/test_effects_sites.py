@@ -271,7 +271,16 @@ def test_point_mass_both_ways():
     assert_close(fx.PointMass(2.0, inertia=(1.0, 2, 3)).about_node(m), torch.diag(torch.tensor([2.0, 2, 2, 1, 2, 3])))
 
 
+def test_rayleigh():
+    """ratio = alpha/(2 w) + tau w/2 at both frequencies."""
+    mass, strain = fx.rayleigh((3.0, torch.tensor([20.0, 40.0])), (0.02, 0.03))
+    for w, z in ((3.0, 0.02), (torch.tensor([20.0, 40.0]), 0.03)):
+        assert_close(mass.alpha / (2 * w) + strain.tau * w / 2, torch.full((2,), z), rtol=1e-6, atol=0)
+
+
 REFUSED = {
+    "rayleigh with two equal": lambda: fx.rayleigh((3.0, 3.0), (0.02, 0.03)),
+    "take a negative coefficient": lambda: fx.rayleigh((3.0, 4.0), (0.01, 0.1)),
     "alpha = -1": lambda: fx.MassDamping(-1.0),
     "tau = -0.1": lambda: tb.Damping(-0.1),
     "Drag's density = -1": lambda: fx.Drag(-1.0, 0.1),
@@ -309,3 +318,27 @@ def test_refusal(sentence):
     with pytest.raises(ValueError) as refusal:
         REFUSED[sentence]()
     assert sentence in str(refusal.value)
+
+
+PARAMETERS = {
+    "Drag": (lambda p: fx.Drag(p[0], p[1], normal=p[2], tangential=p[3], flow=p[4:]), 7),
+    "MassDamping": (lambda p: fx.MassDamping(p[0]), 1),
+    "Spring": (lambda p: fx.Spring(-1, p[0], to=p[1:4], length=p[4], damping=p[5]), 6),
+    "RootSpring": (lambda p: fx.RootSpring(p[:6], damping=(p[6], p[7:])), 10),
+    "LineLoad of elements": (lambda p: tb.LineLoad(force=fx.PerElement(p.reshape(SITES - 1, 3)), follower=True), 3 * SITES - 3),
+    "Load with a lag": (lambda p: fx.Load(lagged, internal=2, rate=lambda z, *m: lag(z, *m) * p, of=fx.site.READS), 2),
+}
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_gradient_by_parameters(name):
+    """Wrench and tangent against central differences, by reverse and forward mode."""
+    make, size = PARAMETERS[name]
+    p = 0.5 + torch.rand(size)
+    site = a_site(make(p))
+
+    def found(p):
+        effect = make(p)
+        return fx.together(effect.wrench(site, ZERO, {}), site.R), *effect.tangent(site, ZERO, {}).values()
+
+    assert torch.autograd.gradcheck(found, p.requires_grad_(), check_forward_ad=True, fast_mode=True)

@@ -1,5 +1,8 @@
 """What changes with the episode (parameters, goals), what is seen of the beam (sensors, noise), and motion in a plane."""
 
+import re
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
@@ -105,6 +108,31 @@ def test_parameters_that_cannot_be_solved_end_their_own_episode():
     assert b[2].nonzero()[0].tolist() == [17] and b[1][17] == -100 and np.isfinite(b[0]).all() and np.isfinite(b[1]).all()
     ill.reset(options={"reset_mask": ~others, "params": {"stiffness": 1.0}})
     assert not ill.step(push)[2].any()
+
+
+def test_a_reset_builds_and_solves_for_those_that_begin(monkeypatch):
+    """The equilibrium that 2 of 64 start from is found for a batch of 2."""
+    env = TipReachVectorEnv(64, autoreset_mode="Disabled", randomize=True, **SMALL)
+    env.reset(seed=0)
+    solved, equilibrium = [], tb.equilibrium
+
+    def watched(scene, **given):
+        solved.append(scene.batch_shape)
+        return equilibrium(scene, **given)
+
+    monkeypatch.setattr(tb, "equilibrium", watched)
+    env.reset(options={"reset_mask": np.arange(64) < 2})
+    assert solved == [(2,)] and env.scene.batch_shape == (64,)
+
+
+def test_the_example_in_the_docs():
+    """With fewer sub-envs."""
+    text = (Path(__file__).parent.parent / "docs" / "environments.md").read_text()
+    names: dict = {}
+    for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
+        exec(block.replace("num_envs=256", "num_envs=2"), names)
+    assert names["observation"].shape == (2, 2 + 4 + 2 + 2)
+    assert names["info"]["params"]["stiffness"] == pytest.approx([1.1, 1.1])
 
 
 def test_a_target_out_of_reach():

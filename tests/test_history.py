@@ -1,4 +1,4 @@
-"""History: a load sampled in time, in every form."""
+"""Samples in time: a load's History, in every form; a record of accelerations."""
 
 import pytest
 import torch
@@ -45,3 +45,24 @@ def test_what_it_refuses():
         tb.History([0.0, 0.0], [[0, 0, 0], [0, 0, 1.0]])
     with pytest.raises(ValueError, match=r"shape \(3, 3\) were given; \(..., 2, 3\) are wanted"):
         tb.History([0.0, 1.0], VALUES)
+
+
+def test_accelerogram_is_the_double_integral():
+    """Its second derivative is the History of the record, at samples and between; a sine comes back up to dt^2/12 of it."""
+    torch.manual_seed(0)
+    t, a = torch.tensor([0.1, 0.3, 0.35, 0.9]), torch.randn(2, 4, 3)
+    u, lines = tb.Accelerogram(t, a), tb.History(t, a)
+    slope = torch.func.jacfwd(u)
+    for at in (0.15, 0.3, 0.34, 0.6):
+        at = torch.tensor(at)
+        torch.testing.assert_close(torch.func.jacfwd(slope)(at), lines(at), rtol=1e-12, atol=1e-12)
+    for at, before in ((0.3, 0.3 - 1e-12), (0.9, 0.9 - 1e-12), (1.5, 0.9)):  # displacement and velocity are continuous
+        at, before = torch.tensor(at), torch.tensor(before)
+        torch.testing.assert_close(slope(at), slope(before), rtol=0, atol=1e-10)
+        torch.testing.assert_close(u(at), u(before) + (at - before) * slope(before), rtol=0, atol=1e-10)
+    assert (u(torch.tensor(0.0)) == 0).all() and (slope(torch.tensor(0.05)) == 0).all()
+    t = torch.linspace(0, 6.2, 201)
+    sine = tb.Accelerogram(t, torch.stack((torch.sin(t), 0 * t, 0 * t), -1))(t[-1])
+    torch.testing.assert_close(sine[0], t[-1] - torch.sin(t[-1]), rtol=1.001 * (6.2 / 200) ** 2 / 12, atol=0)
+    with pytest.raises(ValueError, match="an Accelerogram's values of shape"):
+        tb.Accelerogram([0.0, 1.0], [[0, 0, 0]])

@@ -3,7 +3,7 @@
 import math
 import subprocess
 import sys
-from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -104,13 +104,19 @@ def test_history_of_a_batch(tmp_path):
 
 
 def test_load_path(tmp_path):
-    """Dashed where unstable; the pieces join."""
-    x = torch.linspace(0, 6, 50)
-    ax = tb.plot.load_path(x, x.sin(), stable=x.cos() > 0, label="arch", names=("rise / m", "load / N"))
+    """Equilibria under a growing load: solid, dashed from where they are called unstable, up to the last valid one, a dot at
+    the limit point; the pieces join.
+    """
+    states = [tb.equilibrium(tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, f))])) for f in range(8)]
+    path = SimpleNamespace(factor=torch.arange(8.0), state=tb.State.stack(states), stable=torch.arange(8) < 4,
+                           valid=torch.arange(8) < 7, kind=(torch.arange(8) == 4).long())
+    ax = tb.plot.load_path(path, tb.sensors.TipPosition()["z"], label="strip", name="force / N")
     drawn(ax, tmp_path / "path.png")
-    pieces = data(ax)[:3]
-    assert [line.get_linestyle() for line in ax.lines[:3]] == ["-", "--", "-"]
-    assert all((a[-1] == b[0]).all() for a, b in pairwise(pieces))
+    solid, dashed, dot, *_ = data(ax)
+    assert [line.get_linestyle() for line in ax.lines[:2]] == ["-", "--"] and (solid[-1] == dashed[0]).all()
+    assert_close(torch.cat((solid, dashed[1:])), torch.stack((path.state.tip.position[:7, 2], path.factor[:7]), -1))
+    assert_close(dot, dashed[1:2])
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("tip position / m", "force / N")
 
 
 def test_campbell(tmp_path):
@@ -146,7 +152,6 @@ CASES = {
     "unknown plane": (lambda s: tb.plot.shape(s.state, plane="zx"), "plane = 'zx' was given"),
     "flat axes": (lambda s: tb.plot.shape(tb.rest(ROUND), tb.plot.axes()), "flat axes were given"),
     "many samples": (lambda s: tb.plot.mode_shapes(s.state, tb.modes(tb.Scene(BEAM), count=1)), "one sample is wanted"),
-    "short load": (lambda s: tb.plot.load_path(torch.zeros(2), torch.zeros(3)), "two series alike"),
     "flat frequencies": (lambda s: tb.plot.campbell(torch.zeros(2), torch.zeros(2)), r"\(n,\) and \(n, count\)"),
     "another file": (lambda s: tb.plot.animate(s, "motion.avi"), "one that ends in .gif or .mp4"),
     "no pictures": (lambda s: tb.plot.animate(s, "motion.gif", fps=0.0), "fps = 0 was given"),

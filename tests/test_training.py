@@ -61,7 +61,7 @@ def test_gradient_of_a_window_is_that_of_differences():
 def test_resume_is_bit_exact(name, tmp_path):
     """A run that is stopped between two checkpoints and goes on ends with the bits of one that never was."""
     budget = common.Budget(steps=6 * 32)
-    options = dict(every=2, episodes=2, final=2, progress=False, name="run")
+    options = dict(every=64, episodes=2, final=2, progress=False, name="run")
     whole = common.train(learner(name), TINY, tmp_path / "whole", budget, **options)
     part = learner(name)
     steps, stop = part.iteration, iter(range(5))

@@ -1,9 +1,11 @@
 """torchbeam: batched, differentiable, geometrically exact beam dynamics in PyTorch."""
 
 from . import plot, sensors
+from .advise import Advice, advise
 from .beam import Beam
 from .critical import Critical, critical_load
 from .effects import (
+    Accelerogram,
     Actuation,
     Along,
     Damping,
@@ -20,7 +22,9 @@ from .effects import (
     RootSpring,
     Spring,
     TipLoad,
+    rayleigh,
 )
+from .identify import Fit, identify
 from .integrate.explicit import ExplicitStepper
 from .integrate.simulate import simulate
 from .integrate.stepper import Stepper
@@ -29,6 +33,8 @@ from .mixed.block import BlockRate, block_rate
 from .mixed.consistent import consistent_state
 from .mixed.state import MixedState
 from .modes import Modes, modes
+from .montecarlo import Samples, monte_carlo
+from .paths import Path, path
 from .scene import Scene
 from .section import Section
 from .solution import Energy, Solution, Stats
@@ -38,9 +44,10 @@ from .supports import Frame, RootMotion, Support
 from .stations import Stations, Table
 
 __all__ = [
-    "Actuation", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy", "ExplicitStepper", "Frame",
-    "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping", "MixedState", "Modes", "PerElement",
-    "PointLoad", "PointMass", "RootMotion", "RootSpring", "Scene", "Section", "Solution", "Spring", "State", "Stations",
-    "Stats", "Stepper", "Support", "Table", "TipLoad", "block_rate", "consistent_state", "critical_load", "equilibrium", "linearize",
-    "modes", "plot", "rest", "sensors", "simulate",
+    "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy",
+    "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
+    "MixedState", "Modes", "PerElement", "PointLoad", "PointMass", "RootMotion", "RootSpring", "Samples", "Scene", "Section",
+    "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Support", "Table", "TipLoad", "advise", "block_rate",
+    "consistent_state", "critical_load", "equilibrium", "identify", "linearize", "modes", "monte_carlo", "path", "plot", "rayleigh",
+    "rest", "sensors", "simulate",
 ]

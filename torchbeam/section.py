@@ -96,6 +96,13 @@ class Section:
         stress, velocity = _blocks(eye, zero, r, eye), _blocks(eye, r, zero, eye)  # about the old axis by about the new
         return Section(_congruent(stress, self.compliance), _congruent(velocity, self.mass))
 
+    def like(self, compliance: Tensor, mass: Tensor) -> Section:
+        """A section whose matrices are means of this one's: what was found of it holds, and nothing is checked again."""
+        made = object.__new__(Section)
+        for name, value in {**vars(self), "compliance": compliance, "mass": mass}.items():
+            object.__setattr__(made, name, value)
+        return made
+
     def _value(self, value: Value) -> Tensor:
         return as_tensor(value, *common_dtype(self.compliance, value))
 

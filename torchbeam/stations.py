@@ -88,7 +88,7 @@ class Stations:
         K, mass = (_between(self.s, x.expand(*x.shape[:-3], n, 6, 6).flatten(-2), s).unflatten(-1, (6, 6))
                    for x in (stiffness, mass))
         S = torch.linalg.inv((K + K.mT) / 2) - rigid
-        return Section((S + S.mT) / 2, mass)
+        return self.section.like((S + S.mT) / 2, mass)
 
 
 def stacked(sections: Sequence[Section]) -> Section:
@@ -113,7 +113,7 @@ def of_elements(section: Sequence[Section] | Callable[[Tensor], Section], length
                              "last batch axis of that many is wanted")
         mean = (torch.einsum("...nkij,k->...nij", x.expand(*x.shape[:-3], 4 * N, 6, 6).unflatten(-3, (N, 4)), weights)
                 for x in (found.compliance, found.mass))
-        return Section(*mean)
+        return found.like(*mean)
     sections = tuple(section)
     if not sections or not all(isinstance(s, Section) for s in sections) or len(sections) not in (1, N):
         raise ValueError(f"{len(sections)} sections were given for {N} elements; one Section or one each is wanted")

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .checks import Value, as_tensor, axis_last, common_dtype, finite, increasing
+from .checks import Value, axis_last, finite
 
 AXES = "xyz"
 Motion = Callable[[Tensor], Tensor]
@@ -33,7 +33,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class RootMotion:
-    """Motion of the clamp in frame a: functions t -> (..., 3).
+    """Motion of the clamp in frame a: functions t -> (..., 3); `Accelerogram` is one, of a shaker or an earthquake.
 
     displacement  of node 0 from its place in the beam, m
     rotation      of node 0 from its axes in the beam: a rotation vector, rad, frame a
@@ -45,52 +45,6 @@ class RootMotion:
     def __post_init__(self) -> None:
         for name in ("displacement", "rotation"):
             _motion(self, name)
-
-    @classmethod
-    def shaken(cls, t: Value, acceleration: Value) -> RootMotion:
-        """The clamp of a shaker or in an earthquake: at rest at t[0], then with the recorded acceleration.
-
-        t             (n,) s, strictly increasing
-        acceleration  (..., n, 3) m/s^2, frame a: straight lines between the samples, integrated twice exactly; zero outside
-        """
-        return cls(displacement=Record(t, acceleration))
-
-
-@dataclass(frozen=True)
-class Record:
-    """A displacement (..., 3) m as a function of t whose second derivative is a sampled acceleration, see `RootMotion.shaken`.
-
-    t (n,) s;  acceleration, velocity, displacement (..., n, 3) at the samples
-    """
-
-    t: Tensor
-    acceleration: Tensor
-
-    def __post_init__(self) -> None:
-        dtype, device = common_dtype(self.t, self.acceleration)
-        t, a = (as_tensor(v, dtype, device) for v in (self.t, self.acceleration))
-        increasing("a record's t", t)
-        if a.ndim < 2 or a.shape[-2:] != (len(t), 3):
-            raise ValueError(f"an acceleration of shape {tuple(a.shape)} was given; (..., {len(t)}, 3) is wanted")
-        finite("a record's acceleration", a)
-        h = t.diff()[:, None]
-        first, last = a[..., :-1, :], a[..., 1:, :]
-        velocity = _running_sum(h * (first + last) / 2)
-        displacement = _running_sum(h * velocity[..., :-1, :] + h**2 * (2 * first + last) / 6)
-        for name, value in dict(t=t, acceleration=a, velocity=velocity, displacement=displacement).items():
-            object.__setattr__(self, name, value)
-
-    def __call__(self, t: Tensor) -> Tensor:
-        """(..., 3) at the instant t (0-dim)."""
-        last = len(self.t) - 1
-        k = (torch.searchsorted(self.t.detach(), t.detach().to(self.t), right=True) - 1).clamp(0, last - 1).reshape(1)
-        a, b = (self.t.index_select(0, i)[0] for i in (k, k + 1))
-        here, there = (self.acceleration.index_select(-2, i)[..., 0, :] for i in (k, k + 1))
-        v, u = (x.index_select(-2, k)[..., 0, :] for x in (self.velocity, self.displacement))
-        s = torch.minimum(t.to(self.t), b) - a
-        s = s.clamp(min=0)
-        beyond = (t.to(self.t) - self.t[-1]).clamp(min=0)  # the record is over: constant velocity
-        return u + s * v + s**2 * here / 2 + s**3 / (b - a) * (there - here) / 6 + beyond * self.velocity[..., -1, :]
 
 
 @dataclass(frozen=True)
@@ -141,10 +95,6 @@ class Support:
     @property
     def moves(self) -> bool:
         return self.displacement is not None or self.turn is not None
-
-
-def _running_sum(steps: Tensor) -> Tensor:
-    return torch.cat((torch.zeros_like(steps[..., :1, :]), steps.cumsum(-2)), -2)
 
 
 def _motion(owner: Any, name: str) -> None:

@@ -21,13 +21,13 @@ from .tuned import Task
 class Arguments:
     seed: int = 0
     """of the networks, the noise and the episodes"""
-    num_envs: int = 64
+    num_envs: int = 32
     """sub-environments"""
-    horizon: int = 32
+    horizon: int = 50
     """control intervals between two updates"""
     hidden: tuple[int, ...] = (64, 64)
     """units of the hidden layers, of the policy and of the value"""
-    rate: float = 1e-3
+    rate: float = 2e-3
     """of Adam at the start; falls to a tenth at the end of the budget"""
     discount: float = 0.99
     """of the return, a control interval"""

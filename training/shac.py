@@ -23,13 +23,13 @@ from .tuned import Task
 class Arguments:
     seed: int = 0
     """of the networks, the noise and the episodes"""
-    num_envs: int = 64
+    num_envs: int = 32
     """sub-environments"""
     horizon: int = 32
     """control intervals in a window: through as many the gradient goes"""
     hidden: tuple[int, ...] = (64, 64)
     """units of the hidden layers, of the policy and of the critic"""
-    rate: float = 2e-3
+    rate: float = 1e-2
     """of the policy's Adam at the start; falls to a tenth at the end of the budget"""
     critic_rate: float = 2e-3
     """of the critic's, likewise"""

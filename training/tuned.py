@@ -37,11 +37,12 @@ class Task:
 
 
 TASKS = {task.name: task for task in (
-    Task("reach", "torchbeam/TipReach-v0", dict(elements=4, substeps=1)),
+    Task("reach", "torchbeam/TipReachPlanar-v0", dict(elements=4, substeps=1)),
+    Task("reach-3d", "torchbeam/TipReach-v0", dict(elements=4, substeps=1)),
 )}
 
 DEFAULT = ("reach",)  # what the results table is made for unless tasks are named
 
-PPO: dict[str, dict[str, Any]] = {"reach": {}}
-SHAC: dict[str, dict[str, Any]] = {"reach": {}}
-SB3: dict[str, dict[str, Any]] = {"reach": {}}
+PPO: dict[str, dict[str, Any]] = {}
+SHAC: dict[str, dict[str, Any]] = {}
+SB3: dict[str, dict[str, dict[str, Any]]] = {}

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from ..baselines.holding import pd
+
 GAP, VELOCITY = [1, 2], [7, 8]  # y and z in the observation: target - tip, tip velocity
 MIDDLE = [13, 14]  # mid-span velocity
 START = [-0.4, -0.1]  # the network's gains on the (scaled) tip velocity before learning: light damping
@@ -33,8 +35,7 @@ class PD:
     gains: Tensor
 
     def __call__(self, observation: Tensor, hold: Tensor) -> Tensor:
-        p, d = self.gains[:, 0::2], self.gains[:, 1::2]
-        return (hold + p * observation[:, GAP] - d * observation[:, VELOCITY]).clamp(-1, 1)
+        return pd(self.gains, observation[:, GAP], observation[:, VELOCITY], hold)
 
 
 class Policy(nn.Module):

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from ..baselines.holding import search
 from ..tip_reach import TipReachVectorEnv
 from .controllers import PD, Policy
 from .episodes import Targets, make, rollout
@@ -50,16 +51,15 @@ def tune(settings: dict, targets: Targets, *, sets: int, seed: int,
     """Gains (1, 4) with the least final distance on the targets: three rounds of `sets` log-normal draws, each around the
     best so far and narrower than the one before; all sets on all targets in one batch.
     """
-    generator = torch.Generator().manual_seed(seed)
-    count = len(targets.seeds)
+    count, history = len(targets.seeds), []
     every = targets.pick(torch.arange(count).repeat(sets))
     env = make(settings, sets * count)
-    best, history = torch.tensor([FIRST_GAINS], dtype=env.dtype), []
-    for width in WIDTHS:
-        spread = torch.randn(sets, 4, generator=generator, dtype=env.dtype)
-        gains = best * torch.exp(width * spread * (torch.arange(sets) > 0)[:, None])
+
+    def score(gains: Tensor) -> Tensor:
         final = rollout(env, PD(gains.repeat_interleave(count, 0)), every).final.unflatten(0, (sets, count)).mean(1)
-        best = gains[final.argmin()][None]
-        history.append({"gains": best[0].tolist(), "final_distance_m": final.min().item()})
+        history.append({"gains": gains[final.argmin()].tolist(), "final_distance_m": final.min().item()})
         progress(history[-1])
-    return best, history
+        return final
+
+    best, _ = search(score, FIRST_GAINS, sets=sets, seed=seed, widths=WIDTHS)
+    return best[None], history

@@ -10,19 +10,51 @@ elements: an effect does not know which form of the beam asks.
 """
 
 from .actuation import Actuation
-from .damping import Damping, MassDamping
+from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
 from .gravity import Gravity
 from .loads import LineLoad, PointLoad, TipLoad
 from .mass import PointMass
+from .records import Accelerogram, History
 from .site import POSITION, ROTATION, SPIN, VELOCITY, Acting, Effect, Pose, Site, Wrench, jacobians, together
 from .springs import RootSpring, Spring
 from .user import Load
-from .values import Along, History, Input, Inputs, LoadValue, PerElement, of_time, plain, value_along, value_at
+from .values import Along, Input, Inputs, LoadValue, PerElement, of_time, plain, value_along, value_at
 
 __all__ = [
-    "POSITION", "ROTATION", "SPIN", "VELOCITY",
-    "Acting", "Actuation", "Along", "Damping", "Drag", "Effect", "Gravity", "History", "Input", "Inputs", "LineLoad", "Load",
-    "LoadValue", "MassDamping", "PerElement", "PointLoad", "PointMass", "Pose", "RootSpring", "Site", "Spring", "TipLoad",
-    "Wrench", "jacobians", "of_time", "plain", "together", "value_along", "value_at",
+    "POSITION",
+    "ROTATION",
+    "SPIN",
+    "VELOCITY",
+    "Accelerogram",
+    "Acting",
+    "Actuation",
+    "Along",
+    "Damping",
+    "Drag",
+    "Effect",
+    "Gravity",
+    "History",
+    "Input",
+    "Inputs",
+    "LineLoad",
+    "Load",
+    "LoadValue",
+    "MassDamping",
+    "PerElement",
+    "PointLoad",
+    "PointMass",
+    "Pose",
+    "RootSpring",
+    "Site",
+    "Spring",
+    "TipLoad",
+    "Wrench",
+    "jacobians",
+    "of_time",
+    "plain",
+    "rayleigh",
+    "together",
+    "value_along",
+    "value_at",
 ]

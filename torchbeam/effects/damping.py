@@ -76,3 +76,22 @@ class MassDamping(Acting):
         zero = torch.zeros_like(site.R)
         both = torch.cat((torch.cat((site.R, zero), -1), torch.cat((zero, site.R), -1)), -2)
         return -like(self.alpha, site.R)[..., None, None, None] * (both @ site.mass @ both.mT)
+
+
+def rayleigh(frequency: tuple[Value, Value], ratio: tuple[Value, Value]) -> tuple[MassDamping, Damping]:
+    """The two dampings that give two modes the damping ratios wanted: ratio = alpha/(2 w) + tau w/2 (Rayleigh 1877).
+
+    frequency  two different w, rad/s, (...) each
+    ratio      of either mode; 1 = critical. Modes between them are damped less, modes beyond them more.
+
+    Raises ValueError where that takes a negative coefficient: the ratios are then too different for the frequencies.
+    """
+    (w1, w2), (z1, z2) = (tuple(torch.as_tensor(plain(v)) for v in pair) for pair in (frequency, ratio))
+    if (w1 == w2).any():
+        raise ValueError("rayleigh with two equal frequencies was given; two different ones are wanted")
+    tau = 2 * (z2 * w2 - z1 * w1) / (w2**2 - w1**2)
+    alpha = 2 * z1 * w1 - tau * w1**2
+    if (tau < 0).any() or (alpha < 0).any():
+        raise ValueError("rayleigh with ratios that take a negative coefficient was given; ratios nearer to each other are "
+                         "wanted")
+    return MassDamping(alpha), Damping(tau, six=False)

@@ -12,7 +12,7 @@ from torch import Tensor
 from ..checks import Value
 from ..quaternions import hat
 from .site import POSITION, ROTATION, VELOCITY, Acting, Site, Wrench, jacobians
-from .values import Inputs, LoadValue, like, load_value, parameter
+from .values import Inputs, LoadValue, like, load_value, parameter, present
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Drag(Acting):
     normal, tangential  (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and 0.4 above the drag crisis
     flow      m/s: (..., 3) in inertial axes, as Gravity's g; or function(position, t) -> (..., sites, 3), both in frame a;
               None = still
-    added_mass  C_a of the fluid that moves along, C_a rho pi d^2/4 per length across the axis (`added`)
+    added_mass  C_a of the fluid that moves along, C_a rho pi d^2/4 per length across the axis, see `added`
 
     Raises ValueError for a negative density, diameter or coefficient.
     """
@@ -49,13 +49,13 @@ class Drag(Acting):
 
     @property
     def carries(self) -> bool:
-        """Whether there is an added mass, by what was given at construction."""
-        return bool((self.added_mass != 0).any())
+        """Whether there is an added mass."""
+        return present(self.added_mass)
 
-    @property
-    def added(self) -> Tensor:
-        """(...) kg/m, mass of fluid that moves with the beam across its axis."""
-        return self.added_mass * self.density * self.diameter**2 * (math.pi / 4)
+    def added(self, other: Tensor) -> Tensor:
+        """(...) kg/m, mass of fluid that moves with the beam across its axis; dtype and device of `other`."""
+        C, rho, d = (like(v, other) for v in (self.added_mass, self.density, self.diameter))
+        return C * rho * d**2 * (math.pi / 4)
 
     @property
     def wants_axes(self) -> bool:

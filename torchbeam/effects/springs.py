@@ -14,7 +14,7 @@ from ..quaternions import hat
 from .drag import norm, outer
 from .loads import whole_node
 from .site import POSITION, ROTATION, SPIN, VELOCITY, Acting, Site, Wrench
-from .values import Inputs, LoadValue, like, load_value, parameter, plain, value_at
+from .values import Inputs, LoadValue, like, load_value, parameter, plain, present, value_at
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Spring(Acting):
     node       counts from the root, -1 is the tip
     stiffness  (...) k, N/m
     to         (..., 3) m, frame a, or a function t -> (..., 3): the point
-    length     (...) m unstretched; 0 makes it linear: -k d - c (velocity)
+    length     (...) m unstretched; the number 0 makes it linear: -k d - c (velocity)
     damping    (...) c, N s/m
 
     Raises ValueError for a negative stiffness, length or damping.
@@ -41,8 +41,8 @@ class Spring(Acting):
         for name in ("stiffness", "length", "damping"):
             object.__setattr__(self, name, parameter(f"Spring's {name}", getattr(self, name)))
         object.__setattr__(self, "to", load_value("Spring's to", self.to))
-        object.__setattr__(self, "linear", not torch.as_tensor(self.length).detach().any())
-        object.__setattr__(self, "damped", bool(torch.as_tensor(self.damping).detach().any()))
+        object.__setattr__(self, "linear", not present(self.length))
+        object.__setattr__(self, "damped", present(self.damping))
 
     @property
     def values(self) -> tuple[LoadValue, ...]:

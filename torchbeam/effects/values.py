@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..checks import Value, as_tensor, axis_last, common_dtype, count, finite, increasing, positive
+from ..checks import Value, as_tensor, axis_last, common_dtype, count, finite, positive
 
 
 @dataclass(frozen=True)
@@ -25,37 +25,6 @@ class Input:
 
     def __post_init__(self) -> None:
         count("size", self.size)
-
-
-@dataclass(frozen=True)
-class History:
-    """A load's value as a function of t: straight lines between samples, the first and the last held outside.
-
-    t       (n,) s, strictly increasing
-    values  (..., n, 3)
-
-    Its rate, which the block rate form needs, is the slope of the line. Differentiable in t and in both tensors.
-    """
-
-    t: Tensor
-    values: Tensor
-
-    def __post_init__(self) -> None:
-        dtype, device = common_dtype(self.t, self.values)
-        t, values = (as_tensor(v, dtype, device) for v in (self.t, self.values))
-        increasing("a History's t", t)
-        if values.ndim < 2 or values.shape[-2:] != (len(t), 3):
-            raise ValueError(f"a History's values of shape {tuple(values.shape)} were given; (..., {len(t)}, 3) are wanted")
-        object.__setattr__(self, "t", t)
-        object.__setattr__(self, "values", finite("a History's values", values))
-
-    def __call__(self, t: Tensor) -> Tensor:
-        """(..., 3) at the instant t (0-dim)."""
-        k = (torch.searchsorted(self.t.detach(), t.detach().to(self.t), right=True) - 1).clamp(0, len(self.t) - 2)
-        k = k.reshape(1)  # a tensor all along: no number leaves torch
-        a, b = self.t.index_select(0, k)[0], self.t.index_select(0, k + 1)[0]
-        before, after = (self.values.index_select(-2, i)[..., 0, :] for i in (k, k + 1))
-        return before + ((t.to(self.t) - a) / (b - a)).clamp(0, 1) * (after - before)
 
 
 @dataclass(frozen=True)
@@ -183,6 +152,11 @@ def parameter(name: str, value: Value, *, zero: bool = True) -> Tensor | np.ndar
     value = plain(value)
     positive(name, torch.as_tensor(value), zero=zero)
     return value
+
+
+def present(value: Tensor | np.ndarray) -> bool:
+    """Whether a parameter is there: any tensor, and any number but 0."""
+    return isinstance(value, Tensor) or bool(value.any())
 
 
 def like(value: Tensor | np.ndarray, other: Tensor) -> Tensor:

@@ -51,27 +51,35 @@ def energies(solution: Solution, ax: Axes | None = None) -> Axes:
     return _legend(ax)
 
 
-def load_path(response: Tensor, load: Tensor, ax: Axes | None = None, *, stable: Tensor | None = None, label: str | None = None,
-              names: tuple[str, str] = ("response", "load"), **line: Any) -> Axes:
-    """Load (n,) over response (n,) along a path of equilibria, in its order: it may turn back.
+def load_path(path: Any, sensor: Sensor, ax: Axes | None = None, *, label: str | None = None, name: str = "load factor",
+              **line: Any) -> Axes:
+    """The load over a sensor's readings along a path of equilibria: dashed where unstable, with a dot at each limit point and
+    a cross at each branch point; one line for each of the sensor's numbers and each sample of a batch.
 
-    stable  (n,) bool: where not, the line is dashed
-    names   of the two axes, with their units
+    path  what `tb.path` returns: factor (P, ...), state, stable, valid and kind, P equilibria in path order
+    name  of the load's axis
     """
     ax = axes() if ax is None else ax
-    x, y = numbers(torch.as_tensor(response)), numbers(torch.as_tensor(load))
-    if x.shape != y.shape or x.ndim != 1:
-        raise ValueError(f"a response {x.shape} and a load {y.shape} were given to load_path; two series alike are wanted")
-    color = line.pop("color", None) or ax._get_lines.get_next_color()
-    good = torch.ones(len(x), dtype=torch.bool) if stable is None else torch.as_tensor(stable).cpu()
-    cuts = [0, *((good[1:] != good[:-1]).nonzero()[:, 0] + 1).tolist(), len(x)]
-    for i, (first, last) in enumerate(pairwise(cuts)):
-        style = dict(color=color, lw=1.6, ls="-" if good[first] else "--", label=label if i == 0 else None)
-        ax.plot(x[max(first - 1, 0):last], y[max(first - 1, 0):last], **{**style, **line})
-    ax.set(xlabel=names[0], ylabel=names[1])
-    ax.axhline(0, color="0.85", lw=0.8, zorder=0)
-    ax.axvline(0, color="0.85", lw=0.8, zorder=0)
-    return _legend(ax) if label else ax
+    P = len(path.factor)
+    factor, good, valid, kind = (torch.as_tensor(x).detach().cpu().reshape(P, -1)
+                                 for x in (path.factor, path.stable, path.valid, path.kind))
+    values = sensor.flat(path.state).detach().cpu().reshape(P, -1, sensor.size)
+    for k, part in enumerate(sensor.labels):
+        color = ax._get_lines.get_next_color()
+        text = " ".join(filter(None, (label, part if sensor.size > 1 or label is None else None)))
+        for i in range(factor.shape[1]):
+            n = int(valid[:, i].sum())
+            x, y, firm = numbers(values[:n, i, k]), numbers(factor[:n, i]), good[:n, i]
+            cuts = [0, *((firm[1:] != firm[:-1]).nonzero()[:, 0] + 1).tolist(), n]
+            for first, last in pairwise(cuts):
+                piece = slice(max(first - 1, 0), last)
+                ax.plot(x[piece], y[piece], **{"color": color, "lw": 1.6, "ls": "-" if firm[first] else "--", **line})
+            for which, mark in ((1, "o"), (2, "x")):
+                there = (kind[:n, i] == which).numpy()
+                ax.plot(x[there], y[there], mark, color=color, ms=5)
+        ax.plot([], [], color=color, label=text)
+    ax.set(xlabel=f"{sensor.name}{'' if sensor.unit == '1' else f' / {sensor.unit}'}", ylabel=name)
+    return _legend(ax) if sensor.size > 1 or label else ax
 
 
 def campbell(speed: Tensor, frequency: Tensor, ax: Axes | None = None, *, orders: Sequence[int] = (1, 2, 3),

@@ -132,7 +132,8 @@ def _even(ax: Axes, seen: list[int]) -> Axes:
         sizes.append(reach)
     ax.set_box_aspect(sizes)
     for axis, size in zip((ax.xaxis, ax.yaxis, ax.zaxis), sizes, strict=True):
-        axis.set_major_locator(_few(2 if size < max(sizes) / 2 else 6))
+        axis.set_major_locator(_few(max(2, round(5 * size / max(sizes)))))
+        axis.labelpad = 5
     return ax
 
 

@@ -11,12 +11,13 @@ tensor with the same leading axes; it is differentiable in the state and in what
     shape   of a reading, (3,) for a vector         size    numbers in it
 """
 
+from .acceleration import NodeAcceleration
 from .along import Curvature, Gauge, Strain, Stress
 from .node import Angles, NodePosition, NodeRotation, NodeVelocity, Spin, TipPosition, TipVelocity
 from .root import RootForce, RootMoment, RootReaction
 from .sensor import Component, Sensor, Stack
 
 __all__ = [
-    "Angles", "Component", "Curvature", "Gauge", "NodePosition", "NodeRotation", "NodeVelocity", "RootForce", "RootMoment",
-    "RootReaction", "Sensor", "Spin", "Stack", "Strain", "Stress", "TipPosition", "TipVelocity",
+    "Angles", "Component", "Curvature", "Gauge", "NodeAcceleration", "NodePosition", "NodeRotation", "NodeVelocity",
+    "RootForce", "RootMoment", "RootReaction", "Sensor", "Spin", "Stack", "Strain", "Stress", "TipPosition", "TipVelocity",
 ]

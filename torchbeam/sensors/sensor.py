@@ -47,6 +47,8 @@ class Sensor:
         """Some of the numbers, by place, slice or label; always with a last axis."""
         return Component(self, which)
 
+    __iter__ = None  # indexed by labels, and no sequence
+
     def __repr__(self) -> str:
         return f"{self.name} [{', '.join(self.labels)}] {self.unit}"
 

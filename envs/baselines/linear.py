@@ -1,0 +1,151 @@
+"""LQR, LQG: optimal feedback of the beam's linear model about its start, around the action that holds the target."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+import torchbeam as tb
+from torchbeam import quaternions as quat
+
+from ..core import BeamVectorEnv
+from .holding import Static
+
+DOUBLINGS = 60  # of the horizon of a Riccati recursion, at most
+SENSOR, ACTION = 1e-3, 0.1  # standard deviations that the filter reckons with: of readings without noise; of the action
+
+
+class LQR(Static):
+    """u = hold - K [z - z_hold; pending actions - hold], with K from the discrete Riccati equation.
+
+    z is the whole state of the beam (displacements, turns and rates of all nodes), read off the simulation. The model is
+    `tb.linearize` about the start at the usual parameters, exact over control intervals with the action held, and with the
+    delay in it; z_hold and hold are those of the nonlinear equilibrium at the target. The cost is
+
+        sum  |tip - target|^2 / (0.1 L)^2 + speed_weight |tip velocity|^2 / (L omega)^2 + effort |u - hold|^2
+
+    effort, speed_weight  of the cost
+    """
+
+    def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
+        self.rest = env.start[:1]
+        self.sizes = (12 * env.elements, len(env.sensors.high))  # of the whole state, of the readings
+        super().__init__(env, lambda state: torch.cat((self.whole(state), self.readings(env, state)), -1))
+        model = self._model(env)
+        self.A, self.B, whole, self.C = model
+        self.decode = torch.linalg.pinv(whole)  # whole state -> z
+        actions, delay = self.B.shape[-1], env.delay
+        tip = whole.unflatten(0, (4, env.elements, 3))[:, -1]  # displacement, turn, velocity, spin of the tip
+        scale = 0.1 * env.length, env.speed[0].item() / speed_weight**0.5
+        near = torch.cat((tip[0] / scale[0], tip[2] / scale[1]))
+        n = len(self.A)
+        A = self.A.new_zeros(n + actions * delay, n + actions * delay)
+        B = A.new_zeros(len(A), actions)
+        A[:n, :n] = self.A
+        if delay:
+            A[:n, n:n + actions] = self.B
+            A[n:-actions, n + actions:] = torch.eye(actions * (delay - 1), dtype=A.dtype)
+            B[-actions:] = torch.eye(actions, dtype=A.dtype)
+        else:
+            B[:n] = self.B
+        Q = torch.zeros_like(A)
+        Q[:n, :n] = near.mT @ near
+        self.K = gain(A, B, Q, effort * torch.eye(actions, dtype=A.dtype))
+
+    def _model(self, env: BeamVectorEnv) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """A, B of a control interval, from actions; C of the whole state and of the readings."""
+        scene = env.plant.scene
+        still = {name: env.high.new_zeros(1, size) for name, size in scene.inputs.items()}
+        sensors = [self.whole, lambda state: self.readings(env, state)]
+        model = tb.linearize(scene, self.rest, sensors, **still).discrete(env.control_interval)
+        push = torch.eye(env.action_space.shape[-1], dtype=env.dtype, device=env.device)[:, env.HUB:]
+        force = push @ torch.diag(env.force) @ env.axes  # (a, 3) N
+        A, B, C = (x[0] if x.ndim > 2 else x for x in (model.A, model.B, model.C))
+        return A, B[:, model.inputs["force"]] @ force.mT, C[:self.sizes[0]], C[self.sizes[0]:]
+
+    def whole(self, state: tb.State) -> Tensor:
+        """(..., 12 elements): displacement, turn, velocity and spin of every node but the clamped one, since the start."""
+        rest = self.rest
+        turn = quat.logarithm(quat.multiply(quat.conjugate(rest.rotation), state.rotation))
+        parts = (state.position - rest.position, turn, state.velocity, state.spin)
+        return torch.cat([part[..., 1:, :].flatten(-2) for part in parts], -1)
+
+    def readings(self, env: BeamVectorEnv, state: tb.State) -> Tensor:
+        """(..., sensors): what the env's sensors say, without noise."""
+        return env.sensors.read(state, self.rest, env.length, env.speed[:1])
+
+    def reference(self) -> tuple[Tensor, Tensor, Tensor]:
+        """(hold (n, a), whole state (n, 12 N), readings (n, s)) at the targets."""
+        hold = self.hold()
+        return hold, *self.holding.at(hold[:, self.env.HUB:]).split(self.sizes, -1)
+
+    def feedback(self, hold: Tensor, z: Tensor) -> Tensor:
+        """(n, a) from departures z (n, z) from the reference."""
+        pending = (self.env.state.pending - hold[:, None]).flatten(1)
+        return hold - torch.cat((z, pending), -1) @ self.K.mT
+
+    def act(self, observation: Tensor) -> Tensor:
+        hold, whole, _ = self.reference()
+        return self.feedback(hold, (self.whole(self.env.state.beam) - whole) @ self.decode.mT)
+
+
+class LQG(LQR):
+    """LQR on the estimate of a steady Kalman filter, which sees the observation alone: z of the same linear model, from the
+    env's sensors and the actions that it gave. It starts at the true state: at rest, undeflected.
+
+    The filter reckons with white noise of the env's `noise` (at least 1e-3) on each reading and of 0.1 on each action.
+    """
+
+    def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
+        super().__init__(env, effort, speed_weight)
+        noise = max(env.noise, SENSOR) ** 2 * torch.eye(len(self.C), dtype=self.C.dtype)
+        # the filter's gain is the transpose of the regulator's of the transposed model: z_{k+1|k} is corrected by A L
+        self.L = gain(self.A.mT, self.C.mT, ACTION**2 * self.B @ self.B.mT, noise).mT
+
+    def begin(self, env: BeamVectorEnv) -> None:
+        super().begin(env)
+        self.z: Tensor | None = None  # departure from `self.about`, predicted
+        self.about = torch.zeros(env.num_envs, len(self.decode), dtype=env.dtype, device=env.device)
+
+    def act(self, observation: Tensor) -> Tensor:
+        env = self.env
+        hold, whole, readings = self.reference()
+        about = whole @ self.decode.mT
+        if self.z is None:
+            self.z = self.whole(env.state.start) @ self.decode.mT
+        z = self.z + self.about - about  # what it was, seen from the new reference
+        first = observation.shape[-1] - env.delay * hold.shape[-1] - len(self.C)
+        seen = observation[:, first:first + len(self.C)]
+        error = seen - readings - z @ self.C.mT
+        action = self.feedback(hold, z + error @ self._correction().mT).clamp(-1, 1)
+        queue = torch.cat((env.state.pending, action[:, None]), 1)
+        self.z, self.about = z @ self.A.mT + (queue[:, 0] - hold) @ self.B.mT + error @ self.L.mT, about
+        return action
+
+    def _correction(self) -> Tensor:
+        """(z, s): what the reading of now says of z now; A times it is L."""
+        if not hasattr(self, "M"):
+            self.M = torch.linalg.solve(self.A, self.L)
+        return self.M
+
+
+def gain(A: Tensor, B: Tensor, Q: Tensor, R: Tensor) -> Tensor:
+    """K (m, n) of u = -K x that minimises the sum of x'Qx + u'Ru for x_{k+1} = A x_k + B u_k.
+
+    P of the discrete algebraic Riccati equation by structure-preserving doubling (Chu, Fan, Lin and Wang 2004): each round
+    doubles the horizon. Raises ValueError where it does not converge: the model cannot be stabilised.
+    """
+    X, G, H = A, B @ torch.linalg.solve(R, B.mT), Q
+    eye = torch.eye(len(A), dtype=A.dtype, device=A.device)
+    for _ in range(DOUBLINGS):
+        W = torch.linalg.solve(eye + G @ H, torch.cat((X, G), -1))
+        V, Z = W.split(len(A), -1)  # (I + G H)^-1 X, (I + G H)^-1 G
+        more = X.mT @ H @ V
+        X, G, H = X @ V, G + X @ Z @ X.mT, H + (more + more.mT) / 2
+        G = (G + G.mT) / 2
+        if not torch.isfinite(H).all():
+            break
+        if more.abs().amax() <= 1e-12 * H.abs().amax():
+            return torch.linalg.solve(R + B.mT @ H @ B, B.mT @ H @ A)
+    raise ValueError(f"a model of {len(A)} states was given for which Riccati's equation has no solution; one that the actions "
+                     "can stabilise is wanted")

@@ -1,0 +1,142 @@
+"""Speed: steps of a task a second, how much of the time is simulation, and how exact the task's mesh and step are."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import platform
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+import torch
+
+from torchbeam.cli import PACKAGES, versions
+
+BATCHES = (1, 64, 256, 1024, 4096)
+FINER = dict(elements=16, substeps=8)  # what the tip is compared with
+SWINGS, HELD = 4, 10  # episodes compared, and the intervals for which they hold an action
+STEPS = 12  # timed for the share of the simulation, after two more
+
+
+class Row(NamedTuple):
+    """One line of the table."""
+
+    id: str
+    batch: int
+    rate: float  # env steps a second, by `gymnasium.utils.performance.benchmark_vector_step`
+    realtime: float  # simulated s per s
+    overhead: float  # time of step() that is not simulation, over the time that is
+    error: float  # RMS of the tip's error over one episode, over the RMS of its motion
+
+
+FIELDS = ("task", "batch", "env steps a second", "simulated s per s", "stepping and observing, over simulation",
+          "error of the tip")
+
+
+class Timed:
+    """A stepper that adds up the time it takes."""
+
+    def __init__(self, stepper: Any) -> None:
+        self.stepper, self.scene, self.seconds = stepper, stepper.scene, 0.0
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        start = time.perf_counter()
+        after = self.stepper(*args, **kwargs)
+        self.seconds += time.perf_counter() - start
+        return after
+
+
+def overhead(id: str, batch: int, **arguments: Any) -> float:
+    """Time of step() outside the stepper over the time inside, median over steps with actions drawn beforehand."""
+    env = gymnasium.make_vec(id, num_envs=batch, **arguments)
+    env.action_space.seed(0)
+    actions = [env.action_space.sample() for _ in range(STEPS + 2)]
+    env.reset(seed=0)
+    timed = Timed(env.state.plant.stepper)
+    env.set_state(replace(env.state, plant=replace(env.state.plant, stepper=timed)))
+    shares = []
+    for action in actions:
+        timed.seconds, start = 0.0, time.perf_counter()
+        env.step(action)
+        whole = time.perf_counter() - start
+        if timed.seconds:  # not a reset
+            shares.append(whole / timed.seconds - 1)
+    return float(np.median(shares[2:]))
+
+
+def error(id: str, **arguments: Any) -> float:
+    """RMS over an episode of the distance between the tip and that of the same task on 16 elements with 8 steps an interval,
+    over the RMS of its way; under actions held for 10 intervals each.
+    """
+    def tips(**finer: Any) -> torch.Tensor:
+        env = gymnasium.make_vec(id, num_envs=SWINGS, autoreset_mode="Disabled", **{**arguments, **finer})
+        env.reset(seed=0)
+        way = [env.state.beam.position[:, -1]]
+        steps = range(env.max_episode_steps)
+        actions = np.random.default_rng(0).uniform(-0.5, 0.5, (len(steps) // HELD + 1, *env.action_space.shape))
+        for k in steps:
+            env.step(actions[k // HELD])
+            way.append(env.state.beam.position[:, -1])
+        return torch.stack(way)
+
+    coarse, fine = tips(), tips(**FINER)
+    return ((coarse - fine).square().sum(-1).mean() / (fine - fine[0]).square().sum(-1).mean()).sqrt().item()
+
+
+def measure(id: str, batches: Sequence[int], seconds: float, **arguments: Any) -> list[Row]:
+    from gymnasium.utils.performance import benchmark_vector_step
+
+    rows, off = [], error(id, **arguments)
+    for batch in batches:
+        env = gymnasium.make_vec(id, num_envs=batch, **arguments)
+        rate = benchmark_vector_step(env, seconds, seed=0)
+        rows.append(Row(id, batch, rate, rate * env.control_interval, overhead(id, batch, **arguments), off))
+        print(f"{id}, batch {batch}: {rate:.0f} env steps a second", file=sys.stderr)
+        env.close()
+    return rows
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Env steps a second of a task by batch, in space and in a plane, with their accuracy."""
+    parser = argparse.ArgumentParser(prog="python -m torchbeam envs", description=(
+        "Env steps a second by gymnasium's benchmark_vector_step, in space and in the plane; beside them the time that is not "
+        "simulation and the error of the task's mesh and step. Writes envs.csv, envs.md and envs.json (with machine and "
+        "versions)."))
+    parser.add_argument("--task", default="TipReach", help="its name, without torchbeam/ and version (default: %(default)s)")
+    parser.add_argument("--batches", type=int, nargs="+", default=BATCHES, help="sub-envs (default: %(default)s)")
+    parser.add_argument("--seconds", type=float, default=2.0, help="for each measurement (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=1, help="of torch (default: %(default)s)")
+    parser.add_argument("--out", type=Path, default=Path("out/envs"), help="folder for the results (default: %(default)s)")
+    given = parser.parse_args(argv)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(given.threads)
+    try:
+        rows = [row for plane in ("", "Planar")
+                for row in measure(f"torchbeam/{given.task}{plane}-v0", given.batches, given.seconds)]
+    finally:
+        torch.set_num_threads(threads)
+    given.out.mkdir(parents=True, exist_ok=True)
+    table = markdown(rows)
+    (given.out / "envs.md").write_text(table + "\n")
+    with open(given.out / "envs.csv", "w", newline="") as file:
+        csv.writer(file).writerows([FIELDS, *rows])
+    about = {"machine": platform.processor() or platform.machine(), "cores": os.cpu_count(), "threads": given.threads,
+             "versions": versions(*PACKAGES), "reference": FINER, "rows": [row._asdict() for row in rows]}
+    (given.out / "envs.json").write_text(json.dumps(about, indent=1) + "\n")
+    print(table)
+    return 0
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    lines = ["| " + " | ".join(FIELDS) + " |", "|---|" + "---:|" * (len(FIELDS) - 1)]
+    lines += [f"| {r.id} | {r.batch} | {r.rate:.0f} | {r.realtime:.1f} | {100 * r.overhead:.0f} % | {100 * r.error:.1f} % |"
+              for r in rows]
+    return "\n".join(lines)

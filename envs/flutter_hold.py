@@ -1,0 +1,137 @@
+"""FlutterHold: keep a cantilever under a follower thrust beyond Beck's load from fluttering."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+import torchbeam as tb
+
+from .core import BeamVectorEnv
+from .episodes import Episodes
+from .plant import Parameter, softest
+from .reach import distance, rounded
+from .single import SingleEnv
+
+BECK = 20.05  # P L^2 / EI at which the undamped cantilever flutters under a follower force (Beck 1952)
+
+
+class FlutterHoldVectorEnv(BeamVectorEnv):
+    """`num_envs` cantilevers that flutter unless they are held, stepped as one batch.
+
+    ## Description
+    A strip of aluminium, 1.5 m of 3 mm x 10 mm flat bar, is clamped at one end; a thrust presses on its free end against its
+    axis and turns with it. Beyond
+
+        P = 20.05 EI / L^2,  EI the softer bending stiffness    (13.8 N; Beck 1952)
+
+    the straight strip is unstable: two modes join and grow into flutter. Internal damping, as always here, makes that happen
+    earlier; a coarse mesh holds out longer: without damping six elements flutter from 1.11 times that load, eight from 1.06,
+    twelve from 1.03. A small force across the tip is to hold it straight. The thrust is 1.2 times Beck's, at which motion in
+    the soft direction grows by a factor of e in 0.2 s at 3.5 Hz; up and down the strip is eleven times stiffer and stable. No
+    gravity.
+
+    ## Action space
+    `Box(-1, 1, (2,), float32)`: force across the tip along y and z, of fixed direction, 0.5 N each at 1; held over an interval,
+    `delay` intervals later. Values outside are clipped; a row that is not finite counts as zeros.
+
+    ## Observation space
+    `Box(-high, high, (12 + 2 delay,), float32)`: the `sensors`, and actions that are still to act, as in TipReach.
+
+    | index | observation | high |
+    |---|---|---|
+    | 0-2 | tip displacement, x y z, over the length | 2 |
+    | 3-5 | tip velocity, over L omega, omega the first natural frequency without thrust | 20 |
+    | 6-8, 9-11 | the same of node elements // 2 (mid span) | 2, 20 |
+    | 12-13 ... | actions that are still to act, the next one first | 1 |
+
+    ## Reward
+    Per control interval, with d the tip's distance from its place on the straight strip:
+        - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
+    In the interval in which the strip is lost, or the solver fails, failure_reward instead.
+
+    ## Starting state
+    Straight, kicked: velocities kick (x/L)^2 along y and z, each uniform in [-kick, kick], from the sub-env's own generator.
+
+    ## Episode end
+    Termination where the tip is more than L/4 off: the strip is lost (`info["lost"]`); or where the solver fails. Truncation
+    after 100 steps (2 s).
+
+    ## Information
+    `distance` (m) of the tip from its place, `lost`, `solver_failed`, `action_invalid`, masks as in TipReach.
+
+    ## Arguments
+    Those of `BeamVectorEnv` (see `envs/core.py`), with its defaults but gravity = None, force = (0.5, 0.5) and
+    max_episode_steps = 100, and
+    thrust  1.2, in units of Beck's load of the section at its usual stiffness
+    kick    m/s, 0.2: of the tip at the start, at most, in each direction
+
+    "torchbeam/FlutterHoldPlanar-v0" is this with planar=True: the horizontal plane, the soft direction.
+
+    ## Parameters
+    thrust (1.15 to 1.35), and those of TipReach. The goal, for options={"goal": ...}, is the kick (m/s) along y and z.
+
+    ## Version history
+    v0: first version.
+    """
+
+    VIEW = (-0.12, 1.3, 0.5)
+
+    def __init__(self, num_envs: int = 1, *, thrust: float = 1.2, kick: float = 0.2, force: tuple[float, ...] = (0.5, 0.5),
+                 gravity: tuple[float, float, float] | None = None, max_episode_steps: int | None = 100,
+                 **arguments: Any) -> None:
+        for name, value in (("thrust", thrust), ("kick", kick)):
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} = {value!r} was given; a finite non-negative number is wanted")
+        self.thrust, self.kick = thrust, kick
+        super().__init__(num_envs, force=force, gravity=gravity, max_episode_steps=max_episode_steps, **arguments)
+        self.GOAL = len(self.force)
+
+    def parameters(self) -> dict[str, Parameter]:
+        return {"thrust": Parameter(self.thrust, 1.15, 1.35), **super().parameters()}
+
+    def effects(self, params: dict[str, Tensor]) -> tuple:
+        beck = BECK / (softest(self.section).amin() * self.length**2)  # N
+        push = torch.stack((-beck * params["thrust"], *[torch.zeros_like(params["thrust"])] * 2), -1)
+        return (*super().effects(params), tb.TipLoad(force=push, follower=True))
+
+    def begin(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
+        """(k, axes) m/s: the kicks."""
+        drawn = np.stack([stream.uniform(-self.kick, self.kick, 2)[: len(self.force)] for stream in streams])
+        return torch.as_tensor(drawn, dtype=self.dtype, device=self.device)
+
+    def launch(self, beam: tb.State, goal: Tensor) -> tb.State:
+        along = (beam.position[..., :1] / self.length) ** 2
+        return replace(beam, velocity=beam.velocity + along * (goal @ self.axes)[:, None])
+
+    def aim(self, now: Episodes, tip: Tensor | None) -> Tensor:
+        return self.high.new_zeros(len(now.steps), 0)
+
+    def cost(self, now: Episodes) -> Tensor:
+        return rounded(now.beam.position[:, -1] - now.start.position[:, -1], self.length)
+
+    def lost(self, now: Episodes) -> Tensor:
+        return self._off(now) > self.length / 4
+
+    def measures(self, now: Episodes) -> dict[str, Tensor]:
+        return {"distance": self._off(now), "lost": self.lost(now)}
+
+    def sketch(self, now: Episodes) -> dict[str, Any]:
+        return {"thrust": now.plant.params["thrust"].expand(len(now.steps))}
+
+    def _off(self, now: Episodes) -> Tensor:
+        return distance(now.beam.position[:, -1], now.start.position[:, -1])
+
+
+class FlutterHoldEnv(SingleEnv):
+    """One cantilever to keep from fluttering: `FlutterHoldVectorEnv` with one member, see there for everything.
+
+    `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it ends only when it is lost.
+    """
+
+    vector = FlutterHoldVectorEnv

@@ -1,0 +1,158 @@
+"""TipTrack: let the tip of a flexible cantilever follow a moving target."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .core import BeamVectorEnv
+from .episodes import Episodes
+from .reach import Reach, distance, rounded
+from .single import SingleEnv
+
+PATHS = ("circle", "lemniscate", "random")
+HARMONICS = 3
+RAMP = 0.25  # of the period, in which the path grows from a point
+DRAWN = 96  # points of a path in a picture, and instants at which a random one is measured
+
+
+class TipTrackVectorEnv(BeamVectorEnv):
+    """`num_envs` flexible cantilevers whose tips follow targets, stepped as one batch.
+
+    ## Description
+    The strip of `TipReachVectorEnv` (1.5 m of aluminium flat bar, clamped, under gravity) is to follow a target that moves
+    along a closed path with the tip, by a force on the tip. The path is that of a static tip under the force
+
+        f(t) = reach * force * ramp(t) * sum_k [a_k cos(k phi) + b_k sin(k phi)],  phi = 2 pi t / period,  k = 1, 2, 3
+
+    with ramp rising smoothly from 0 to 1 in a quarter of a period: the target starts at the tip at rest, every point of it
+    could be held, and following it takes what inertia asks for beside that. By default one period takes 2 s, two of the first
+    mode's; an episode is one period.
+
+    ## Action space
+    `Box(-1, 1, (2,), float32)`: the tip force, as in TipReach.
+
+    ## Observation space
+    `Box(-high, high, (18 + 3 preview + 2 delay,), float32)`: the target first, the rest as in TipReach.
+
+    | index | observation | high |
+    |---|---|---|
+    | 0-2 | target - tip, x y z, over the length | 4 |
+    | 3-5 | target's velocity over the next interval, over L omega | 20 |
+    | 6 ... 5 + 3 preview | target - target's start, at the end of the next 1, 2 ... preview intervals, over the length | 2 |
+    | then 12 | tip and mid-span displacement and velocity, as in TipReach (or the `sensors` given) | |
+    | then 2 delay | actions that are still to act | 1 |
+
+    ## Reward
+    As in TipReach, with the distance to where the target is at the end of the interval.
+
+    ## Starting state
+    At rest under gravity. From the sub-env's own generator: the phase and the sense of a circle (an ellipse in space) or a
+    lemniscate (Gerono's, a figure of eight), and its size, 0.5 to 1; or for a random path all a_k and b_k, normal, falling off
+    like 1/k, scaled so that the largest |f| is of size 0.5 to 1.
+
+    ## Episode end
+    As in TipReach, after 100 steps.
+
+    ## Information
+    `distance` (m) from tip to target, `solver_failed`, `action_invalid`, as in TipReach.
+
+    ## Arguments
+    Those of `BeamVectorEnv`, with its defaults (see `envs/core.py`) but max_episode_steps = 100, and
+    path     "circle", "lemniscate" or "random";  "any" (default): one of them, drawn with the episode
+    period   s, 2
+    reach    0.5: share of the force bounds that the static force takes at most on the usual strip, above 0 and up to 1
+    preview  3: intervals by which the target is known ahead
+
+    "torchbeam/TipTrackPlanar-v0" is this with planar=True: the horizontal plane, where circle and lemniscate are one swing.
+
+    ## Parameters
+    As in TipReach; they do not move the target. The goal, for options={"goal": ...}, is a_1 b_1 a_2 b_2 a_3 b_3, each along y
+    and z: (12,), or (6,) in a plane.
+
+    ## Version history
+    v0: first version.
+    """
+
+    def __init__(self, num_envs: int = 1, *, path: str = "any", period: float = 2.0, reach: float = 0.5, preview: int = 3,
+                 max_episode_steps: int | None = 100, **arguments: Any) -> None:
+        if path not in (*PATHS, "any"):
+            raise ValueError(f"path = {path!r} was given; {', '.join(map(repr, PATHS))} or 'any' is wanted")
+        if not 0 < reach <= 1:
+            raise ValueError(f"reach = {reach} was given; a share above 0 and up to 1 is wanted")
+        if not 0 < period < math.inf:
+            raise ValueError(f"period = {period!r} was given; a positive finite number (s) is wanted")
+        if not isinstance(preview, int) or preview < 1:
+            raise ValueError(f"preview = {preview!r} was given; a whole number of at least 1 is wanted")
+        self.path, self.period, self.preview = path, period, preview
+        self.AIM = (4.0, 20.0, *[2.0] * preview)
+        super().__init__(num_envs, max_episode_steps=max_episode_steps, **arguments)
+        self.GOAL = 2 * HARMONICS * len(self.force)
+        self.reach = Reach.of(self.plant.scene, reach * self.force, self.axes)
+
+    def begin(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
+        """(k, 2 HARMONICS axes): coefficients a_k, b_k of the paths."""
+        return torch.as_tensor(np.stack([self._draw(stream) for stream in streams]), dtype=self.dtype, device=self.device)
+
+    def _draw(self, stream: np.random.Generator) -> np.ndarray:
+        path = PATHS[stream.integers(len(PATHS))] if self.path == "any" else self.path
+        size, phase, sense = stream.uniform(0.5, 1), stream.uniform(0, 2 * np.pi), stream.choice([-1, 1])
+        c = np.zeros((HARMONICS, 2, 2))  # harmonic, cosine and sine, axis
+        if path == "random":
+            c = stream.normal(size=c.shape) / np.arange(1, HARMONICS + 1)[:, None, None]
+            largest = np.linalg.norm((_waves(2 * np.pi * np.arange(DRAWN) / DRAWN) @ c.reshape(-1, 2)), axis=1).max()
+            return (c * size / largest)[..., : len(self.force)].ravel()
+        c[0, :, 0] = size * np.cos(phase), -size * np.sin(phase)  # cos(phi + phase)
+        k, second = (1, size * sense) if path == "circle" else (2, size * sense / 2)
+        c[k - 1, :, 1] = second * np.sin(k * phase), second * np.cos(k * phase)  # sin(k (phi + phase))
+        return c[..., : len(self.force)].ravel()
+
+    def target(self, now: Episodes, t: Tensor) -> Tensor:
+        """(n, m, 3) m: where the targets are at the instants t (n, m) s."""
+        phi = 2 * torch.pi * t[..., None] / self.period * torch.arange(1, HARMONICS + 1, dtype=t.dtype, device=t.device)
+        waves = torch.stack((torch.cos(phi), torch.sin(phi)), -1).flatten(-2)
+        s = (t / (RAMP * self.period)).clamp(0, 1)[..., None]
+        share = s**2 * (3 - 2 * s) * (waves @ now.goal.unflatten(-1, (2 * HARMONICS, -1)))
+        return self.reach.tip(share.flatten(0, 1), now.member.repeat_interleave(t.shape[1])).unflatten(0, t.shape)
+
+    def instants(self, now: Episodes, ahead: int) -> Tensor:
+        """(n, ahead + 1) s: now, and the ends of the next intervals."""
+        k = torch.arange(ahead + 1, dtype=self.dtype, device=self.device)
+        return (now.steps[:, None] + k) * self.control_interval
+
+    def aim(self, now: Episodes, tip: Tensor | None) -> Tensor:
+        target = self.target(now, self.instants(now, self.preview))
+        velocity = (target[:, 1] - target[:, 0]) / self.control_interval / self.of(now, self.speed)
+        ahead = (target[:, 1:] - now.start.position[:, None, -1]) / self.length
+        d = self.sensors.vector
+        return torch.cat((self.gap(now, target[:, 0], tip), velocity[:, d], ahead[..., d].flatten(1)), -1)
+
+    def cost(self, now: Episodes) -> Tensor:
+        return rounded(self.target(now, self.instants(now, 0))[:, 0] - now.beam.position[:, -1], self.length)
+
+    def measures(self, now: Episodes) -> dict[str, Tensor]:
+        return {"distance": distance(self.target(now, self.instants(now, 0))[:, 0], now.beam.position[:, -1])}
+
+    def sketch(self, now: Episodes) -> dict[str, Any]:
+        once = torch.linspace(1, 2, DRAWN, dtype=self.dtype, device=self.device) * self.period
+        path = self.target(now, once.expand(len(now.goal), DRAWN))
+        return {"target": self.target(now, self.instants(now, 0))[:, 0], "path": path}
+
+
+class TipTrackEnv(SingleEnv):
+    """One flexible cantilever that follows a target: `TipTrackVectorEnv` with one member, see there for everything.
+
+    `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it does not end by itself.
+    """
+
+    vector = TipTrackVectorEnv
+
+
+def _waves(phi: np.ndarray) -> np.ndarray:
+    """(m, 2 HARMONICS): cos(k phi), sin(k phi)."""
+    k = phi[:, None] * np.arange(1, HARMONICS + 1)
+    return np.stack((np.cos(k), np.sin(k)), -1).reshape(len(phi), -1)

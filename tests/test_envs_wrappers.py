@@ -1,0 +1,113 @@
+"""Wrappers that are known to work: each is what `docs` may promise. And the command that measures the envs."""
+
+import json
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium import wrappers as single
+from gymnasium.wrappers import vector as many
+from torchbeam_envs import benchmark
+
+ID = "torchbeam/TipReachPlanar-v0"
+SMALL = dict(elements=2, substeps=1, max_episode_steps=4)
+MODES = ["NextStep", "SameStep"]
+
+
+def make_vec(n=3, **changes):
+    return gymnasium.make_vec(ID, num_envs=n, **{**SMALL, **changes})
+
+
+def run(env, steps=10):
+    """Random actions across the ends of two episodes: the last results."""
+    env.action_space.seed(0)
+    env.reset(seed=0)
+    for _ in range(steps):
+        results = env.step(env.action_space.sample())
+    return results
+
+
+@pytest.mark.parametrize("wrapper", [
+    lambda env: single.TimeLimit(env, 3), single.RecordEpisodeStatistics, single.NormalizeObservation, single.NormalizeReward,
+    single.ClipAction, lambda env: single.RescaleAction(env, -2.0, 2.0), single.FlattenObservation, single.TimeAwareObservation,
+    lambda env: single.FrameStackObservation(env, 3), lambda env: single.TransformReward(env, lambda r: r / 10),
+    single.Autoreset, lambda env: single.DelayObservation(env, 1),
+])
+def test_single(wrapper):
+    env = wrapper(gymnasium.make(ID, **SMALL))
+    observation, reward, *_ = run(env, 3)
+    assert np.isfinite(np.asarray(observation)).all() and np.isfinite(reward)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("wrapper", [
+    many.RecordEpisodeStatistics, many.NormalizeReward, many.ClipAction,
+    lambda env: many.ClipReward(env, -1.0, 0.0), lambda env: many.RescaleAction(env, -2.0, 2.0),
+    lambda env: many.TransformReward(env, lambda r: r / 10),
+    many.DictInfoToList,
+])
+def test_vector(wrapper, mode):
+    env = make_vec(autoreset_mode=mode, randomize=True)
+    observation, reward, *_ = run(wrapper(env))
+    assert np.isfinite(np.asarray(observation)).all() and np.isfinite(np.asarray(reward)).all()
+
+
+@pytest.mark.parametrize("wrapper", [many.NormalizeObservation, many.FlattenObservation,
+                                     lambda env: many.RescaleObservation(env, -1.0, 1.0)])
+def test_vector_observations(wrapper):
+    """Gymnasium's observation wrappers do not take SameStep; by NextStep they work, and a failure leaves no NaN in them."""
+    env = wrapper(make_vec(randomize={"stiffness": (0.9, 1.1)}))
+    assert np.isfinite(run(env)[0]).all()
+    env.reset(options={"params": {"stiffness": [1.0, 1.0, 1e-30]}})
+    assert np.isfinite(env.step(np.zeros(env.action_space.shape))[0]).all()
+
+
+def test_episode_statistics():
+    """Return and length of four-step episodes, summed here."""
+    env = many.RecordEpisodeStatistics(make_vec(autoreset_mode="SameStep"))
+    env.reset(seed=0)
+    total = np.zeros(3)
+    for _ in range(4):
+        _, reward, *_, info = env.step(np.full((3, 1), 0.3))
+        total += reward
+    np.testing.assert_allclose(info["episode"]["r"], total)
+    assert info["episode"]["l"].tolist() == [4, 4, 4]
+
+
+def test_dense_final_observations_as_tensors():
+    """NumpyToTorch takes `final_obs` because it is one array, not an array of objects."""
+    pytest.importorskip("array_api_compat")
+    env = many.NumpyToTorch(make_vec(autoreset_mode="SameStep"))
+    *_, truncated, info = run(env, 4)
+    assert truncated.all() and isinstance(info["final_obs"], torch.Tensor) and info["final_obs"].shape == (3, 11)
+
+
+def test_sync_and_gymnasium_vector_envs():
+    """The single env inside Gymnasium's own vector env does what the vector env does."""
+    own = make_vec(vectorization_mode="vector_entry_point")
+    sync = gymnasium.make_vec(ID, num_envs=3, vectorization_mode="sync", **SMALL)
+    np.testing.assert_allclose(own.reset(seed=0)[0], sync.reset(seed=0)[0], atol=1e-6)
+    for _ in range(6):
+        action = own.action_space.sample()
+        a, b = own.step(action), sync.step(action)
+        np.testing.assert_allclose(a[0], b[0], atol=1e-6)
+        np.testing.assert_allclose(a[1], b[1], atol=1e-6)
+        np.testing.assert_array_equal(a[3], b[3])
+
+
+def test_error_of_the_mesh():
+    """Two elements in a plane, in steps of 20 ms, against sixteen in steps of 2.5 ms, for four intervals."""
+    assert 1e-3 < benchmark.error(ID, **SMALL) < 0.5
+
+
+def test_the_command_that_measures(tmp_path, capsys, monkeypatch):
+    """Two rows in all three files."""
+    monkeypatch.setattr(benchmark, "error", lambda id, **arguments: 0.01)  # tested above; slow on the mesh it compares with
+    rows = benchmark.measure(ID, [2], 0.1, **SMALL)
+    assert len(rows) == 1 and rows[0].rate > 1 and rows[0].overhead > 0
+    assert benchmark.main(["--task", "TipReach", "--batches", "1", "--seconds", "0.05", "--out", str(tmp_path)]) == 0
+    written = json.loads((tmp_path / "envs.json").read_text())
+    assert [row["id"] for row in written["rows"]] == ["torchbeam/TipReach-v0", ID]
+    assert (tmp_path / "envs.md").read_text().strip() in capsys.readouterr().out
+    assert len((tmp_path / "envs.csv").read_text().splitlines()) == 3

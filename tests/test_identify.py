@@ -1,0 +1,125 @@
+"""identify: known parameters come back, with the covariance that theory gives; many starts; refusals."""
+
+import math
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+
+T = torch.linspace(0, 2, 40)
+
+
+def decay(theta):
+    """a exp(-b t) (N, T)."""
+    return theta[:, :1] * torch.exp(-theta[:, 1:] * T)
+
+
+TRUE = torch.tensor([2.0, 0.7])
+
+
+@pytest.mark.parametrize("derivatives", ["forward", "difference"])
+@pytest.mark.parametrize("log", [False, True])
+def test_comes_back(derivatives, log):
+    fit = tb.identify(decay, decay(TRUE[None])[0], (1.0, 2.0), derivatives=derivatives, log=log, names=("a", "b"))
+    assert_close(fit.theta, TRUE, rtol=1e-6, atol=0)
+    assert fit.status == 0 and fit.iterations < 15 and "a = 2" in repr(fit)
+    assert_close(fit.history[-1, 0], fit.theta) and fit.history.shape == (fit.iterations + 1, 1, 2)
+
+
+def test_linear_least_squares():
+    """A straight line through noise: theta and covariance are those of the normal equations, with sigma given (exactly
+    sigma^2 (X^T X)^-1) or estimated; data that are NaN do not count.
+    """
+    torch.manual_seed(0)
+    X = torch.stack((torch.ones_like(T), T), -1)
+    y = X @ torch.tensor([1.0, -0.5]) + 0.1 * torch.randn(40)
+    y[3] = math.nan
+    keep = ~y.isnan()
+    exact = torch.linalg.lstsq(X[keep], y[keep]).solution
+    for sigma in (None, 0.1):
+        fit = tb.identify(lambda theta: theta @ X.T, y, (0.0, 0.0), sigma=sigma)
+        assert_close(fit.theta, exact, rtol=1e-6, atol=1e-9)
+        left = (y - X @ exact)[keep]
+        s2 = left.square().sum() / 37 if sigma is None else torch.tensor(0.01)
+        assert_close(fit.covariance, s2 * torch.linalg.inv(X[keep].T @ X[keep]), rtol=1e-5, atol=0)
+        assert_close(fit.misfit, left.square().mean().sqrt() / (sigma or 1.0), rtol=1e-6, atol=0)
+    assert_close(fit.correlation.diagonal(), torch.ones(2))
+
+
+def test_covariance_is_the_scatter():
+    """Over 400 repeated measurements the found parameters scatter as the covariance says, within 15 % (the deviation of a
+    deviation from 400 samples is 3.5 %); in log theta too.
+    """
+    torch.manual_seed(1)
+    clean = decay(TRUE[None])[0]
+    fits = [tb.identify(decay, clean + 0.02 * torch.randn(40), TRUE, sigma=0.02, log=True) for _ in range(400)]
+    found = torch.stack([f.theta for f in fits])
+    assert_close(found.std(0), fits[0].deviation, rtol=0.15, atol=0)
+
+
+def test_the_best_of_many_starts():
+    """cos(w t) has false minima: of eight starts, together, the best finds w; each ends where it would alone."""
+    def wave(theta):
+        return torch.cos(theta * 6 * T)
+
+    data = wave(torch.tensor([[1.3]]))[0]
+    starts = torch.linspace(0.3, 2.5, 8)[:, None]
+    fit = tb.identify(wave, data, starts)
+    assert_close(fit.theta, torch.tensor([1.3]), rtol=1e-6, atol=0)
+    assert (fit.misfits > 0.1).any()
+    alone = tb.identify(wave, data, starts[2])
+    assert_close(fit.starts[2], alone.theta, rtol=1e-5, atol=0)
+
+
+def test_bounds_hold():
+    fit = tb.identify(decay, decay(TRUE[None])[0], (1.0, 0.2), bounds=((0.0, 0.0), (1.5, 5.0)))
+    assert fit.theta[0] == 1.5 and (fit.history <= torch.tensor([1.5, 5.0])).all()
+
+
+def test_a_model_that_fails_on_the_way():
+    """Where the model is not finite the step is shortened."""
+    def model(theta):
+        y = decay(theta)
+        return torch.where(theta[:, 1:] < 0.3, torch.nan, y)
+
+    fit = tb.identify(model, decay(TRUE[None])[0], (1.0, 3.0))
+    assert_close(fit.theta, TRUE, rtol=1e-5, atol=0)
+
+
+def test_a_beam():
+    """EI and the load of a static beam from its nodes, forward mode through the equilibrium: P alone decides nothing but P/EI,
+    so EI and P are wholly correlated, while P/EI is sharp.
+    """
+    def nodes(theta):
+        section = tb.Section.from_stiffness(EA=math.inf, GA=math.inf, GJ=1.0, EI=theta[:, 0], mass=1.0)
+        load = tb.TipLoad(force=theta[:, 1:] * torch.tensor([0.0, 0, 1]))
+        return tb.equilibrium(tb.Scene(tb.Beam.straight(1.0, 4, section), [load])).position[:, 1:, 2]
+
+    data = nodes(torch.tensor([[2.0, 1.0]]))[0]
+    fit = tb.identify(nodes, data + 1e-4 * torch.tensor([1.0, -1, 1, -1]), (1.0, 1.5), log=True, sigma=1e-4)
+    assert_close(fit.theta[1] / fit.theta[0], torch.tensor(0.5), rtol=1e-3, atol=0)
+    assert fit.correlation[0, 1] > 0.99
+
+
+GOOD = dict(model=decay, data=decay(TRUE[None])[0], start=(1.0, 2.0))
+CASES = {
+    "start as a number": (dict(start=1.0), r"a start of shape \(\)"),
+    "NaN start": (dict(start=(math.nan, 1.0)), "start holds nan"),
+    "negative for log": (dict(start=(-1.0, 1.0), log=True), "start = -1"),
+    "derivatives": (dict(derivatives="reverse"), "derivatives = 'reverse'"),
+    "names": (dict(names=("a",)), "1 names were given for 2 parameters"),
+    "too few data": (dict(data=torch.where(T > 0, torch.nan, T)), "1 data were given for 2"),
+    "data of another shape": (dict(data=T[:3]), r"a model that gave \(2, 40\)"),
+    "sigma": (dict(sigma=0.0), "sigma = 0 was given"),
+    "a model of nothing": (dict(model=lambda theta: decay(theta) * math.nan), r"a start \(0 of 1\) at which the model"),
+    "no iterations": (dict(iterations=0), "iterations = 0"),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_refused(name):
+    changed, sentence = CASES[name]
+    with pytest.raises(ValueError, match=sentence):
+        tb.identify(**{**GOOD, **changed})

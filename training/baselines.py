@@ -1,0 +1,74 @@
+"""The package's baselines, tuned for a task on training episodes: never on those that scores come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torchbeam_envs.baselines import LQG, LQR, PD, Controller, Optimum, Static, Zero
+from torchbeam_envs.baselines.holding import search
+
+from .evaluate import evaluate
+from .tuned import TRAINING, Task
+
+EPISODES = 16  # that tuning looks at
+SETS = 24  # of gains in a round of the search
+EFFORTS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # weights of the action that LQR and LQG choose from
+
+
+def make(task: Task, num_envs: int = 1):
+    return task.make(num_envs, output="torch", autoreset_mode="Disabled")
+
+
+def pd(task: Task) -> Controller:
+    """Gains by random search."""
+    env = make(task)
+    controller = PD(env, [1.0, 3.0] * len(env.force))
+
+    def score(gains: torch.Tensor) -> torch.Tensor:
+        together = make(task, len(gains) * EPISODES)
+        controller.gains = gains.repeat_interleave(EPISODES, 0)
+        cost = -returns(together, controller, [TRAINING + i for i in range(EPISODES)] * len(gains))
+        return cost.unflatten(0, (-1, EPISODES)).mean(1)
+
+    best, _ = search(score, controller.gains[0].tolist(), sets=SETS, seed=0)
+    controller.gains = best[None]
+    controller.settings = {"gains": best.tolist()}
+    return controller
+
+
+@torch.no_grad()
+def returns(env, controller: Controller, seeds: list[int]) -> torch.Tensor:
+    """(n,): of one episode each."""
+    observation, _ = env.reset(seed=seeds)
+    controller.begin(env)
+    total = 0.0
+    while not env.state.done.all():
+        observation, reward, *_ = env.step(controller(observation))
+        total = total + reward
+    return total
+
+
+def regulated(kind: type[LQR]) -> Callable[[Task], Controller]:
+    def made(task: Task) -> Controller:
+        """The effort of most return."""
+        env = make(task)
+        found = [kind(env, effort) for effort in EFFORTS]
+        scores = [evaluate(task, one, EPISODES, TRAINING)["return"] for one in found]
+        best = max(range(len(found)), key=scores.__getitem__)
+        found[best].settings = {"effort": EFFORTS[best]}
+        return found[best]
+    return made
+
+
+def optimum(task: Task) -> Controller:
+    """From what the tuned LQR does."""
+    found = Optimum(make(task), regulated(LQR)(task))
+    found.episodes = 64  # of those that scores come from, the first
+    return found
+
+
+BASELINES: dict[str, Callable[[Task], Controller]] = {
+    "zero": lambda task: Zero(), "static": lambda task: Static(make(task)), "pd": pd, "lqr": regulated(LQR),
+    "lqg": regulated(LQG), "optimum": optimum,
+}
