@@ -46,8 +46,8 @@ from .stations import Stations, Table
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy",
     "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
-    "MixedState", "Modes", "PerElement", "PointLoad", "PointMass", "RootMotion", "RootSpring", "Samples", "Scene", "Section",
-    "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Support", "Table", "TipLoad", "advise", "block_rate",
-    "consistent_state", "critical_load", "equilibrium", "identify", "linearize", "modes", "monte_carlo", "path", "plot", "rayleigh",
-    "rest", "sensors", "simulate",
+    "MixedState", "Modes", "Path", "PerElement", "PointLoad", "PointMass", "RootMotion", "RootSpring", "Samples", "Scene",
+    "Section", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Support", "Table", "TipLoad", "advise",
+    "block_rate", "consistent_state", "critical_load", "equilibrium", "identify", "linearize", "modes", "monte_carlo", "path",
+    "plot", "rayleigh", "rest", "sensors", "simulate",
 ]

@@ -21,9 +21,9 @@ import torch
 from torch import Tensor
 
 from .checks import count as check_count
-from .modes import inverse_spectrum, spread
+from .modes import inverse_spectrum
 from .newton import no_derivatives, wants_gradient
-from .nodal.matrices import matrices
+from .nodal.matrices import matrices, moves
 from .nodal.model import Model
 from .scene import Scene
 from .state import State
@@ -121,7 +121,7 @@ def critical_load(scene: Factored | Scene, highest: float, *, lowest: float = 0.
     frequency = leading.imag.abs() if path.damped else leading.real.neg().clamp(min=0).sqrt()
     slow = coarse.eigenvalue if path.damped else _root(coarse.eigenvalue)
     nan = torch.full_like(frequency, torch.nan)
-    return Critical(torch.where(found, factor, nan), kind, torch.where(found, frequency, nan), spread(model, v.real),
+    return Critical(torch.where(found, factor, nan), kind, torch.where(found, frequency, nan), moves(model, v.real),
                     factors, slow)
 
 

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from .checks import count as check_count
-from .nodal.matrices import matrices
+from .nodal.matrices import matrices, moves
 from .nodal.model import Model
 from .scene import Scene
 from .state import State
@@ -59,7 +59,7 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, t: float 
     Raises ValueError for more modes than the mesh has, or for what the nodal form does not take.
     """
     model = Model.of(scene, lumped)
-    free = 6 * scene.beam.count
+    free = model.held.count
     if check_count("count", count) > free:
         raise ValueError(f"count = {count} was given; {scene.beam.count} elements have at most {free} modes")
     if state is None:
@@ -70,7 +70,7 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, t: float 
     eigenvalue = _eigenvalue(found.gather(-1, chosen), D is None)
     vectors = vectors.mT.gather(-2, chosen[..., None].expand(*chosen.shape, free))
     vectors = vectors / vectors.gather(-1, vectors.abs().argmax(-1, keepdim=True))
-    return Modes(eigenvalue, spread(model, vectors))
+    return Modes(eigenvalue, moves(model, vectors))
 
 
 def inverse_spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor]:
@@ -81,11 +81,6 @@ def inverse_spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Te
     eye = torch.eye(M.shape[-1], dtype=M.dtype, device=M.device).expand_as(M)
     found, vectors = torch.linalg.eig(torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2))
     return found, vectors[..., :M.shape[-1], :]
-
-
-def spread(model: Model, moves: Tensor) -> Tensor:
-    """Moves of the free unknowns (..., n) -> of all nodes (..., N+1, 6), frame a."""
-    return pad(moves.unflatten(-1, (-1, 6)), (0, 0, 1, 0))
 
 
 def _eigenvalue(found: Tensor, squared: bool) -> Tensor:

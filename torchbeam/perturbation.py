@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
-from . import quaternions as quat
 from .nodal.model import Model, times
 from .nodal.still import Shape, Still
 from .state import State
@@ -19,8 +19,8 @@ NO_INERTIA = 1e-12  # of the largest of a node's three moments of inertia
 
 @dataclass(frozen=True)
 class Perturbation:
-    """Where the derivatives are taken. free (n,): the free unknowns' places among the nodes' 6 (N+1); axes (..., n, n): turns
-    in section axes -> frame a, where all three of a node are free.
+    """Where the derivatives are taken, in the coordinates of the model's space. free (n,): the free unknowns' places among the
+    nodes' w (N+1); axes (..., n, n): turns in section axes -> frame a, where all three of a node are free.
     """
 
     model: Model
@@ -33,30 +33,31 @@ class Perturbation:
 
     @classmethod
     def of(cls, model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], shape: torch.Size) -> Perturbation:
-        nodes = state.position.shape[-2]
-        free = torch.arange(6, 6 * nodes, device=state.position.device)
-        turning = torch.zeros(6 * nodes, dtype=torch.bool, device=free.device).index_fill(0, free, True)
-        turning = turning.unflatten(0, (nodes, 6))[:, 3:].all(-1)
-        eye = torch.eye(3, dtype=state.position.dtype, device=free.device)
-        R = torch.where(turning[:, None, None], quat.matrix(state.rotation), eye)
-        blocks = torch.stack((eye.expand_as(R), R), -3).flatten(-4, -3)  # (..., 2 (N+1), 3, 3)
-        count = 2 * nodes
-        own = torch.eye(count, dtype=eye.dtype, device=free.device)
-        full = (own[:, None, :, None] * blocks[..., :, :, None, :]).flatten(-4, -3).flatten(-2)
+        space, moving = model.space, model.held.moving
+        state = space.enter(state)
+        eye = torch.eye(space.spin, dtype=state.position.dtype, device=state.position.device)
+        turning = moving[:, space.position:].all(-1)[:, None, None]
+        R = torch.where(turning, space.spin_matrix(state.rotation), eye)
+        whole = torch.eye(space.unknowns, dtype=eye.dtype, device=eye.device)
+        whole = torch.cat((whole[:, :space.position].expand(*R.shape[:-2], -1, -1),
+                           pad(R, (0, 0, space.position, 0))), -1)  # (..., N+1, w, w)
+        own, free = torch.eye(model.count + 1, dtype=eye.dtype, device=eye.device), moving.flatten().nonzero()[:, 0]
+        full = (own[:, None, :, None] * whole[..., :, :, None, :]).flatten(-4, -3).flatten(-2)
         return cls(model, state, t, inputs, shape, free, full[..., free, :][..., free])
 
     def nodes(self, q: Tensor) -> Tensor:
-        """(..., n) -> (..., N+1, 6), frame a."""
-        nodes = self.state.position.shape[-2]
-        full = torch.zeros(*q.shape[:-1], 6 * nodes, dtype=q.dtype, device=q.device)
-        return full.index_copy(-1, self.free, (self.axes @ q[..., None])[..., 0]).unflatten(-1, (nodes, 6))
+        """(..., n) -> (..., N+1, w), frame a."""
+        nodes, w = self.model.count + 1, self.model.space.unknowns
+        full = torch.zeros(*q.shape[:-1], w * nodes, dtype=q.dtype, device=q.device)
+        return full.index_copy(-1, self.free, (self.axes @ q[..., None])[..., 0]).unflatten(-1, (nodes, w))
 
     def without_inertia(self, M: Tensor) -> Tensor:
         """(n,) bool; ValueError where samples differ."""
-        nodes = self.state.position.shape[-2]
-        own = torch.zeros(*M.shape[:-2], 6 * nodes, dtype=M.dtype, device=M.device)
-        own = own.index_copy(-1, self.free, M.detach().diagonal(dim1=-2, dim2=-1)).unflatten(-1, (nodes, 2, 3))
-        small = (own <= NO_INERTIA * own.amax(-1, keepdim=True)).flatten(-3)[..., self.free].reshape(-1, len(self.free))
+        nodes, p, w = self.model.count + 1, self.model.space.position, self.model.space.unknowns
+        own = torch.zeros(*M.shape[:-2], w * nodes, dtype=M.dtype, device=M.device)
+        own = own.index_copy(-1, self.free, M.detach().diagonal(dim1=-2, dim2=-1)).unflatten(-1, (nodes, w)).split((p, w - p), -1)
+        small = torch.cat([x <= NO_INERTIA * x.amax(-1, keepdim=True) for x in own], -1)
+        small = small.flatten(-2)[..., self.free].reshape(-1, len(self.free))
         if (small != small[0]).any():
             raise ValueError("samples with and without rotary inertia were given; one kind is wanted")
         return small[0]
@@ -77,12 +78,14 @@ class Perturbation:
             rates = torch.func.jvp(gap, (move,), (rate,))[1]
             bent = bent + times(model.rate, rates[..., None])[..., 0]
         x = problem.moved(start, move, times(model.C, bent[..., None])[..., 0])
-        spin = quat.rotate(state.rotation, state.spin)  # absolute, frame a
-        return replace(
+        space, p = model.space, model.space.position
+        spin = space.to_frame(state.rotation, state.spin)  # absolute, frame a
+        return space.leave(replace(
             state, position=x.position, rotation=x.rotation, stress=x.stress,
-            velocity=state.velocity + rate[..., :3] + torch.linalg.cross(spin, move[..., :3]),
-            spin=quat.rotate(quat.conjugate(x.rotation), spin + rate[..., 3:]),
-            reaction=problem.residual(x)[0].nodes[..., 0, :])
+            velocity=state.velocity + rate[..., :p] + (space.tilde(spin) @ move[..., :p, None])[..., 0],
+            spin=space.to_section(x.rotation, spin + rate[..., p:]),
+            reaction=model.held.fixed * torch.stack([problem.residual(x)[0].nodes[..., node, :] for node in model.held.nodes], -2)
+            if model.held.nodes else state.reaction))
 
     def by_inputs(self, outputs: tuple[Sensor, ...]) -> tuple[Tensor, Tensor]:
         """G (..., n, m) and Y_u (..., p, m)."""
@@ -94,7 +97,7 @@ class Perturbation:
             inputs = dict(zip(names, values, strict=True))
             problem = Still(self.model, self.t, inputs, torch.ones_like(zero[..., 0]))
             start = Shape(self.state.position, self.state.rotation, self.state.stress)
-            load = -problem.residual(start)[0].nodes.expand(*self.shape, -1, 6).flatten(-2)[..., self.free]
+            load = -problem.residual(start)[0].nodes.expand(*self.shape, -1, -1).flatten(-2)[..., self.free]
             return (self.axes.mT @ load[..., None])[..., 0], self.read(outputs, self.at(zero, zero, inputs))[0]
 
         columns = []

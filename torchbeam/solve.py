@@ -38,14 +38,19 @@ def _solve(A: Tensor, *right: Tensor) -> Tensor:
     return torch.linalg.solve_ex(A, torch.cat([r.expand(*shape, *r.shape[-2:]) for r in right], -1))[0]
 
 
+def pivots(D: Tensor, L: Tensor, U: Tensor) -> Tensor:
+    """(..., n, k, k) pivot blocks of the elimination from the first to the last; shapes as in `block_tridiagonal`; O(n)."""
+    blocks = [D[..., 0, :, :]]
+    for i in range(1, D.shape[-3]):
+        blocks.append(D[..., i, :, :] - L[..., i - 1, :, :] @ _solve(blocks[-1], U[..., i - 1, :, :]))
+    return torch.stack(torch.broadcast_tensors(*blocks), -3)
+
+
 def positive_definite(D: Tensor, L: Tensor, U: Tensor) -> Tensor:
     """(...) bool: whether a symmetric block tridiagonal matrix is positive definite: whether all of its pivot blocks are
-    (Haynsworth 1968). Shapes as in `block_tridiagonal`; O(n).
+    (Haynsworth 1968).
     """
-    pivots = [D[..., 0, :, :]]
-    for i in range(1, D.shape[-3]):
-        pivots.append(D[..., i, :, :] - L[..., i - 1, :, :] @ _solve(pivots[-1], U[..., i - 1, :, :]))
-    blocks = torch.stack(torch.broadcast_tensors(*pivots), -3)
+    blocks = pivots(D, L, U)
     return (torch.linalg.cholesky_ex(blocks + blocks.mT).info == 0).all(-1)
 
 

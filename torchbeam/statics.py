@@ -4,43 +4,57 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from .bordered import where
 from .newton import DIVERGED, STATUS, attach, dependencies, newton, no_derivatives, wants_gradient
-from .nodal.external import internal
+from .nodal.balance import Linearisation
 from .nodal.model import Model
 from .nodal.still import Shape, Still
+from .paths import NEUTRAL, stable_branch
 from .scene import Scene
-from .solve import positive_definite
-from .state import State, fitting, orientation, rest, turning
+from .solve import pivots, positive_definite
+from .state import State, fitting, rest, turning
 
 TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on another branch
+FIRST, WHOLE = 1.0, 1.2  # rad by the tangent at no load: of a first step; of one that may be the whole load
+EASY = 0.8  # rad: after a step with that turn the next is as long again
+FEWEST = 1 / 64  # of the load in a first step
+SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}  # of the softest pivot at no load
+LARGE = 1e4  # times the move that the loads bring about at first
 LEAST = 1e-4  # smallest load step, as a share of the whole load
 LIMIT = 12  # iterations in a load step: one that takes more is quicker in two
 REASON = {**STATUS, DIVERGED: "Newton's method found none; the load may be past a limit point"}
 
 
 def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, tolerance: float | None = None,
-                throw: bool = True, **inputs: Any) -> State:
+                throw: bool = True, branch: str = "first", **inputs: Any) -> State:
     """Static equilibrium under the scene's loads at time t (s).
 
     initial    where to start, at no load; None = the undeformed beam
     tolerance  of the scaled residual; default 1e-8 in float64
     throw      raise where a sample has no equilibrium; otherwise its `status` says so and it holds the last shape on the way
+    branch     "first": the one that the way up leads to; "stable": a sample that is unstable there is followed again from no
+               load on, by arc length (see `path`), along the branches that bifurcate, to the side to which it leans
     inputs     by name, (..., size)
 
     The load is raised in steps, per sample, where Newton's method needs it: a step in which it fails, or a node turns by more
     than 1 rad, is halved. Infinite stiffness is taken as it is. Differentiable by the implicit function theorem.
 
     Past a point of buckling the way up may keep to a branch that is no longer stable. Where all loads are conservative (dead
-    forces, gravity) a RuntimeWarning names the samples whose tangent is not positive definite.
+    forces, gravity) a RuntimeWarning names the samples whose tangent is not positive definite. Where a derivative is recorded
+    at a limit point, a RuntimeError says that there is none (with throw=False the sample is a constant); at a point of
+    bifurcation a RuntimeWarning says that some do not exist.
 
     Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form does not take and
     RuntimeError for a sample without equilibrium.
     """
+    if branch not in ("first", "stable"):
+        raise ValueError(f"branch = {branch!r} was given; 'first' or 'stable' is wanted")
     model = Model.of(scene)
     given = scene.tensors(inputs)
     start = rest(scene) if initial is None else fitting(initial, scene)
@@ -50,34 +64,82 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     x, reaction, status = _climb(model, time, given, start, tolerance)
     good = status == 0
     problem = Still(model, time, given, torch.ones_like(status, dtype=scene.dtype))
+    conservative = all(load.conservative for load in scene.loads) and not turning(scene)
+    if branch == "stable":
+        unstable = good & _unstable(problem, x, start)
+        if unstable.any():
+            with no_derivatives():
+                loaded = partial(Still, model, time, given)
+                *stable, found = stable_branch(model, loaded, start, unstable, tolerance)
+            x, reaction = where(found, tuple(stable), (x, reaction))
     if wants_gradient(*dependencies(problem, x), *start):
+        limit, fork = _singular(problem, x, start, good)
+        if throw and limit.any():
+            raise RuntimeError(f"{_which(limit)} is at a limit point: the equilibrium has no derivative by the load there "
+                               "(`path` goes through it)")
+        if fork.any():
+            warnings.warn(f"{_which(fork)} is at a point of bifurcation: derivatives by what pushes it off its path do not "
+                          "exist", RuntimeWarning, stacklevel=2)
+        good = good & ~limit
         held = {name: torch.where(good[..., None], v, v.detach()) for name, v in given.items()}
         problem = replace(problem, inputs=held)
         x, reaction = _attached(problem, x, reaction, start, good)
-    if throw and not good.all():
-        first = (~good).nonzero()[0].tolist()
-        which = f"sample {first[0] if len(first) == 1 else tuple(first)} of {tuple(good.shape)}" if first else "the scene"
-        raise RuntimeError(f"{which} has no equilibrium: {REASON[int(status[~good][0])]}")
-    if all(load.conservative for load in scene.loads) and not turning(scene):
-        _warn_of_unstable(problem, x, good)
-    velocity, spin = problem.velocity(x)
-    zero = torch.zeros_like(status, dtype=scene.dtype)
-    return model.space.leave(State(
-        *x[:2], velocity=velocity, spin=model.space.to_section(x.rotation, spin), stress=x.stress, reaction=reaction, work=zero,
-        defect=zero, t=time.expand(status.shape), status=status, frame=orientation(scene, status.shape),
-        internal=internal(model, problem.nodes(x), time, given, status.shape)))
+    failed = status != 0
+    if throw and failed.any():
+        which = f"sample {_first(failed)} of {tuple(failed.shape)}" if failed.ndim else "the scene"
+        raise RuntimeError(f"{which} has no equilibrium: {REASON[int(status[failed][0])]}")
+    if conservative:
+        unstable = ~failed & _unstable(problem, x, start)
+        if unstable.any():
+            warnings.warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to "
+                          "another (branch='stable' looks for it)", RuntimeWarning, stacklevel=2)
+    return problem.state(x, reaction, status)
 
 
-def _warn_of_unstable(problem: Still, x: Shape, good: Tensor) -> None:
+def _which(mask: Tensor) -> str:
+    return f"sample {_first(mask)} ({int(mask.sum())} of {mask.numel()})" if mask.ndim else "the beam (1 of 1)"
+
+
+def _first(mask: Tensor) -> Any:
+    first = mask.nonzero()[0].tolist()
+    return first[0] if len(first) == 1 else tuple(first)
+
+
+def _tangent(problem: Still, x: Shape) -> Linearisation:
+    return problem.linearise(x, *problem.residual(x)[1:])
+
+
+def _unstable(problem: Still, x: Shape, start: Shape) -> Tensor:
+    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no load."""
     with no_derivatives():
-        _, kin = problem.residual(x)
-        tangent = problem.linearise(x, kin)
-        unstable = good & ~positive_definite(tangent.D, tangent.L, tangent.U)
-    if unstable.any():
-        first = unstable.nonzero()[0].tolist()
-        which = f"sample {first[0] if len(first) == 1 else tuple(first)} " if first else "the beam "
-        warnings.warn(f"{which}({int(unstable.sum())} of {good.numel()}) is in unstable equilibrium: a small disturbance or "
-                      "imperfection leads to another", RuntimeWarning, stacklevel=3)
+        tangent = _tangent(problem, x)
+        doubtful = ~positive_definite(tangent.D, tangent.L, tangent.U)
+        if not doubtful.any():
+            return doubtful
+        unloaded = _tangent(problem, start)
+        here, usual = (torch.linalg.eigvalsh(p + p.mT).amin((-1, -2)) for p in
+                       (pivots(k.D, k.L, k.U) for k in (tangent, unloaded)))
+        return doubtful & (here < -NEUTRAL * usual.clamp(min=0))
+
+
+def _singular(problem: Still, x: Shape, start: Shape, good: Tensor) -> tuple[Tensor, Tensor]:
+    """(...) whether the softest pivot is next to nothing beside the softest one at no load: at a limit point, where the load
+    brings that motion about, or at a point of bifurcation, where it does not.
+    """
+    with no_derivatives():
+        (soft, ease), (usual, before) = (_softness(problem, at) for at in (x, start))
+        singular = good & (soft < SINGULAR[x.stress.dtype] * usual)
+        limit = singular & (ease > LARGE * before)
+        return limit, singular & ~limit
+
+
+def _softness(problem: Still, x: Shape) -> tuple[Tensor, Tensor]:
+    """(...) the softest pivot, and the largest move that a change of the loads by themselves brings about."""
+    residual, *about = problem.residual(x)
+    tangent = problem.linearise(x, *about)
+    unloaded = replace(problem, share=torch.zeros_like(problem.share)).residual(x)[0]
+    move = tangent.solve(residual.nodes - unloaded.nodes, torch.zeros_like(residual.strain))[0]
+    return torch.linalg.svdvals(pivots(tangent.D, tangent.L, tangent.U)).amin((-1, -2)), move.abs().amax((-1, -2))
 
 
 def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, tolerance: float | None
@@ -87,7 +149,7 @@ def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, toleran
         probe, _ = Still(model, t, inputs, t.new_ones(())).residual(x)
         shape = probe.measure().shape
         x = Shape(*(v.expand(*shape, *v.shape[-2:]) for v in x))
-        reached, step = t.new_zeros(shape), t.new_ones(shape)
+        reached, step = t.new_zeros(shape), _first_step(Still(model, t, inputs, t.new_ones(shape)), x)
         reaction = probe.nodes.new_zeros(*shape, *model.held.fixed.shape)
         status = torch.zeros(shape, dtype=torch.long, device=t.device)
         while True:
@@ -103,9 +165,20 @@ def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, toleran
             x = Shape(*(torch.where(good[..., None, None], a, b) for a, b in zip(outcome.x, x, strict=True)))
             reaction = torch.where(good[..., None, None], outcome.reaction, reaction)
             reached = torch.where(good, share, reached)
-            step = torch.where(good, 1.5 * step, step / 2)
+            turned = 2 * torch.arccos(cosine.clamp(max=1))
+            step = torch.where(good, (EASY / turned).clamp(1.5, 4.0) * step, step / 2)
             stuck = climbing & ~good & (step < LEAST)
             status = torch.where(stuck, outcome.status.clamp(min=DIVERGED), status)
+
+
+def _first_step(problem: Still, x: Shape) -> Tensor:
+    """(...) share of the load to begin with: that under which no node would turn by more than 1 rad if the beam stayed as
+    soft as it is; all of it where none would turn by more than 1.2.
+    """
+    residual, *about = problem.residual(x)
+    move, *_ = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
+    turn = torch.linalg.vector_norm(move[..., problem.model.space.position:], dim=-1).amax(-1)
+    return torch.where(turn > WHOLE, (FIRST / turn).clamp(min=FEWEST), 1.0)
 
 
 def _attached(problem: Still, x: Shape, reaction: Tensor, start: Shape, good: Tensor) -> tuple[Shape, Tensor]:

@@ -10,7 +10,7 @@ from torch import Tensor
 import torchbeam as tb
 
 from .build import cantilever, held, moved, tip_force, tip_moment, vector
-from .case import VARIANTS, Answer, Case
+from .case import Answer, Case
 
 INF = math.inf
 
@@ -62,7 +62,7 @@ def buckled(P: float, imperfection: float):
     """
     def solve(p: Tensor, size: int) -> Answer:
         load = tip_force(p, -P, imperfection * P, 0)
-        state = tb.equilibrium(cantilever(p, 16, load, EA=INF, GA=INF), throw=False)
+        state = tb.equilibrium(cantilever(p, 16, load, EA=INF, GA=INF), throw=False, branch="stable")
         w = torch.stack([2 * _modulus(x) / x.sqrt() for x in (P * p.detach().double())])
         return held(state, (state.tip.position[:, 1].detach() / w.to(p) - 1).abs())
     return solve
@@ -101,7 +101,7 @@ CASES = [
          "root moment less load and lever", helix, bound=1e-6, size=(10, 3)),
     Case("dead load past Euler's, statics", "P = 5 EI/L^2, twice the critical load, imperfection 1e-6: the straight beam is "
          "an equilibrium too", "deflection from the elastica's", buckled(5.0, 1e-6), bound=2e-2,
-         fails=dict.fromkeys(VARIANTS, "`equilibrium` takes the straight, unstable equilibrium, and warns of it")),
+         fails={"float32": "1e-6 of the load is lost in single precision: nothing tells a round column in which plane to buckle"}),
     Case("bending stiffness ratio 1e6", "EI about y and z", "root moment less load and lever", stiffness_ratio, bound=1e-6,
          gradient=1e-4),
 ]

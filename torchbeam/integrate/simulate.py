@@ -143,9 +143,9 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     y0 = rates.pack(start)
     acting = rates.balance(t[0], rates.unpack(t[0], y0)[0])[0]  # functions and inputs may have axes too
     y0 = y0.expand(*torch.broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
-    model = rates.model
-    parameters = tuple(x for x in (*vars(model).values(), *vars(model.inertia).values()) if isinstance(x, Tensor) and x.requires_grad)
-    loads = tuple(v for load in scene.loads for v in load.values if isinstance(v, Tensor) and v.requires_grad)
+    constants = (*vars(rates.model).values(), *vars(rates.model.inertia).values())
+    parameters = tuple(x for x in constants if isinstance(x, Tensor) and x.requires_grad)
+    loads = tuple(v for load in scene.loads for v in load.tensors if v.requires_grad)
     ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
                                         parameters=(*parameters, *loads))
     trajectory = State.stack([rates.state(*at) for at in zip(t, ys, status_at(ys, status), strict=True)])

@@ -39,6 +39,19 @@ class Held:
         slide, turn = free[:, :space.position], free[:, space.position:].amax(-1, keepdim=True)
         return cls(nodes, first, fixed, free[first:] if len(nodes) > first else None, slide, turn)
 
+    @property
+    def count(self) -> int:
+        """How many unknowns there are."""
+        return int(self.moving.sum())
+
+    @property
+    def moving(self) -> Tensor:
+        """(N+1, w) bool: the unknowns."""
+        free = torch.ones(self.slide.shape[0], self.fixed.shape[-1], dtype=torch.bool, device=self.slide.device)
+        for node, fixed in zip(self.nodes, self.fixed, strict=True):
+            free[node] = fixed == 0
+        return free
+
     def unknown(self, x: Tensor) -> Tensor:
         """(..., N+1, w) of all nodes -> of those with unknowns, zero where held."""
         x = x[..., self.first:, :]

@@ -73,21 +73,13 @@ def chains(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -> 
 
 def moves(model: Model, free: Tensor) -> Tensor:
     """Free moves (..., n) -> displacement and spin of all nodes (..., N+1, 6), frame a, zero where held."""
-    at = _free(model)
+    at = model.held.moving.flatten()
     whole = free.new_zeros(*free.shape[:-1], at.numel())
     whole = whole.index_copy(-1, at.nonzero()[:, 0], free).unflatten(-1, (model.count + 1, -1))
     if model.space.unknowns == 6:
         return whole
     to = model.space.whole(torch.eye(model.space.unknowns, dtype=model.length.dtype, device=free.device)).to(free.dtype)
     return whole @ to
-
-
-def _free(model: Model) -> Tensor:
-    """(nodes times unknowns) bool."""
-    free = torch.ones(model.count + 1, model.space.unknowns, dtype=torch.bool, device=model.length.device)
-    for node, fixed in zip(model.held.nodes, model.held.fixed, strict=True):
-        free[node] = fixed == 0
-    return free.flatten()
 
 
 def dense(model: Model, diagonal: Tensor, upper: Tensor | None = None, lower: Tensor | None = None) -> Tensor:
@@ -103,7 +95,7 @@ def dense(model: Model, diagonal: Tensor, upper: Tensor | None = None, lower: Te
         upper, lower = (x.expand(*shape, nodes - 1, w, w) for x in (upper, lower))
         A[..., at[:-1], :, at[1:], :] = upper.movedim(-3, 0)
         A[..., at[1:], :, at[:-1], :] = lower.movedim(-3, 0)
-    free = _free(model).nonzero()[:, 0]
+    free = model.held.moving.flatten().nonzero()[:, 0]
     return A.flatten(-4, -3).flatten(-2).index_select(-1, free).index_select(-2, free)
 
 

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..effects import Inputs
+from ..state import State, orientation
 from . import external
 from .balance import Linearisation, Residual, largest
 from .external import STEADY, Nodes
@@ -123,6 +124,16 @@ class Still:
             coupling = None if coupling is None else share[..., None] * coupling
         return Linearisation.condense(model, space.geometric_stiffness(kin, x.stress, model.length), diagonal,
                                       model.length[..., None] * B, model.stiffness(), B, coupling)
+
+    def state(self, x: Shape, reaction: Tensor, status: Tensor) -> State:
+        """The public state of a solution: at rest in frame a."""
+        model, space, shape = self.model, self.model.space, status.shape
+        velocity, spin = self.velocity(x)
+        zero = torch.zeros_like(status, dtype=x.position.dtype)
+        return space.leave(State(
+            *x[:2], velocity=velocity, spin=space.to_section(x.rotation, spin), stress=x.stress, reaction=reaction, work=zero,
+            defect=zero, t=self.t.expand(shape), status=status, frame=orientation(model.scene, shape),
+            internal=external.internal(model, self.nodes(x), self.t, self.inputs, shape)))
 
     def held(self, x: Shape) -> Shape:
         """x with the supports where they have to be."""

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from .. import quaternions as quat
+from ..nodal.external import Nodes
 from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene import Scene
@@ -50,6 +51,9 @@ class NodeAcceleration(_OfNode):
         super().__post_init__()
         if any(self.scene.beam.rigid):
             raise ValueError("a scene with an infinite stiffness was given to NodeAcceleration; finite ones are wanted")
+        if self.scene.carried or Model.of(self.scene).inertia.offset is not None:
+            raise ValueError("NodeAcceleration of a beam that is carried, or has a mass off its axis, was asked for; what holds it "
+                             "still and masses on the axis are wanted")
         if self.proper is not None:
             object.__setattr__(self, "proper", torch.as_tensor(self.proper, dtype=self.scene.dtype, device=self.scene.device))
         object.__setattr__(self, "rates", Rates(Model.of(self.scene, self.lumped), self.scene.tensors(self.inputs)))
@@ -59,21 +63,23 @@ class NodeAcceleration(_OfNode):
             raise ValueError(f"a {type(state).__name__} was given to NodeAcceleration; a State of the nodal form is wanted")
         if state.t.numel() > 1 and (state.t != state.t.flatten()[0]).any():  # a trajectory: loads are asked for one instant
             return torch.stack([self.read(one) for one in (state[k] for k in range(len(state.t)))])
-        motion = (state.position, state.rotation, state.velocity, state.spin)
-        net, _ = self.rates.balance(state.t.flatten()[0], *motion)
-        a = self.solve(net[..., :3])[..., self.node, :]
+        a = self.solve(state)[..., self.node, :]
         a = a if self.proper is None else a - self.proper
         return quat.rotate(quat.conjugate(state.rotation[..., self.node, :]), a) if self.body else a
 
-    def solve(self, force: Tensor) -> Tensor:
-        """M^-1 force of the free nodes, (..., N+1, 3); node 0 is held."""
+    def solve(self, state: State) -> Tensor:
+        """Acceleration of all nodes, (..., N+1, 3): zero where they are held."""
         model = self.rates.model
-        eye = torch.eye(3, dtype=force.dtype, device=force.device)
-        diagonal, force = model.mass[..., 1:, :, None] * eye, force[..., 1:, :]
-        if model.coupling is None:
-            free = force / model.mass[..., 1:, :]
-        else:
-            k = model.coupling[..., None] * eye
-            diagonal = diagonal - k - torch.nn.functional.pad(k[..., 1:, :, :], (0, 0, 0, 0, 0, 1))
-            free = block_tridiagonal(diagonal, k[..., 1:, :, :], k[..., 1:, :, :], force)
-        return torch.nn.functional.pad(free, (0, 0, 1, 0))
+        t, space = state.t.flatten()[0], model.space
+        state = space.enter(state)
+        nodes = Nodes(state.position, state.rotation, state.velocity, space.to_frame(state.rotation, state.spin),
+                      internal=state.internal)
+        net, _ = self.rates.balance(t, nodes)
+        inertia, p = model.inertia, space.position
+        eye = torch.eye(p, dtype=net.dtype, device=net.device)
+        at, between = inertia.blocks(eye)
+        zero = torch.zeros_like(at[..., :-1, :, :]) if between is None else between[..., 0, :, :]
+        free = torch.cat((model.held.slide, torch.zeros_like(net[0, :, p:] if net.ndim > 2 else net[:, p:])), -1)
+        row, column = free[..., None], free[..., None, :]
+        D, L, U = at * row * column + torch.diag_embed(1 - free), zero * row[1:] * column[:-1], zero * row[:-1] * column[1:]
+        return space.whole(block_tridiagonal(D, L, U, net * free))[..., :3]

@@ -1,0 +1,126 @@
+"""Bordered: the balance with the load factor as one more unknown and one more equation that says how far to go.
+
+Both borders are eliminated, by two solves with the same tangent (Batoz and Dhatt 1979): K a = -g, K b = -dg/d(factor), the
+move is a + b d(factor), and the other equation gives d(factor).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from .nodal.balance import Linearisation, Residual
+from .nodal.model import Model
+from .nodal.still import Shape, Still
+
+
+class Place(NamedTuple):
+    """A point of the path and the way to it since the step began: way (..., N+1, 6), factor (..., 1, 1)."""
+
+    position: Tensor
+    rotation: Tensor
+    stress: Tensor
+    factor: Tensor
+    way: Tensor
+
+    @property
+    def shape(self) -> Shape:
+        return Shape(self.position, self.rotation, self.stress)
+
+
+Loaded = Callable[[Tensor], Still]
+
+
+class Balance(NamedTuple):
+    """The residual, and what is missing (...) in the other equation, out of size (...)."""
+
+    inner: Residual
+    missing: Tensor
+    size: Tensor
+
+    @property
+    def nodes(self) -> Tensor:
+        return self.inner.nodes
+
+    @property
+    def strain(self) -> Tensor:
+        return self.inner.strain
+
+    def measure(self) -> Tensor:
+        return torch.maximum(self.inner.measure(), self.missing.abs() / self.size)
+
+
+@dataclass(frozen=True)
+class Bordered:
+    """Balance and one more equation: sum(row * way) + by_factor (factor - start) = goal, or q(state) = goal."""
+
+    model: Model
+    loaded: Loaded
+    row: Tensor
+    by_factor: Tensor
+    start: Tensor
+    goal: Tensor
+    size: Tensor  # what `goal` is measured against
+    control: Callable[[Shape], Tensor] | None = None
+
+    def residual(self, x: Place) -> tuple[Balance, Any, Tensor, Tensor]:
+        still = self.loaded(x.factor[..., 0, 0])
+        residual, kin = still.residual(x.shape)
+        if self.control is None:
+            row, said = self.row, (self.row * x.way).sum((-1, -2)) + self.by_factor * (x.factor[..., 0, 0] - self.start)
+        else:
+            said, row = gradient(still, x.shape, self.control)
+        return Balance(residual, self.goal - said, self.size), kin, row, self.goal - said
+
+    def linearise(self, x: Place, kin: Any, row: Tensor, missing: Tensor) -> BorderedTangent:
+        inner = self.loaded(x.factor[..., 0, 0]).linearise(x.shape, kin)
+        return BorderedTangent(inner, load_slope(self.loaded, x), row, self.by_factor, missing)
+
+    def moved(self, x: Place, move: Tensor, dstress: Tensor, dfactor: Tensor) -> Place:
+        shape = self.loaded(x.factor[..., 0, 0]).moved(x.shape, move, dstress)
+        return Place(*shape, x.factor + dfactor, x.way + move)
+
+
+class BorderedTangent(NamedTuple):
+    inner: Linearisation
+    load: Tensor
+    row: Tensor
+    by_factor: Tensor
+    missing: Tensor
+
+    def solve(self, g: Tensor, g_strain: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        move, dstress, root = self.inner.solve(g, g_strain)
+        by_move, by_dstress, by_root = self.inner.solve(self.load, torch.zeros_like(g_strain))
+        pivot = (self.row * by_move).sum((-1, -2)) + self.by_factor
+        change = (self.missing - (self.row * move).sum((-1, -2))) / pivot
+        wide = change[..., None, None]
+        ends = change[(...,) + (None,) * (root.ndim - change.ndim)]
+        return move + wide * by_move, dstress + wide * by_dstress, wide, root + ends * by_root
+
+
+def where(mask: Tensor, a: Any, b: Any) -> Any:
+    """Tensors, or tuples of tensors, by sample."""
+    if isinstance(a, Tensor):
+        return torch.where(mask[(...,) + (None,) * (a.ndim - mask.ndim)], a, b)
+    parts = [where(mask, x, y) for x, y in zip(a, b, strict=True)]
+    return type(a)(*parts) if hasattr(a, "_fields") else tuple(parts)
+
+
+def load_slope(loaded: Loaded, x: Place) -> Tensor:
+    """(..., N+1, 6) what a unit of the factor adds to the residual."""
+    factor = x.factor[..., 0, 0]
+    return loaded(factor + 1).residual(x.shape)[0].nodes - loaded(factor).residual(x.shape)[0].nodes
+
+
+def gradient(still: Still, x: Shape, control: Callable[[Shape], Tensor]) -> tuple[Tensor, Tensor]:
+    """A quantity (...) and its slope (..., N+1, 6) by moves."""
+    def read(move: Tensor) -> Tensor:
+        return control(still.moved(x, move, torch.zeros_like(x.stress)))
+
+    with torch.enable_grad():
+        value, back = torch.func.vjp(read, x.position.new_zeros(*x.position.shape[:-1], still.model.space.unknowns))
+        return value, back(torch.ones_like(value))[0]
