@@ -18,7 +18,7 @@ from typing import Any, Protocol, get_type_hints
 import torch
 from gymnasium.vector import VectorEnv
 
-from .evaluate import EPISODES, Controller, evaluate
+from .evaluate import EPISODES, Controller, evaluate, make
 from .policies import Policy, save, write
 from .tuned import TASKS, TRAINING, Task
 
@@ -61,7 +61,7 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
     """
     folder, each = Path(folder), max(1, round(every / learner.batch))
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
-    iteration, steps, seconds = 0, 0, 0.0
+    iteration, steps, seconds, judge = 0, 0, 0.0, make(task, episodes)
     if checkpoint.exists():
         state = torch.load(checkpoint, weights_only=False)  # pickled states of environments: load your own only
         learner.load_state_dict(state["learner"])
@@ -69,7 +69,7 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
         log.rewind(state["rows"])
     else:
         log.rewind(0)
-        log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **held_out(task, learner.policy, episodes)})
+        log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **held_out(task, learner.policy, judge)})
     with Bar(name, progress) as bar:
         while (done := budget.done(steps, seconds)) < 1:
             start = time.perf_counter()
@@ -78,7 +78,7 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
             iteration, steps = iteration + 1, steps + learner.batch
             over = budget.done(steps, seconds)
             if iteration % each == 0 or over >= 1:
-                scores = held_out(task, learner.policy, episodes)
+                scores = held_out(task, learner.policy, judge)
                 log.write({"iteration": iteration, "steps": steps, "seconds": seconds, **scores, **figures})
                 write({"learner": learner.state_dict(), "iteration": iteration, "steps": steps, "seconds": seconds,
                        "rows": log.rows}, checkpoint)
@@ -90,9 +90,9 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
     return result
 
 
-def held_out(task: Task, controller: Controller, episodes: int) -> dict[str, float]:
-    """The scores that go into the log."""
-    scores = evaluate(task, controller, episodes)
+def held_out(task: Task, controller: Controller, env: VectorEnv) -> dict[str, float]:
+    """The scores that go into the log; env from `evaluate.make`."""
+    scores = evaluate(task, controller, env.num_envs, env=env)
     return {f"held_out_{name}": scores[name] for name in ("return", "success", "final_error")}
 
 

@@ -84,6 +84,7 @@ def table(runs: list[Run], curves: Callable[[Run], dict | None]) -> list[dict[st
                 row[f"common_{axis}"] = common[axis] if found else None
                 row[f"return_at_{axis}"] = mean(at) if found else None
                 row[f"return_at_{axis}_deviation"] = deviation(at) if found else None
+            row["ended"] = sum(run["ended"] for run in group)
             row["solver_failures"] = sum(run["solver_failures"] for run in group)
             rows.append(row)
     return rows
