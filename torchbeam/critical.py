@@ -21,7 +21,8 @@ import torch
 from torch import Tensor
 
 from .checks import count as check_count
-from .modes import inverse_spectrum, spread
+from .eigen import inverse_spectrum
+from .modes import spread
 from .newton import no_derivatives, wants_gradient
 from .nodal.matrices import matrices
 from .nodal.model import Model
