@@ -51,13 +51,13 @@ class Budget:
         return min(1.0, max(by_steps, 0.0 if self.minutes is None else seconds / (60 * self.minutes)))
 
 
-def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, name: str = "run", every: int = 10_000,
+def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, name: str = "run", every: int = 20_000,
           episodes: int = 64, final: int = EPISODES, progress: bool = True) -> dict[str, Any]:
     """Iterate until the budget is used up; writes NAME.csv (log), NAME.pt (policy) and, meanwhile, NAME.checkpoint.
 
     A run whose checkpoint is there goes on from it. With a budget of steps alone, it then ends in the same bits as a run that
-    was never stopped. About every `every` steps the policy is scored on `episodes` held-out episodes and a checkpoint is
-    written; the time that takes is not in `seconds`.
+    was never stopped. About every `every` steps, and more often at first, the policy is scored on `episodes` held-out episodes
+    and a checkpoint is written; the time that takes is not in `seconds`.
     """
     folder, each = Path(folder), max(1, round(every / learner.batch))
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
@@ -77,7 +77,7 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
             seconds += time.perf_counter() - start
             iteration, steps = iteration + 1, steps + learner.batch
             over = budget.done(steps, seconds)
-            if iteration % each == 0 or over >= 1:
+            if iteration % max(1, min(each, iteration // 8)) == 0 or over >= 1:
                 scores = held_out(task, learner.policy, judge)
                 log.write({"iteration": iteration, "steps": steps, "seconds": seconds, **scores, **figures})
                 write({"learner": learner.state_dict(), "iteration": iteration, "steps": steps, "seconds": seconds,

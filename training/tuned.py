@@ -47,6 +47,8 @@ TASKS = {task.name: task for task in (
 
 DEFAULT = ("reach", "track", "flutter")  # what the results table is made for unless tasks are named
 
-PPO: dict[str, dict[str, Any]] = {}
+PPO: dict[str, dict[str, Any]] = {
+    "reach": dict(num_envs=32, horizon=50), "flutter": dict(num_envs=32, horizon=50),
+}
 SHAC: dict[str, dict[str, Any]] = {"flutter": dict(rate=3e-3), "flutter-3d": dict(rate=3e-3)}
 SB3: dict[str, dict[str, dict[str, Any]]] = {}
