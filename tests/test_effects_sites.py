@@ -138,6 +138,26 @@ def test_tangent_where_derivatives_are_off_or_nested(name):
         assert_close(slope, (near[0] - near[1]) / 2e-5, rtol=1e-7, atol=1e-7 * float(want[what].abs().max()))
 
 
+@pytest.mark.parametrize("name", ["Gravity", "MassDamping", "Drag", "Spring with a length, damped", "RootSpring damped"])
+def test_everything_turned_is_the_wrench_turned(name):
+    """Frame a turned by Q, with all that is written in it: force and moment are Q times what they were."""
+    effect = effects()[name]
+    site = a_site(effect)
+    Q = rotations()
+
+    def turned(v):
+        return (Q @ v[..., None])[..., 0]
+
+    support = fx.Pose(*(Q @ v if k == 1 else turned(v) for k, v in enumerate(site.support)))
+    motion = {n: turned(getattr(site, n)) for n in ("position", "velocity", "spin")}
+    there = replace(site, R=Q @ site.R, axes=Q @ site.axes, support=support, **motion)
+    other = replace(effect, to=turned(torch.as_tensor(effect.to))) if "Spring" in name and "Root" not in name else effect
+    for here, after in zip(effect.wrench(site, ZERO, {}), other.wrench(there, ZERO, {}), strict=True):
+        assert (here is None) == (after is None)
+        if here is not None:
+            assert_close(after, turned(here))
+
+
 def test_drag_at_rest():
     """No relative velocity: no force, no slope, no nan; the force is quadratic."""
     drag = fx.Drag(2.0, 0.5, normal=1.2, tangential=0.1)

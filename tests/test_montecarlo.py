@@ -2,8 +2,12 @@
 
 import json
 import math
+import os
+import signal
+import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
+from threading import Timer
 
 import pytest
 import torch
@@ -57,6 +61,23 @@ def test_other_processes():
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         there = tb.monte_carlo(torch.sin, LAWS, 64, chunk=16, executor=pool)
     assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64).y).all()
+
+
+def _doze(theta):
+    time.sleep(0.2)
+    return theta.sin()
+
+
+@pytest.mark.slow
+def test_a_cluster_that_loses_a_worker(tmp_path):
+    """Dask, two workers, one killed on the way: all samples, to the bit."""
+    distributed = pytest.importorskip("distributed")
+    options = dict(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+        victim = next(iter(client.run(os.getpid).values()))
+        Timer(0.7, os.kill, (victim, signal.SIGKILL)).start()
+        there = tb.monte_carlo(_doze, LAWS, 64, chunk=8, executor=client.get_executor(retries=3), out=tmp_path)
+    assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64).y).all() and len(list(tmp_path.iterdir())) == 9
 
 
 def test_taken_up_again(tmp_path):

@@ -164,11 +164,9 @@ CASES = {
         "without rotary inertia"),
     "explicit with infinite stiffness": (simulate(tb.Scene(tb.Beam.straight(1.0, 2, stiffness(EA=INF)())), method="dopri5"),
         "infinite stiffness"),
-    "nodal in a moving frame": (simulate(tb.Scene(BEAM, frame=tb.Frame(velocity=(1.0, 0, 0)))),
-        "moving frame or root"),
     "nodal with an offset": (
         simulate(tb.Scene(tb.Beam.straight(1.0, 2, tb.Section(torch.eye(6), matrix((1, 5, 0.1), (5, 1, 0.1)))))),
-        "reference axis"),
+        "offset centre of mass"),
     # stepper and statics
     "stepper's method": (lambda: tb.Stepper(SCENE, 0.1, method="dopri5"), "method = 'dopri5' was given; 'midpoint'"),
     "stepper's step": (lambda: tb.Stepper(SCENE, NAN), "dt = nan was given"),
@@ -183,8 +181,27 @@ CASES = {
     "static initial": (lambda: tb.equilibrium(SCENE, initial=tb.consistent_state(SCENE)), "initial of type MixedState"),
     "static initial of another mesh": (
         lambda: tb.equilibrium(SCENE, initial=tb.rest(tb.Scene(tb.Beam.straight(1.0, 3, SECTION)))), "initial with 4 nodes"),
-    "static offset": (lambda: tb.equilibrium(tb.Scene(BEAM, root=tb.RootMotion(rotation=lambda t: torch.zeros(3)))),
-        "moving frame or root"),
+    # supports, planes
+    "support's letters": (lambda: tb.Support(0, position="xw"), "position = 'xw' was given; some of the letters x, y and z"),
+    "support about one axis": (lambda: tb.Support(0, rotation="x"), "rotation = 'x' was given; all three components are held, two"),
+    "support's node": (lambda: tb.Scene(BEAM, supports=tb.Support(7)), "a support of node 7 was given; the beam has the nodes 0 to"),
+    "two supports of a node": (lambda: tb.Scene(BEAM, supports=(tb.Support(0), tb.Support(0))), "two supports of node 0"),
+    "motion of what is free": (lambda: tb.Support(0, position="", displacement=lambda t: t), "whose position is free"),
+    "turn of a hinge": (lambda: tb.Support(0, rotation="xz", turn=lambda t: t), "rotation = 'xyz' is wanted"),
+    "root without a clamp": (lambda: tb.Scene(BEAM, supports=(), root=tb.RootMotion(rotation=lambda t: t)), "one clamp with one"),
+    "plane": (lambda: tb.Scene(BEAM, plane="yz"), "plane = 'yz' was given; None, 'xy', 'xz', 'auto' are there"),
+    "load out of the plane": (lambda: tb.Stepper(tb.Scene(BEAM, [tb.TipLoad(force=(0, 1.0, 0))], plane="xz"), 0.1),
+        "TipLoad out of the plane 'xz' was given"),
+    "beam out of the plane": (
+        lambda: tb.Stepper(tb.Scene(tb.Beam.straight(1.0, 2, SECTION, direction=(1, 1, 1.0)), plane="xz"), 0.1),
+        "nodes out of the plane 'xz' were given"),
+    "small and follower": (
+        lambda: tb.Stepper(tb.Scene(BEAM, [tb.TipLoad(force=(0, 1.0, 0), follower=True)], small=True), 0.1),
+        "small=True with TipLoad was given, whose load turns"),
+    "conserve in a moving frame": (
+        lambda: tb.Stepper(tb.Scene(BEAM, frame=tb.Frame(velocity=(1.0, 0, 0))), 0.1, conserve=True), "conserve with a frame"),
+    "generalized_alpha in a frame": (
+        lambda: tb.Stepper(tb.Scene(BEAM, frame=tb.Frame(velocity=(1.0, 0, 0))), 0.1, "generalized_alpha"), "a moving frame was"),
 }
 
 

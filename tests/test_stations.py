@@ -170,6 +170,18 @@ def test_curve_is_the_helix():
     assert_close(beam.nodes, exact, rtol=0, atol=1e-13)
 
 
+def test_curves_in_a_batch():
+    """Lengths, curvatures and axes of their own: each beam is what it is alone."""
+    length, k = torch.tensor([1.0, 2.0]), torch.tensor([[0.0, 0.1, 0.5], [0.3, 0, 0]])
+    up = torch.tensor([[0.0, 0, 1], [0, 1, 1]])
+    both = tb.Beam.curve(length, 3, SECTION, k, up=up)
+    assert both.batch_shape == (2,)
+    for i in range(2):
+        alone = tb.Beam.curve(length[i], 3, SECTION, k[i], up=up[i])
+        for name in ("nodes", "frames", "elements", "length"):
+            assert_close(getattr(both, name)[i], getattr(alone, name), rtol=0, atol=1e-15)
+
+
 def test_curve_of_a_function_is_second_order():
     """Curvature 2 s about z over 1 m turns the tip by s^2 (a clothoid): the angle is exact, since midpoints integrate a line
     exactly; the place converges to that by quadrature.

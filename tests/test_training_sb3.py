@@ -15,7 +15,7 @@ from training.common import Budget
 from training.tuned import Task
 
 torch.set_num_threads(1)
-TINY = Task("tiny", "torchbeam/TipReach-v0", dict(elements=2, substeps=1, max_episode_steps=4))
+TINY = Task("tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=4))
 
 
 @pytest.fixture(autouse=True)
@@ -32,7 +32,7 @@ def test_adapter_is_the_vector_env():
     env, plain = sb3.Sb3VecEnv(TINY.make(3)), TINY.make(3)
     env.seed(5)
     np.testing.assert_array_equal(env.reset(), plain.reset(seed=5)[0])
-    push = np.full((3, 2), 0.5, dtype=np.float32)
+    push = np.full((3, 1), 0.5, dtype=np.float32)
     for k in range(8):
         observation, reward, done, infos = env.step(push)
         expected = plain.step(push)

@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from .checks import count as check_count
-from .modes import inverse_spectrum
+from .eigen import inverse_spectrum
 from .newton import no_derivatives, wants_gradient
 from .nodal.matrices import matrices, moves
 from .nodal.model import Model

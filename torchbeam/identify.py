@@ -14,7 +14,7 @@ from .checks import Value, as_tensor, common_dtype, count, finite, positive
 Model = Callable[[Tensor], Tensor]  # theta (N, p) -> y (N, ...)
 CONVERGED, UNFINISHED, STUCK = 0, 1, 2
 REASON = {CONVERGED: "converged", UNFINISHED: "more iterations are wanted", STUCK: "no step makes the misfit smaller"}
-DERIVATIVES = ("forward", "difference")
+DERIVATIVES = ("forward", "difference", "adjoint")
 DAMPING = 1e-3  # at the start, of the diagonal of J^T J
 LARGEST = 1e10
 
@@ -72,8 +72,10 @@ def identify(model: Model, data: Value, start: Value, *, log: bool = False, boun
     bounds       (least, largest) of theta, (p,) each: a step that leaves them is cut
     sigma        (...) standard deviation of the data: weights them, and scales the covariance
     derivatives  "forward": forward mode, the p directions as a batch; "difference": central differences of `relative_step`,
-                 for models without derivatives. Both cost a model of p, or 2 p + 1, times the starts.
-    tolerance    of the largest step, relative to theta (with `log` of log theta); also of the decrease of the squares
+                 for models without derivatives: a batch of p, or 2 p + 1, times the starts. "adjoint": the gradient of the
+                 squares by reverse mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond some
+                 tens; it takes more iterations, one start after the other, no bounds, and one "forward" in the end
+    tolerance    of the largest step, relative to theta (with `log` of log theta); also, squared, of the decrease of the squares
 
     Levenberg's and Marquardt's method: (J^T J + lambda diag(J^T J)) step = -J^T r, lambda raised until the squares go down,
     each start by itself; a start whose model is not finite shortens its step. (Nocedal and Wright 2006, section 10.3.)
@@ -97,6 +99,8 @@ def identify(model: Model, data: Value, start: Value, *, log: bool = False, boun
     if known.sum() < p:
         raise ValueError(f"{int(known.sum())} data were given for {p} parameters; at least as many are wanted")
     weight = torch.ones_like(data) if sigma is None else 1 / positive("sigma", as_tensor(sigma, dtype, device)).expand_as(data)
+    if bounds is not None and derivatives == "adjoint":
+        raise ValueError("bounds were given with derivatives = 'adjoint', which takes none; 'forward' does")
     least, largest = (None, None) if bounds is None else (as_tensor(b, dtype, device) for b in bounds)
     if log:
         positive("start", start)
@@ -110,10 +114,12 @@ def identify(model: Model, data: Value, start: Value, *, log: bool = False, boun
                              f"{(len(x), *data.shape)} is wanted")
         return ((y - data) * weight)[:, known]
 
+    first, limit = start.log() if log else start, count("iterations", iterations)
     with torch.no_grad():
-        found = _search(seen, start.log() if log else start, least, largest, derivatives, relative_step,
-                        count("iterations", iterations), tolerance)
-        x, r, J, statuses, history = found
+        if derivatives == "adjoint":
+            x, r, J, statuses, history = _descend(seen, first, limit, tolerance)
+        else:
+            x, r, J, statuses, history = _search(seen, first, least, largest, derivatives, relative_step, limit, tolerance)
         squares = r.square().sum(-1)
         best = int(torch.where(torch.isfinite(squares), squares, torch.inf).argmin())
         scale = 1.0 if sigma is not None else squares[best] / max(r.shape[1] - p, 1)
@@ -168,6 +174,44 @@ def _search(seen: Model, x: Tensor, least: Any, largest: Any, derivatives: str, 
         if (status != UNFINISHED).all():
             break
     return x, r, J, status, torch.stack(history)
+
+
+def _descend(seen: Model, x: Tensor, iterations: int, tolerance: float) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """The same by L-BFGS (Liu and Nocedal 1989) with strong Wolfe conditions, each start by itself; no move is longer than
+    the first wants to be, the parameters' own size.
+    """
+    ends, statuses, ways = [], [], []
+    for start in x:
+        size = torch.where(start.abs() > 1e-3, start.abs(), torch.ones_like(start))
+        scaled = (start / size).requires_grad_()
+        search = torch.optim.LBFGS([scaled], max_iter=1, max_eval=25, tolerance_grad=0, tolerance_change=0,
+                                   line_search_fn="strong_wolfe")
+        scale, way, status = None, [start], UNFINISHED
+
+        def squares(scaled: Tensor = scaled, size: Tensor = size, search: Any = search) -> Tensor:
+            nonlocal scale
+            search.zero_grad()
+            with torch.enable_grad():
+                value = seen((scaled * size)[None]).square().sum()
+                scale = value.detach() if scale is None else scale
+                value = value / (scale + torch.finfo(value.dtype).tiny)
+                value.backward()
+            return value
+
+        for _ in range(iterations):
+            before = scaled.detach().clone()
+            search.step(squares)
+            way.append(scaled.detach() * size)
+            if (scaled.detach() - before).abs().amax() <= tolerance * (before.abs().amax() + tolerance):
+                status = CONVERGED
+                break
+        ends.append(way[-1])
+        statuses.append(status)
+        ways.append(torch.stack(way))
+    length = max(map(len, ways))
+    ways = [torch.cat((w, w[-1:].expand(length - len(w), -1))) for w in ways]
+    x = torch.stack(ends)
+    return x, *_forward(seen, x, 0.0), torch.tensor(statuses, device=x.device), torch.stack(ways, 1)
 
 
 def _forward(seen: Model, x: Tensor, _: float) -> tuple[Tensor, Tensor]:

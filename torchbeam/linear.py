@@ -18,6 +18,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from . import quaternions as quat
 from .checks import count as check_count
 from .checks import step_size
 from .nodal.matrices import matrices
@@ -38,6 +39,7 @@ class Linear:
     A        (..., n, n);  B (..., n, m);  C (..., p, n);  D (..., p, m)
     state    the equilibrium;  output (..., p): what the sensors say there
     inputs   name -> its columns of B and D;  outputs: each sensor's rows of C and D
+    reads    (..., n, 12 (N+1)) z of the nodes' moves (m, rad; frame a) and their rates
     dt       s, of a model in discrete time; else None
     mass     (..., n/2, n/2) where z = [q; q'] and undamped frequencies are those of K - omega^2 mass; else None
 
@@ -52,8 +54,19 @@ class Linear:
     output: Tensor
     inputs: dict[str, slice]
     outputs: tuple[slice, ...]
+    reads: Tensor
     dt: float | None = None
     mass: Tensor | None = None
+
+    def departure(self, state: State) -> Tensor:
+        """z (..., n) of a state of the beam near the equilibrium: what a feedback of the whole state reads."""
+        own = self.state
+        turn = quat.logarithm(quat.multiply(state.rotation, quat.conjugate(own.rotation)))
+        spin, there = quat.rotate(state.rotation, state.spin), quat.rotate(own.rotation, own.spin)
+        moved = state.position - own.position
+        rate = state.velocity - own.velocity - torch.linalg.cross(there.expand_as(moved), moved)
+        nodes = torch.cat((torch.cat((moved, turn), -1).flatten(-2), torch.cat((rate, spin - there), -1).flatten(-2)), -1)
+        return (self.reads @ nodes[..., None])[..., 0]
 
     def discrete(self, dt: float) -> Linear:
         """The same with the inputs held over steps of dt (s): exact, by the exponential of [[A, B], [0, 0]] dt, whether or
@@ -86,6 +99,7 @@ class Linear:
             raise ValueError(f"count = {count} was given; the model has {n // 2} modes")
         right, left = self._by_mass(count) or self._by_pairs(count)
         small = replace(self, A=left @ self.A @ right, B=left @ self.B, C=self.C @ right,
+                        reads=left @ self.reads,
                         mass=None if self.mass is None else torch.eye(count, dtype=self.A.dtype, device=self.A.device))
         if static:
             small = replace(small, D=small.D + self.response(0.0).real - small.response(0.0).real)
@@ -173,8 +187,14 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
     for name, size in scene.inputs.items():
         names[name] = slice(columns, columns + size)
         columns += size
-    parts = _assemble(M, D, K, G, Y, Y_v, Y_u, near.without_inertia(M))
-    return Linear(*parts[:4], state=state, output=value, inputs=names, outputs=rows, mass=parts[4])
+    massless = near.without_inertia(M)
+    *parts, mass = _assemble(M, D, K, G, Y, Y_v, Y_u, massless)
+    kept = (~massless).nonzero()[:, 0]
+    first = kept if mass is not None else torch.cat((kept, massless.nonzero()[:, 0]))
+    moves = near.reads()
+    zero = torch.zeros_like(moves)
+    reads = torch.cat((torch.cat((moves, zero), -1)[..., first, :], torch.cat((zero, moves), -1)[..., kept, :]), -2)
+    return Linear(*parts, state=state, output=value, inputs=names, outputs=rows, reads=reads, mass=mass)
 
 
 def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor, Y_u: Tensor, massless: Tensor

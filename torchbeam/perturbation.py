@@ -51,6 +51,12 @@ class Perturbation:
         full = torch.zeros(*q.shape[:-1], w * nodes, dtype=q.dtype, device=q.device)
         return full.index_copy(-1, self.free, (self.axes @ q[..., None])[..., 0]).unflatten(-1, (nodes, w))
 
+    def reads(self) -> Tensor:
+        """(..., n, 6 (N+1)): q of the nodes' moves, the inverse of `nodes`."""
+        nodes = self.state.position.shape[-2]
+        full = torch.zeros(*self.axes.shape[:-1], 6 * nodes, dtype=self.axes.dtype, device=self.axes.device)
+        return full.index_copy(-1, self.free, self.axes.mT)
+
     def without_inertia(self, M: Tensor) -> Tensor:
         """(n,) bool; ValueError where samples differ."""
         nodes, p, w = self.model.count + 1, self.model.space.position, self.model.space.unknowns

@@ -8,21 +8,17 @@ import torch
 from torchbeam_envs.baselines import LQG, LQR, PD, Controller, Optimum, Static, Zero
 from torchbeam_envs.baselines.holding import search
 
-from .evaluate import evaluate
+from .evaluate import evaluate, make
 from .tuned import TRAINING, Task
 
 EPISODES = 16  # that tuning looks at
 SETS = 24  # of gains in a round of the search
-EFFORTS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # weights of the action that LQR and LQG choose from
-
-
-def make(task: Task, num_envs: int = 1):
-    return task.make(num_envs, output="torch", autoreset_mode="Disabled")
+EFFORTS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # weights of the action that LQR and LQG choose from
 
 
 def pd(task: Task) -> Controller:
     """Gains by random search."""
-    env = make(task)
+    env = make(task, 1)
     controller = PD(env, [1.0, 3.0] * len(env.force))
 
     def score(gains: torch.Tensor) -> torch.Tensor:
@@ -52,9 +48,10 @@ def returns(env, controller: Controller, seeds: list[int]) -> torch.Tensor:
 def regulated(kind: type[LQR]) -> Callable[[Task], Controller]:
     def made(task: Task) -> Controller:
         """The effort of most return."""
-        env = make(task)
+        env = make(task, 1)
         found = [kind(env, effort) for effort in EFFORTS]
-        scores = [evaluate(task, one, EPISODES, TRAINING)["return"] for one in found]
+        together = make(task, EPISODES)
+        scores = [evaluate(task, one, EPISODES, TRAINING, together)["return"] for one in found]
         best = max(range(len(found)), key=scores.__getitem__)
         found[best].settings = {"effort": EFFORTS[best]}
         return found[best]
@@ -63,12 +60,12 @@ def regulated(kind: type[LQR]) -> Callable[[Task], Controller]:
 
 def optimum(task: Task) -> Controller:
     """From what the tuned LQR does."""
-    found = Optimum(make(task), regulated(LQR)(task))
+    found = Optimum(make(task, 1), regulated(LQR)(task))
     found.episodes = 64  # of those that scores come from, the first
     return found
 
 
 BASELINES: dict[str, Callable[[Task], Controller]] = {
-    "zero": lambda task: Zero(), "static": lambda task: Static(make(task)), "pd": pd, "lqr": regulated(LQR),
+    "zero": lambda task: Zero(), "static": lambda task: Static(make(task, 1)), "pd": pd, "lqr": regulated(LQR),
     "lqg": regulated(LQG), "optimum": optimum,
 }

@@ -18,7 +18,7 @@ from typing import Any, Protocol, get_type_hints
 import torch
 from gymnasium.vector import VectorEnv
 
-from .evaluate import EPISODES, Controller, evaluate
+from .evaluate import EPISODES, Controller, evaluate, make
 from .policies import Policy, save, write
 from .tuned import TASKS, TRAINING, Task
 
@@ -51,17 +51,17 @@ class Budget:
         return min(1.0, max(by_steps, 0.0 if self.minutes is None else seconds / (60 * self.minutes)))
 
 
-def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, name: str = "run", every: int = 10_000,
+def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, name: str = "run", every: int = 20_000,
           episodes: int = 64, final: int = EPISODES, progress: bool = True) -> dict[str, Any]:
     """Iterate until the budget is used up; writes NAME.csv (log), NAME.pt (policy) and, meanwhile, NAME.checkpoint.
 
     A run whose checkpoint is there goes on from it. With a budget of steps alone, it then ends in the same bits as a run that
-    was never stopped. About every `every` steps the policy is scored on `episodes` held-out episodes and a checkpoint is
-    written; the time that takes is not in `seconds`.
+    was never stopped. About every `every` steps, and more often at first, the policy is scored on `episodes` held-out episodes
+    and a checkpoint is written; the time that takes is not in `seconds`.
     """
     folder, each = Path(folder), max(1, round(every / learner.batch))
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
-    iteration, steps, seconds = 0, 0, 0.0
+    iteration, steps, seconds, judge = 0, 0, 0.0, make(task, episodes)
     if checkpoint.exists():
         state = torch.load(checkpoint, weights_only=False)  # pickled states of environments: load your own only
         learner.load_state_dict(state["learner"])
@@ -69,7 +69,7 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
         log.rewind(state["rows"])
     else:
         log.rewind(0)
-        log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **held_out(task, learner.policy, episodes)})
+        log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **held_out(task, learner.policy, judge)})
     with Bar(name, progress) as bar:
         while (done := budget.done(steps, seconds)) < 1:
             start = time.perf_counter()
@@ -77,8 +77,8 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
             seconds += time.perf_counter() - start
             iteration, steps = iteration + 1, steps + learner.batch
             over = budget.done(steps, seconds)
-            if iteration % each == 0 or over >= 1:
-                scores = held_out(task, learner.policy, episodes)
+            if iteration % max(1, min(each, iteration // 8)) == 0 or over >= 1:
+                scores = held_out(task, learner.policy, judge)
                 log.write({"iteration": iteration, "steps": steps, "seconds": seconds, **scores, **figures})
                 write({"learner": learner.state_dict(), "iteration": iteration, "steps": steps, "seconds": seconds,
                        "rows": log.rows}, checkpoint)
@@ -90,9 +90,9 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
     return result
 
 
-def held_out(task: Task, controller: Controller, episodes: int) -> dict[str, float]:
-    """The scores that go into the log."""
-    scores = evaluate(task, controller, episodes)
+def held_out(task: Task, controller: Controller, env: VectorEnv) -> dict[str, float]:
+    """The scores that go into the log; env from `evaluate.make`."""
+    scores = evaluate(task, controller, env.num_envs, env=env)
     return {f"held_out_{name}": scores[name] for name in ("return", "success", "final_error")}
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
+from gymnasium.vector import VectorEnv
 
 from .policies import load
 from .tuned import HELD_OUT, TASKS, Task
@@ -20,31 +21,39 @@ Controller = Callable[[torch.Tensor], torch.Tensor]
 """observation (n, o) -> action (n, a); a method `begin(env)`, if it has one, is called after the reset of the n episodes"""
 
 
+def make(task: Task, episodes: int) -> VectorEnv:
+    """The env that `evaluate` plays in."""
+    return task.make(episodes, output="torch", autoreset_mode="Disabled")
+
+
 @torch.no_grad()
-def evaluate(task: Task, controller: Controller, episodes: int = EPISODES, first: int = HELD_OUT) -> dict[str, float]:
-    """One episode each on the seeds first, first + 1, ...
+def evaluate(task: Task, controller: Controller, episodes: int = EPISODES, first: int = HELD_OUT,
+             env: VectorEnv | None = None) -> dict[str, float]:
+    """One episode each on the seeds first, first + 1, ...; env: one from `make` with as many, to be used again.
 
     return           mean of the sum of rewards, and return_deviation over the episodes
     success          share of the episodes whose error stays within the task's tolerance over its last `hold` steps
     final_error      mean error over these steps (m), and final_error_median over the episodes
-    solver_failures  episodes that ended because a solve failed; they are no success, and their error is the last one
+    ended            episodes that ended before their time: they are no success, and their error is the last one
+    solver_failures  those of them in which a solve failed
     """
-    env = task.make(episodes, output="torch", autoreset_mode="Disabled")
+    env = make(task, episodes) if env is None else env
     observation, _ = env.reset(seed=first)
     if hasattr(controller, "begin"):
         controller.begin(env)
     total = torch.zeros(episodes, dtype=torch.float64)
-    errors, over = [], torch.zeros(episodes, dtype=torch.bool)
+    errors, failures, over = [], 0, torch.zeros(episodes, dtype=torch.bool)
     while not over.all():
         observation, reward, terminated, truncated, info = env.step(controller(observation))
         total, over = total + reward, terminated | truncated
         errors.append(info[task.error])
+        failures += int(info["solver_failed"].sum())
     last = torch.stack(errors[-task.hold:])
     final = last.mean(0)
     success = (last <= task.tolerance).all(0) & ~terminated
     return {"return": total.mean().item(), "return_deviation": total.std().item(), "success": success.double().mean().item(),
             "final_error": final.mean().item(), "final_error_median": final.median().item(),
-            "solver_failures": int(terminated.sum()), "episodes": episodes}
+            "ended": int(terminated.sum()), "solver_failures": failures, "episodes": episodes}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -21,9 +21,9 @@ from .tuned import Task
 class Arguments:
     seed: int = 0
     """of the networks, the noise and the episodes"""
-    num_envs: int = 32
+    num_envs: int = 128
     """sub-environments"""
-    horizon: int = 50
+    horizon: int = 25
     """control intervals between two updates"""
     hidden: tuple[int, ...] = (64, 64)
     """units of the hidden layers, of the policy and of the value"""

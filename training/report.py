@@ -84,6 +84,7 @@ def table(runs: list[Run], curves: Callable[[Run], dict | None]) -> list[dict[st
                 row[f"common_{axis}"] = common[axis] if found else None
                 row[f"return_at_{axis}"] = mean(at) if found else None
                 row[f"return_at_{axis}_deviation"] = deviation(at) if found else None
+            row["ended"] = sum(run["ended"] for run in group)
             row["solver_failures"] = sum(run["solver_failures"] for run in group)
             rows.append(row)
     return rows
@@ -103,11 +104,11 @@ def markdown(rows: list[dict[str, Any]]) -> str:
              "return at equal time |", "|---|---|---:|---:|---:|---:|---:|---:|---:|"]
     for row in rows:
         training = "" if row["seconds"] is None else f"{row['seconds'] / 60:.1f} min"
-        equal = [_pm(row[f"return_at_{axis}"], row[f"return_at_{axis}_deviation"], 1) for axis in ("steps", "seconds")]
+        equal = [_pm(row[f"return_at_{axis}"], row[f"return_at_{axis}_deviation"]) for axis in ("steps", "seconds")]
         success = _pm(100 * row["success"], _times(100, row["success_deviation"]), 0)
         error = _pm(1e3 * row["final_error"], _times(1e3, row["final_error_deviation"]), 1)
         steps = f"{row['steps']:,.0f}" if row["steps"] else ""
-        lines.append(f"| {row['task']} | {LABELS[row['algorithm']]} | {_pm(row['return'], row['return_deviation'], 1)} | "
+        lines.append(f"| {row['task']} | {LABELS[row['algorithm']]} | {_pm(row['return'], row['return_deviation'])} | "
                      f"{success} % | {error} mm | {steps} | {training} | {equal[0]} | {equal[1]} |")
     for task in dict.fromkeys(row["task"] for row in rows):
         common = [row for row in rows if row["task"] == task and row["seconds"] is not None]
@@ -119,9 +120,10 @@ def markdown(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def _pm(value: float | None, spread: float | None, digits: int) -> str:
+def _pm(value: float | None, spread: float | None, digits: int | None = None) -> str:
     if value is None:
         return ""
+    digits = (2 if abs(value) < 10 else 1) if digits is None else digits
     return f"{value:.{digits}f}" + ("" if spread is None else f" ± {spread:.{digits}f}")
 
 
@@ -144,7 +146,9 @@ def policies(out: Path, runs: list[Run]) -> None:
 
 
 def picture(out: Path, runs: list[Run]) -> None:
-    """Held-out return against steps and against training time, one row a task: mean over seeds, 95 % confidence band."""
+    """Cost (minus the return on held-out episodes) against steps and against training time, one row a task, logarithmic: the
+    geometric mean over seeds with its 95 % confidence band.
+    """
     import matplotlib.pyplot as plt
 
     names = [name for name in TASKS if any(run["task"] == name for run in runs)]
@@ -152,35 +156,48 @@ def picture(out: Path, runs: list[Run]) -> None:
         return
     with plt.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False,
                          "axes.titlelocation": "left", "axes.titlesize": 10}):
-        figure, axes = plt.subplots(len(names), 2, figsize=(10.5, 3.1 * len(names)), squeeze=False, layout="constrained")
+        figure, axes = plt.subplots(len(names), 2, figsize=(11, 3.2 * len(names)), squeeze=False, layout="constrained")
         for name, pair in zip(names, axes, strict=True):
-            here = [run for run in runs if run["task"] == name]
+            here = sorted((run for run in runs if run["task"] == name), key=lambda run: list(LABELS).index(run["algorithm"]))
             for ax, axis, unit, label in ((pair[0], "steps", 1e3, "environment steps (thousands)"),
                                           (pair[1], "seconds", 60, "training time, one thread (minutes)")):
-                _curves(ax, out, here, axis, unit)
-                _levels(ax, here)
-                ax.set(xlabel=label, title=f"{name}: return on held-out episodes")
+                levels = _levels(ax, here)
+                levels += _curves(ax, out, here, axis, unit)
+                ax.set(xscale="log", yscale="log", xlabel=label, ylim=(min(levels) / 1.3, max(levels) * 1.3),
+                       title=f"{name}: cost (- return) on held-out episodes")
             pair[1].legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
         figure.savefig(out / "curves.png", dpi=120)
         plt.close(figure)
 
 
-def _curves(ax: Any, out: Path, runs: list[Run], axis: str, unit: float) -> None:
-    for algorithm in sorted({run["algorithm"] for run in runs}, key=list(LABELS).index):
+def _curves(ax: Any, out: Path, runs: list[Run], axis: str, unit: float) -> list[float]:
+    """Draw the learners; returns some of their costs."""
+    levels = []
+    for algorithm in dict.fromkeys(run["algorithm"] for run in runs):
         found = [one for run in runs if run["algorithm"] == algorithm and (one := curve(out / "runs", run)) is not None]
         if not found:
             continue
-        x = np.linspace(0, min(one[axis][-1] for one in found), 200)
-        y = np.array([np.interp(x, one[axis], one["held_out_return"]) for one in found])
-        color = COLORS[algorithm]
-        ax.plot(x / unit, y.mean(0), color=color, lw=1.6, label=LABELS[algorithm])
+        first, last = max(one[axis][1] for one in found), min(one[axis][-1] for one in found)
+        x = np.geomspace(first, max(first, last), 200)
+        y = np.array([np.interp(x, one[axis], np.log(_cost(one["held_out_return"]))) for one in found])
+        color, mean = COLORS[algorithm], y.mean(0)
+        ax.plot(x / unit, np.exp(mean), color=color, lw=1.8, label=LABELS[algorithm])
         if 1 < len(found) <= len(T95):
             half = T95[len(found) - 1] * y.std(0, ddof=1) / math.sqrt(len(found))
-            ax.fill_between(x / unit, y.mean(0) - half, y.mean(0) + half, color=color, alpha=0.18, lw=0)
+            ax.fill_between(x / unit, np.exp(mean - half), np.exp(mean + half), color=color, alpha=0.18, lw=0)
+        levels += [np.exp(y).min(), np.exp(y).max()]
+    return levels
 
 
-def _levels(ax: Any, runs: list[Run]) -> None:
-    """Baselines as lines across."""
+def _levels(ax: Any, runs: list[Run]) -> list[float]:
+    """Draw the baselines as lines across; returns their costs."""
+    levels = []
     for run in runs:
         if run["algorithm"] in STYLES:
-            ax.axhline(run["return"], color="0.35", ls=STYLES[run["algorithm"]], lw=1, label=LABELS[run["algorithm"]])
+            levels.append(float(_cost(run["return"])))
+            ax.axhline(levels[-1], color="0.35", ls=STYLES[run["algorithm"]], lw=1, label=LABELS[run["algorithm"]])
+    return levels
+
+
+def _cost(value: Any) -> Any:
+    return np.maximum(-np.asarray(value), 1e-6)

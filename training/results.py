@@ -14,7 +14,7 @@ import json
 import os
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
@@ -117,14 +117,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     budget = Budget(options.budget, options.minutes)
     print(f"{len(wanted)} runs, {len(wanted) - len(missing)} of them done; {options.jobs} processes", flush=True)
     failures = {}
-    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[name] = "1"  # for the processes that are started below
-    with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool, Bar("runs", True) as bar:
-        jobs = {pool.submit(attempt, *one, folder, budget, options.episodes): one for one in missing}
-        for count, job in enumerate(as_completed(jobs), 1):
-            name = run_name(*jobs[job])
-            failures.update({name: why} if (why := _outcome(job)) else {})
-            bar.say(name)
+    with Bar("runs", True) as bar:
+        for count, (one, why) in enumerate(outcomes(missing, (folder, budget, options.episodes), options.jobs), 1):
+            failures.update({run_name(*one): why} if why else {})
+            bar.say(run_name(*one))
             bar.to(count / len(missing))
     for name, why in failures.items():
         print(f"{name} failed: {why}")
@@ -132,11 +128,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 1 if failures else 0
 
 
-def _outcome(job: Any) -> str:
-    try:
-        return job.result()
-    except Exception as error:  # the process died: a later call makes the run again
-        return repr(error)
+def outcomes(missing: list[tuple], arguments: tuple, jobs: int) -> Iterator[tuple[tuple, str]]:
+    """Each run with what `attempt` said of it, as they end; in this process where jobs = 1."""
+    if jobs == 1:
+        yield from ((one, attempt(*one, *arguments)) for one in missing)
+        return
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[name] = "1"  # for the processes that are started below
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        started = {pool.submit(attempt, *one, *arguments): one for one in missing}
+        for job in as_completed(started):
+            try:
+                yield started[job], job.result()
+            except Exception as error:  # the process died: a later call makes the run again
+                yield started[job], repr(error)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from .common import Bar, Budget, Log, held_out, training_seed
 from .evaluate import EPISODES, evaluate
+from .evaluate import make as judge
 from .tuned import SB3 as TUNED
 from .tuned import TASKS, Task
 
@@ -68,8 +69,7 @@ class Sb3VecEnv(VecEnv):
         return observation, reward.astype(np.float32), done, infos
 
     def _each(self, info: dict[str, Any]) -> list[dict[str, Any]]:
-        names = [name for name in info if not name.startswith("_")]
-        return [{name: info[name][i] for name in names} for i in range(self.num_envs)]
+        return [_one(info, i) for i in range(self.num_envs)]
 
     def close(self) -> None:
         self.env.close()
@@ -85,6 +85,11 @@ class Sb3VecEnv(VecEnv):
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
         return [False] * len(list(self._get_indices(indices)))
+
+
+def _one(info: dict[str, Any], i: int) -> dict[str, Any]:
+    return {name: _one(value, i) if isinstance(value, dict) else value[i] for name, value in info.items()
+            if not name.startswith("_")}
 
 
 class Greedy:
@@ -129,7 +134,7 @@ class Watch(BaseCallback):
     def __init__(self, task: Task, controller: Greedy, log: Log, budget: Budget, bar: Bar, every: float, episodes: int) -> None:
         super().__init__()
         self.task, self.controller, self.log, self.budget = task, controller, log, budget
-        self.bar, self.every, self.episodes = bar, every, episodes
+        self.bar, self.every, self.judge = bar, every, judge(task, episodes)
         self.seconds, self.next = 0.0, every
 
     def _on_training_start(self) -> None:
@@ -149,7 +154,7 @@ class Watch(BaseCallback):
         return done < 1
 
     def _score(self) -> None:
-        scores = held_out(self.task, self.controller, self.episodes)
+        scores = held_out(self.task, self.controller, self.judge)
         self.log.write({"steps": self.num_timesteps, "seconds": self.seconds, **scores})
         self.bar.say(f"return {scores['held_out_return']:.1f}")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -80,31 +81,43 @@ class Holding:
 
 
 class Static(Controller):
-    """The action that holds the target, now where it is, in static equilibrium; none where the task has no target."""
+    """The action that holds the target in static equilibrium, where the target is when the action acts; none where the task has
+    no target.
+    """
 
     def __init__(self, env: BeamVectorEnv, read: Callable[[State], Tensor] | None = None) -> None:
-        self.holding = Holding.of(env, read)
+        self.model, self.read = env, read
+
+    @cached_property
+    def holding(self) -> Holding:
+        return Holding.of(self.model, self.read)
 
     def begin(self, env: BeamVectorEnv) -> None:
         super().begin(env)
         self.held: Tensor | None = None
 
-    def target(self) -> Tensor | None:
-        """(n, 3) m, now."""
-        return self.env.sketch(self.env.state).get("target")
+    def targets(self) -> Tensor | None:
+        """(n, delay + 2, 3) m: now, and at the ends of the next intervals until an action that is given now has acted."""
+        env, now = self.env, self.env.state
+        if hasattr(env, "target"):
+            return env.target(now, env.instants(now, env.delay + 1))
+        target = env.sketch(now).get("target")
+        return None if target is None else target[:, None].expand(-1, env.delay + 2, -1)
 
     def hold(self) -> Tensor:
-        """(n, a), the actions that hold the targets."""
-        target = self.target()
-        none = torch.zeros(self.env.action_space.shape, dtype=self.env.dtype, device=self.env.device)
-        if target is None:
-            self.held = none[:, self.env.HUB:]
-        else:
-            self.held = self.holding.action(target, self.held)
-        return torch.cat((none[:, :self.env.HUB], self.held), -1)
+        """(n, delay + 2, tip forces): the actions that hold `targets`."""
+        env, targets = self.env, self.targets()
+        if targets is None:
+            return env.high.new_zeros(env.num_envs, env.delay + 2, len(env.force))
+        self.held = self.holding.action(targets.flatten(0, 1), self.held)
+        return self.held.unflatten(0, targets.shape[:2])
+
+    def whole_action(self, force: Tensor) -> Tensor:
+        """(n, a): with no action of the hub."""
+        return torch.cat((force.new_zeros(len(force), self.env.HUB), force), -1)
 
     def act(self, observation: Tensor) -> Tensor:
-        return self.hold()
+        return self.whole_action(self.hold()[:, -1])
 
 
 def pd(gains: Tensor, gap: Tensor, velocity: Tensor, hold: Tensor) -> Tensor:
@@ -115,8 +128,8 @@ def pd(gains: Tensor, gap: Tensor, velocity: Tensor, hold: Tensor) -> Tensor:
 
 
 class PD(Static):
-    """`pd` around the holding action, from the gap between tip and target over the length, and the tip's velocity over
-    length * first frequency. Where there is no target, it is the tip's place at the start.
+    """`pd` around the holding action, from the gap between tip and target over the length, and the tip's velocity less the
+    target's over length * first frequency. Where there is no target, it is the tip's place at the start.
 
     gains  (2k,) for k force axes, or (n, 2k), each sub-env's own
     """
@@ -126,12 +139,12 @@ class PD(Static):
         self.gains = torch.atleast_2d(torch.as_tensor(gains, dtype=env.dtype, device=env.device))
 
     def act(self, observation: Tensor) -> Tensor:
-        env, now, hold = self.env, self.env.state, self.hold()
-        target = self.target()
-        target = now.start.tip.position if target is None else target
-        gap = (target - now.beam.tip.position) @ env.axes.T / env.length
-        velocity = now.beam.tip.velocity @ env.axes.T / env.speed
-        return torch.cat((hold[:, :env.HUB], pd(self.gains, gap, velocity, hold[:, env.HUB:])), -1)
+        env, now, targets = self.env, self.env.state, self.targets()
+        targets = now.start.tip.position[:, None].expand(-1, 2, -1) if targets is None else targets
+        gap = (targets[:, 0] - now.beam.tip.position) @ env.axes.T / env.length
+        moving = (targets[:, 1] - targets[:, 0]) / env.control_interval
+        velocity = (now.beam.tip.velocity - moving) @ env.axes.T / env.speed
+        return self.whole_action(pd(self.gains, gap, velocity, self.hold()[:, -1]))
 
 
 def search(score: Callable[[Tensor], Tensor], first: Sequence[float], *, sets: int, seed: int,

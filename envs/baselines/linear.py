@@ -16,11 +16,12 @@ SENSOR, ACTION = 1e-3, 0.1  # standard deviations that the filter reckons with: 
 
 
 class LQR(Static):
-    """u = hold - K [z - z_hold; pending actions - hold], with K from the discrete Riccati equation.
+    """u = hold - K [z - z_hold; pending actions - hold], with K from the discrete Riccati equation; tip forces alone.
 
     z is the whole state of the beam (displacements, turns and rates of all nodes), read off the simulation. The model is
     `tb.linearize` about the start at the usual parameters, exact over control intervals with the action held, and with the
-    delay in it; z_hold and hold are those of the nonlinear equilibrium at the target. The cost is
+    delay in it; z_hold and hold are those of the nonlinear equilibria along the target's path, with the rates at which they
+    follow each other. The cost is
 
         sum  |tip - target|^2 / (0.1 L)^2 + speed_weight |tip velocity|^2 / (L omega)^2 + effort |u - hold|^2
 
@@ -58,8 +59,7 @@ class LQR(Static):
         still = {name: env.high.new_zeros(1, size) for name, size in scene.inputs.items()}
         sensors = [self.whole, lambda state: self.readings(env, state)]
         model = tb.linearize(scene, self.rest, sensors, **still).discrete(env.control_interval)
-        push = torch.eye(env.action_space.shape[-1], dtype=env.dtype, device=env.device)[:, env.HUB:]
-        force = push @ torch.diag(env.force) @ env.axes  # (a, 3) N
+        force = torch.diag(env.force) @ env.axes  # (tip forces, 3) N
         A, B, C = (x[0] if x.ndim > 2 else x for x in (model.A, model.B, model.C))
         return A, B[:, model.inputs["force"]] @ force.mT, C[:self.sizes[0]], C[self.sizes[0]:]
 
@@ -74,19 +74,28 @@ class LQR(Static):
         """(..., sensors): what the env's sensors say, without noise."""
         return env.sensors.read(state, self.rest, env.length, env.speed[:1])
 
-    def reference(self) -> tuple[Tensor, Tensor, Tensor]:
-        """(hold (n, a), whole state (n, 12 N), readings (n, s)) at the targets."""
+    def reference(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Along the targets: hold (n, delay + 2, tip forces); now: z at rest there (n, z), its rates (n, z) and, with them, the
+        readings (n, s).
+        """
         hold = self.hold()
-        return hold, *self.holding.at(hold[:, self.env.HUB:]).split(self.sizes, -1)
+        if self.targets() is None:
+            none = hold.new_zeros(len(hold), len(self.A))
+            return hold, none, none, hold.new_zeros(len(hold), self.sizes[1])
+        whole, readings = self.holding.at(hold[:, 0]).split(self.sizes, -1)
+        after = self.holding.at(hold[:, 1]).split(self.sizes, -1)[0]
+        moved = (after - whole)[:, :self.sizes[0] // 2] / self.env.control_interval
+        rates = torch.cat((torch.zeros_like(moved), moved), -1) @ self.decode.mT
+        return hold, whole @ self.decode.mT, rates, readings + rates @ self.C.mT
 
     def feedback(self, hold: Tensor, z: Tensor) -> Tensor:
         """(n, a) from departures z (n, z) from the reference."""
-        pending = (self.env.state.pending - hold[:, None]).flatten(1)
-        return hold - torch.cat((z, pending), -1) @ self.K.mT
+        pending = (self.env.state.pending[..., self.env.HUB:] - hold[:, 1:-1]).flatten(1)
+        return hold[:, -1] - torch.cat((z, pending), -1) @ self.K.mT
 
     def act(self, observation: Tensor) -> Tensor:
-        hold, whole, _ = self.reference()
-        return self.feedback(hold, (self.whole(self.env.state.beam) - whole) @ self.decode.mT)
+        hold, still, rates, _ = self.reference()
+        return self.whole_action(self.feedback(hold, self.whole(self.env.state.beam) @ self.decode.mT - still - rates))
 
 
 class LQG(LQR):
@@ -101,32 +110,24 @@ class LQG(LQR):
         noise = max(env.noise, SENSOR) ** 2 * torch.eye(len(self.C), dtype=self.C.dtype)
         # the filter's gain is the transpose of the regulator's of the transposed model: z_{k+1|k} is corrected by A L
         self.L = gain(self.A.mT, self.C.mT, ACTION**2 * self.B @ self.B.mT, noise).mT
+        self.M = torch.linalg.solve(self.A, self.L)  # what a reading says of z now
 
     def begin(self, env: BeamVectorEnv) -> None:
         super().begin(env)
-        self.z: Tensor | None = None  # departure from `self.about`, predicted
-        self.about = torch.zeros(env.num_envs, len(self.decode), dtype=env.dtype, device=env.device)
+        self.z: Tensor | None = None  # the prediction of now
 
     def act(self, observation: Tensor) -> Tensor:
         env = self.env
-        hold, whole, readings = self.reference()
-        about = whole @ self.decode.mT
-        if self.z is None:
-            self.z = self.whole(env.state.start) @ self.decode.mT
-        z = self.z + self.about - about  # what it was, seen from the new reference
-        first = observation.shape[-1] - env.delay * hold.shape[-1] - len(self.C)
-        seen = observation[:, first:first + len(self.C)]
-        error = seen - readings - z @ self.C.mT
-        action = self.feedback(hold, z + error @ self._correction().mT).clamp(-1, 1)
-        queue = torch.cat((env.state.pending, action[:, None]), 1)
-        self.z, self.about = z @ self.A.mT + (queue[:, 0] - hold) @ self.B.mT + error @ self.L.mT, about
-        return action
-
-    def _correction(self) -> Tensor:
-        """(z, s): what the reading of now says of z now; A times it is L."""
-        if not hasattr(self, "M"):
-            self.M = torch.linalg.solve(self.A, self.L)
-        return self.M
+        hold, still, rates, readings = self.reference()
+        start = self.whole(env.state.start) @ self.decode.mT if self.z is None else self.z
+        z = start - still - rates
+        first = observation.shape[-1] - env.state.pending[0].numel() - len(self.C)
+        error = observation[:, first:first + len(self.C)] - readings - z @ self.C.mT
+        action = self.feedback(hold, z + error @ self.M.mT).clamp(-1, 1)
+        queue = torch.cat((env.state.pending[..., env.HUB:], action[:, None]), 1)
+        # the equilibrium stays where it is under its own action: still = A still + B hold, whatever the amplitude
+        self.z = still + (z + rates) @ self.A.mT + (queue[:, 0] - hold[:, 0]) @ self.B.mT + error @ self.L.mT
+        return self.whole_action(action)
 
 
 def gain(A: Tensor, B: Tensor, Q: Tensor, R: Tensor) -> Tensor:

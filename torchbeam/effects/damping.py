@@ -60,8 +60,9 @@ class MassDamping(Acting):
         return (self.alpha[..., None],)
 
     def wrench(self, site: Site, t: Tensor, inputs: Inputs) -> Wrench:
-        momenta = self._mass(site) @ torch.cat(torch.broadcast_tensors(site.velocity, site.spin), -1)[..., None]
-        return momenta[..., :3, 0], momenta[..., 3:, 0]
+        motion = torch.stack(torch.broadcast_tensors(site.velocity, site.spin), -2) @ site.R  # rows R^T v and R^T w
+        momenta = (site.mass @ motion.flatten(-2)[..., None]).unflatten(-2, (2, 3))[..., 0] @ site.R.mT
+        return tuple((-like(self.alpha, site.R)[..., None, None, None] * momenta).unbind(-2))
 
     def tangent(self, site: Site, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """By the motion: -alpha R Mass R^T; by spin: R and R^T turn."""

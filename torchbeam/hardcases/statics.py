@@ -101,7 +101,7 @@ CASES = [
          "root moment less load and lever", helix, bound=1e-6, size=(10, 3)),
     Case("dead load past Euler's, statics", "P = 5 EI/L^2, twice the critical load, imperfection 1e-6: the straight beam is "
          "an equilibrium too", "deflection from the elastica's", buckled(5.0, 1e-6), bound=2e-2,
-         fails={"float32": "1e-6 of the load is lost in single precision: nothing tells a round column in which plane to buckle"}),
+         fails={"float32": "single precision loses 1e-6 of the load, and with it the plane in which a round column buckles"}),
     Case("bending stiffness ratio 1e6", "EI about y and z", "root moment less load and lever", stiffness_ratio, bound=1e-6,
          gradient=1e-4),
 ]
