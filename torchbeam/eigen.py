@@ -51,7 +51,7 @@ def slowest(M: Tensor, D: Tensor | None, K: Tensor, count: int, symmetric: bool,
 def _symmetric(M: Tensor, K: Tensor, count: int, chain: int) -> Pairs | None:
     """None where K is not even semidefinite: an unstable beam."""
     M, K = torch.broadcast_tensors(M, K)
-    blocks = None if K.shape[-1] <= DENSE or 4 * count > K.shape[-1] else blocks_of(M, K, chain)
+    blocks = None if not chain or K.shape[-1] <= DENSE or 4 * count > K.shape[-1] else blocks_of(M, K, chain)
     if blocks is None:
         M, K = (M + M.mT) / 2, (K + K.mT) / 2
     ways = (lambda K: torch.linalg.cholesky_ex(K).info == 0) if blocks is None else _definite_chain

@@ -93,9 +93,10 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     if count > free:
         raise ValueError(f"count = {count} was given; {scene.beam.count} elements have at most {free} modes")
     derivatives = wants_gradient(M, D, K)
+    chain = model.count + 1 - model.held.first if model.held.free is None else 0
     symmetric = all(load.conservative for load in scene.loads) and not turning(scene)
     with no_derivatives():
-        pairs = slowest(M, D, K, count, symmetric, scene.beam.count, derivatives)
+        pairs = slowest(M, D, K, count, symmetric, chain, derivatives)
     value, shape = attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, upright(pairs.right)[0])
     if normalize == "mass":
         real, imag = shape.real, shape.imag
