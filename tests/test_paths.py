@@ -3,12 +3,13 @@
 import math
 import warnings
 
+import numpy as np
 import pytest
 import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.paths import BRANCH_POINT, REGULAR
+from torchbeam.paths import BRANCH_POINT, LIMIT_POINT, REGULAR
 
 INF = math.inf
 # Timoshenko and Gere, Theory of Elastic Stability (1961), table 2.4: angle of the tip, P/Pcr, x/L, y/L
@@ -71,6 +72,82 @@ def test_elastica_behind_the_bifurcation():
         tip = tb.equilibrium(column(ratio * math.pi**2 / 4, lean, N=32), branch="stable").tip.position
     assert_close(tip[:, 0], x, rtol=0, atol=3e-3)
     assert_close(tip[:, 1], y * lean.sign(), rtol=0, atol=3e-3)
+
+
+def pushed(N):
+    """A column that has buckled to y > 0 under 1.3 times Euler's load (0.7 L), and an input that pushes it back."""
+    section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=(3.0, 1.0), mass=1.0, inertia=0.01)
+    loads = [tb.TipLoad(force=(-1.3 * math.pi**2 / 4, 0, 0)), tb.TipLoad(force=tb.Input("u", 3))]
+    scene = tb.Scene(tb.Beam.straight(1.0, N, section), loads)
+    return scene, tb.equilibrium(scene, branch="stable", u=torch.tensor([0.0, 1e-6, 0.0]))
+
+
+def snapping_force():
+    """The largest F for which theta'' = F cos(theta) - P sin(theta), theta(0) = theta'(1) = 0, has a solution: F over the tip's
+    angle, by shooting from the tip (Runge and Kutta, 100 steps: 1e-9) and bisection.
+    """
+    P, n = 1.3 * np.pi**2 / 4, 100
+    angle = np.linspace(0.5, 1.6, 45)
+
+    def at_root(F):
+        x, v, h = angle.copy(), np.zeros_like(angle), 1 / n
+        slope = lambda x: F * np.cos(x) - P * np.sin(x)  # noqa: E731
+        for _ in range(n):
+            k1, l1 = v, slope(x)
+            k2, l2 = v + h / 2 * l1, slope(x + h / 2 * k1)
+            k3, l3 = v + h / 2 * l2, slope(x + h / 2 * k2)
+            k4, l4 = v + h * l3, slope(x + h * k3)
+            x, v = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), v + h / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
+        return x
+
+    low, high = np.full_like(angle, -2.0), np.full_like(angle, 2.0)  # at the root the angle rises with F
+    for _ in range(45):
+        middle = (low + high) / 2
+        over = at_root(middle) > 0
+        low, high = np.where(over, low, middle), np.where(over, middle, high)
+    k = middle.argmax()
+    return np.polyval(fit := np.polyfit(angle[k - 2:k + 3], middle[k - 2:k + 3], 2), -fit[1] / (2 * fit[0]))
+
+
+def test_snap_through():
+    """The buckled column pushed back: it gives way at a limit point, an unstable part leads through the straight column to a
+    second one, the mirror image of the first (dead loads, a symmetric beam), and it ends on the other side, stable. The force
+    at the limit, from a parabola through the three points around it (1e-3), is the elastica's: 4.3 % below at N = 8, 1.1 % at
+    16 (it goes like (P - Pcr)^1.5, and Pcr is the mesh's), extrapolated 6e-4.
+    """
+    wanted, found = snapping_force(), []
+    for N in (8, 16):
+        scene, bent = pushed(N)
+        path = tb.path(scene, 3.0, lowest=-3.0, load="u", initial=bent, u=torch.tensor([0.0, -1.0, 0]), step=0.06)
+        y, F = path.state.tip.position[:, 1], path.factor
+        first, second = (path.kind == LIMIT_POINT).nonzero()[:, 0].tolist()
+        assert path.reached and (path.kind == BRANCH_POINT).sum() == 0
+        assert path.stable[:first].all() and (path.negative[first:second] == 1).all() and path.stable[second:].all()
+        assert y[0] > 0.6 and y[-1] < -0.6
+        peaks = [_peak(y, F, k) for k in (first, second)]
+        assert_close(peaks[0], -peaks[1], rtol=2e-3, atol=0)  # of the parabolas
+        found.append(peaks[0].item())
+    assert abs((4 * found[1] - found[0]) / 3 / wanted - 1) < 2e-3
+
+
+def _peak(y, F, event):
+    k = max(range(event - 1, event + 2), key=lambda k: abs(F[k]))
+    c = torch.linalg.solve(torch.stack((torch.ones(3), y[k - 1:k + 2], y[k - 1:k + 2] ** 2), -1), F[k - 1:k + 2])
+    return c[0] - c[1] ** 2 / (4 * c[2])
+
+
+def test_displacement_control_passes_the_same_points():
+    """The same path by equal steps of the tip's y, as a batch of two targets: each as alone, and on the arc-length curve."""
+    scene, bent = pushed(8)
+    u, control = torch.tensor([0.0, -1.0, 0]), lambda s: s.tip.position[..., 1]
+    both = tb.path(scene, load="u", initial=bent, control=control, target=torch.tensor([-0.6, 0.2]), step=0.1, u=u)
+    alone = tb.path(scene, load="u", initial=bent, control=control, target=0.2, step=0.1, u=u)
+    assert both.reached.all() and both.factor.shape[1:] == (2,)
+    assert_close(both.state.tip.position[-1, :, 1], torch.tensor([-0.6, 0.2]), rtol=0, atol=1e-8)
+    assert_close(both.factor[:, 1], alone.factor, rtol=0, atol=1e-9)
+    arc = tb.path(scene, 0.5, lowest=-0.5, load="u", initial=bent, step=0.06, u=u)
+    on_arc = np.interp(-both.state.tip.position[:, 0, 1], -arc.state.tip.position[:, 1], arc.factor)
+    assert_close(both.factor[:, 0], torch.tensor(on_arc), rtol=0, atol=5e-3)  # straight lines between steps of 0.06
 
 
 def test_gradient_on_the_stable_branch():
