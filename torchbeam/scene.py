@@ -30,7 +30,7 @@ class Scene:
               out where it is a function or an input, and refused where it is a number. "auto": in a plane if the beam, its
               sections and all numbers lie in one and nothing else acts
     supports  `Support`s; None = a clamp at node 0, () = free
-    small     small displacements and rotations: linear about the undeformed beam
+    small     small displacements and rotations: linear about the undeformed beam. A state holds rotations below pi
 
     Sorted once, here: `loads`, `bodies` (point masses), `eigenstrains`, `damping` (one `Damping` or None), `inputs` (name ->
     size), `supports` by node.
