@@ -1,9 +1,9 @@
 """Verification: what is known from elsewhere against what comes out here; run by `python -m torchbeam verify` and the tests."""
 
-from . import motion, stability, statics
+from . import motion, rotating, stability, statics
 from .case import Case, Result, run
 
-CASES = [*statics.CASES, *stability.CASES, *motion.CASES]
+CASES = [*statics.CASES, *stability.CASES, *motion.CASES, *rotating.CASES]
 
 
 def main(argv: list[str]) -> int:
