@@ -5,10 +5,15 @@ from typing import Any
 import gymnasium
 
 from .flutter_hold import FlutterHoldEnv, FlutterHoldVectorEnv
+from .payload import PayloadEnv, PayloadVectorEnv
+from .slew import SlewEnv, SlewVectorEnv
 from .tip_reach import TipReachEnv, TipReachVectorEnv
 from .tip_track import TipTrackEnv, TipTrackVectorEnv
 
-__all__ = ["FlutterHoldEnv", "FlutterHoldVectorEnv", "TipReachEnv", "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv"]
+__all__ = [
+    "FlutterHoldEnv", "FlutterHoldVectorEnv", "PayloadEnv", "PayloadVectorEnv", "SlewEnv", "SlewVectorEnv", "TipReachEnv",
+    "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv",
+]
 
 
 def _register(task: str, steps: int, module: str, name: str, **arguments: Any) -> None:
@@ -20,6 +25,7 @@ def _register(task: str, steps: int, module: str, name: str, **arguments: Any) -
 
 for _task, _module, _steps in (
     ("TipReach", "tip_reach", 50), ("TipTrack", "tip_track", 100), ("FlutterHold", "flutter_hold", 100),
+    ("Payload", "payload", 100), ("Slew", "slew", 100),
 ):
     _register(_task, _steps, _module, _task)
     _register(f"{_task}Planar", _steps, _module, _task, planar=True)

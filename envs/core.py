@@ -165,6 +165,10 @@ class BeamVectorEnv(EpisodesVectorEnv):
         along = now.beam.tip.rotation[..., 0] * now.plant.params["offset"][:, None]  # held over the interval, like the force
         return {"force": force, "moment": torch.linalg.cross(along, force)}
 
+    def pushed(self, now: Episodes) -> Tensor:
+        """(n, 3) N: the tip force of the action that acts, along its axes."""
+        return (now.acting[:, self.HUB:] * self.force) @ self.axes
+
     def aim_high(self) -> np.ndarray:
         """Bounds of what `aim` returns; by default AIM, in each direction of the motion."""
         d = 3 if self.plane is None else 2

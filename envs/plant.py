@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -124,9 +123,7 @@ def cantilever(length: float, elements: int, section: Section, effects: Iterable
     length = torch.as_tensor(length, dtype=section.compliance.dtype, device=section.compliance.device)
     named = (Damping(params["damping"], six=False),) if "damping" in params else ()
     named += () if gravity is None else (Gravity(gravity),)
-    if "plane" in inspect.signature(Scene).parameters:
-        held["plane"] = plane
-    return Scene(Beam.straight(length, elements, section), [*effects, *named], **held)
+    return Scene(Beam.straight(length, elements, section), [*effects, *named], plane=plane, **held)
 
 
 def stepper(scene: Scene, dt: float, form: str, method: str, solver: dict[str, Any]) -> Stepper | ExplicitStepper:

@@ -32,8 +32,9 @@ class Renderer:
     of a motion in a plane; small enough for 16 of them to be tiled.
 
     Shown are the support, the beam, the way of its tip, the force on it, and what the task's `sketch(now)` names:
-        target  (n, 3) m;  path (n, points, 3) m, on which the target moves;  payload (n,) kg
-        thrust  (n,) N, a follower force against the beam's end;  hinge  True where the root turns
+        target  (n, 3) m;  path (n, points, 3) m, on which the target moves;  payload (n,), over the usual one
+        force   (n, 3) N, where it is not that of the action along fixed axes
+        thrust  (n,), a follower force against the beam's end;  hinge  True where the root turns
     In the heading: the time, and what the task measures. A beam whose solve failed is red.
 
     Raises ImportError where pygame is not installed.
@@ -60,6 +61,7 @@ class Renderer:
         self.scale = FINE * self.width / (right - left) / env.length  # px/m
         self.origin = np.array([-left / (right - left) * FINE * self.width, FINE * self.height / 2])
         self.font = pygame.font.Font(None, int(FINE * max(13, 0.75 * self.head)))
+        self.full = env.force.max().item()  # N, of the longest arrow
         self.traces: list[list[np.ndarray]] = [[] for _ in range(env.num_envs)]
         self.window = None
 
@@ -75,10 +77,10 @@ class Renderer:
         """A picture of each of the first sub-envs: (height, width, 3) uint8."""
         env = self.env
         curves, failed, headings = _array(curve(now.beam, count)), now.failed.tolist(), self._headings(now, count)
-        force = _array((now.acting[:count, env.HUB:] * env.force / env.force.max()) @ env.axes)
-        sketch = {name: value if isinstance(value, bool) else _array(value[:count]) for name, value in env.sketch(now).items()}
+        sketch = {"force": env.pushed(now), **env.sketch(now)}
+        sketch = {name: value if isinstance(value, bool) else _array(value[:count]) for name, value in sketch.items()}
         shown = ({name: value if isinstance(value, bool) else value[i] for name, value in sketch.items()} for i in range(count))
-        return tuple(self._frame(*one) for one in zip(curves, force, self.traces, failed, headings, shown, strict=False))
+        return tuple(self._frame(*one) for one in zip(curves, self.traces, failed, headings, shown, strict=False))
 
     def tiled(self, now: Episodes) -> np.ndarray:
         """The first 16 in one picture, (height, width, 3) uint8."""
@@ -116,14 +118,14 @@ class Renderer:
                 texts = longer
         return texts
 
-    def _frame(self, line: np.ndarray, force: np.ndarray, trace: list[np.ndarray], failed: bool, heading: str,
+    def _frame(self, line: np.ndarray, trace: list[np.ndarray], failed: bool, heading: str,
                shown: dict[str, Any]) -> np.ndarray:
         pygame = self.pygame
         canvas = pygame.Surface([FINE * x for x in self.size])
         canvas.fill(BACK)
         for k, view in enumerate(self.views):
             area = pygame.Rect(FINE * k * self.width, FINE * self.head, FINE * self.width, FINE * self.height)
-            self._view(canvas.subsurface(area), list(view), line, force, trace, failed, shown)
+            self._view(canvas.subsurface(area), list(view), line, trace, failed, shown)
             label = self.font.render("xyz"[view[0]] + "-" + "xyz"[view[1]], True, PALE)
             canvas.blit(label, (area.left + 5 * FINE, area.top + 3 * FINE))
             pygame.draw.rect(canvas, FRAME, area, FINE)
@@ -132,7 +134,7 @@ class Renderer:
         picture = pygame.surfarray.array3d(pygame.transform.smoothscale(canvas, self.size))
         return np.ascontiguousarray(np.transpose(picture, (1, 0, 2)))
 
-    def _view(self, surface: Any, axes: list[int], line: np.ndarray, force: np.ndarray, trace: list[np.ndarray], failed: bool,
+    def _view(self, surface: Any, axes: list[int], line: np.ndarray, trace: list[np.ndarray], failed: bool,
               shown: dict[str, Any]) -> None:
         pygame, unit = self.pygame, FINE * self.width / 240  # px
         at = lambda points: self.origin + np.asarray(points)[..., axes] * (self.scale, -self.scale)  # noqa: E731
@@ -150,7 +152,7 @@ class Renderer:
             self._arrow(surface, INK, tip - along, tip, unit)
         if "payload" in shown:
             pygame.draw.circle(surface, INK, tip, (2 + 4 * min(1.0, shown["payload"] ** (1 / 3))) * unit)
-        push = force[axes] * (self.scale, -self.scale) * ARROW * self.env.length
+        push = shown["force"][axes] / self.full * (self.scale, -self.scale) * ARROW * self.env.length
         self._arrow(surface, FORCE, tip, tip + push, unit)
         if "target" in shown:
             target = at(shown["target"])

@@ -1,0 +1,75 @@
+"""Payload: bring a mass that nobody has weighed to a point, on the tip of a flexible cantilever."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from torch import Tensor
+
+import torchbeam as tb
+
+from .episodes import Episodes
+from .plant import Parameter
+from .single import SingleEnv
+from .tip_reach import TipReachVectorEnv
+
+
+class PayloadVectorEnv(TipReachVectorEnv):
+    """`num_envs` flexible cantilevers that carry a mass on their tips, stepped as one batch.
+
+    ## Description
+    The strip of `TipReachVectorEnv` (1.5 m of aluminium flat bar of 0.12 kg, clamped, under gravity) with a point mass on its
+    tip, of 0.05 to 0.15 kg, drawn with the episode and not observed. A force on the tip is to bring it to a target and to
+    hold it there. How far the strip sags, how slowly it swings (0.5 Hz sideways with 0.1 kg) and which force holds the target
+    depend on the mass, which has to be found out by moving.
+
+    ## Action space, observation space, reward, episode end, information
+    Those of TipReach, but for 100 steps (2 s). Displacements count from the tip as it hangs at rest, so that they do not give
+    the mass away. `info["params"]["payload"]` (kg) does.
+
+    ## Starting state
+    At rest under gravity with the mass of the episode, without tip force. The target is the static tip position of the
+    strip with the usual mass under a force drawn uniformly from the ellipse with the half axes reach * force: holding it with
+    another mass takes up to 0.5 N more or less of the 2 N there are.
+
+    ## Arguments
+    Those of TipReach with its defaults but reach = 0.5, max_episode_steps = 100, randomize = {"payload": (0.05, 0.15)}, and
+    payload  kg, 0.1: the usual mass
+
+    "torchbeam/PayloadPlanar-v0" is this with planar=True: the vertical plane x-z.
+
+    ## Parameters
+    payload (half to one and a half times the usual, kg), and those of TipReach.
+
+    ## Version history
+    v0: first version.
+    """
+
+    PLANE = "xz"
+
+    def __init__(self, num_envs: int = 1, *, payload: float = 0.1, reach: float = 0.5, max_episode_steps: int | None = 100,
+                 randomize: bool | dict[str, Sequence[float]] | None = None, **arguments: Any) -> None:
+        Parameter(payload, payload, payload).check("payload", payload)
+        self.payload = payload
+        randomize = {"payload": (payload / 2, 1.5 * payload)} if randomize is None else randomize
+        super().__init__(num_envs, reach=reach, max_episode_steps=max_episode_steps, randomize=randomize, **arguments)
+
+    def parameters(self) -> dict[str, Parameter]:
+        return {"payload": Parameter(self.payload, self.payload / 2, 1.5 * self.payload), **super().parameters()}
+
+    def effects(self, params: dict[str, Tensor]) -> tuple:
+        return (*super().effects(params), tb.PointMass(params["payload"]))
+
+    def sketch(self, now: Episodes) -> dict[str, Any]:
+        size = now.plant.params["payload"] / self.payload if self.payload else now.plant.params["payload"]
+        return {**super().sketch(now), "payload": size.expand(len(now.steps))}
+
+
+class PayloadEnv(SingleEnv):
+    """One flexible cantilever with a mass on its tip: `PayloadVectorEnv` with one member, see there for everything.
+
+    `gymnasium.make` ends the episode after 100 steps (`max_episode_steps` there); made directly, it does not end by itself.
+    """
+
+    vector = PayloadVectorEnv
