@@ -200,6 +200,42 @@ def test_acceleration_is_the_rate_of_velocity(lumped):
     assert_close(states[-1].tip.rotation @ body, s.NodeAcceleration(-1, scene, lumped=lumped)(states[-1]))
 
 
+@pytest.mark.parametrize("kind", ["offset", "plane", "root", "frame"])
+def test_acceleration_of_the_other_scenes(kind):
+    """As above: masses off the axis, in a plane, a clamp that moves, a frame that turns and moves (there the rate of the
+    velocity in its axes, and omega x v).
+    """
+    section = SECTION.shifted(0.05, 0.03) if kind == "offset" else SECTION
+    moves = dict(root=tb.RootMotion(displacement=lambda t: torch.stack((0 * t, 0 * t, 0.1 * torch.sin(8 * t))))
+                 ) if kind == "root" else {}
+    omega = torch.tensor([0.3, -0.5, 2.0])
+    if kind == "frame":
+        moves = dict(frame=tb.Frame(velocity=(0.2, 0.1, 0), angular_velocity=omega))
+    load = tb.TipLoad(force=(0.1, 0.0 if kind == "plane" else 0.4, 1.0))
+    plane = "xz" if kind == "plane" else None
+    scene = tb.Scene(tb.Beam.straight(L, 4, section), [load, tb.Damping(1e-3)], plane=plane, **moves)
+    stepper = tb.Stepper(scene, 1e-4)
+    states = [tb.simulate(scene, [0.0, 0.1], step=0.01).state[-1].at(torch.tensor(0.1))]
+    for _ in range(40):
+        states.append(stepper(states[-1]))
+    states = tb.State.stack(states)
+    for node in (0, 2, -1):
+        slope = (states.velocity[22:, node] - states.velocity[20:-2, node]) / 2e-4
+        if kind == "frame":
+            slope = slope + torch.linalg.cross(omega.expand_as(slope), states.velocity[21:-1, node])
+        found = s.NodeAcceleration(node, scene)(states)[21:-1]
+        assert_close(found, slope, rtol=0, atol=1e-4 * max(slope.abs().max().item(), 1.0))
+
+
+def test_acceleration_in_steady_rotation():
+    """At rest in a frame that turns by 3 rad/s about z: -9/s^2 times the distance from the axis, at every node."""
+    scene = tb.Scene(BEAM, frame=tb.Frame(angular_velocity=(0, 0, 3.0)))
+    state = tb.equilibrium(scene)
+    for node in (0, 4, -1):
+        wanted = -9 * state.position[node] * torch.tensor([1.0, 1, 0])
+        assert_close(s.NodeAcceleration(node, scene)(state), wanted, rtol=0, atol=1e-6)
+
+
 def test_acceleration_in_a_batch_with_inputs_and_gradients():
     """Two forces given by name: each sample as alone; derivatives by the force against differences."""
     scene = tb.Scene(BEAM, [tb.TipLoad(force=tb.Input("u", 3))])

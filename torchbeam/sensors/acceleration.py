@@ -7,14 +7,16 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from .. import quaternions as quat
+from ..motion import GAP, INCREMENT
 from ..nodal.external import Nodes
 from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene import Scene
 from ..solve import block_tridiagonal
-from ..state import State
+from ..state import State, put
 from .node import _OfNode
 from .sensor import XYZ
 
@@ -24,13 +26,14 @@ class NodeAcceleration(_OfNode):
     """Acceleration (..., 3) m/s^2 of a node, in the axes of frame a, at the instant of the state: of its positions,
     velocities and loads at that time, by the nodal form's own mass,
 
-        M a = loads - internal forces (strain and strain rate)
+        M a = loads - internal forces (strain and strain rate) - what the spin makes of masses off the axis
 
-    a block tridiagonal solve. (After an implicit step it is that at the end of the step; the step itself ran on the mean.)
+    a block tridiagonal solve; absolute, where frame a or a support moves. (After an implicit step it is that at the end of
+    the step; the step itself ran on the mean.)
 
     scene   whose loads act;  inputs  by name, (..., size), where the scene has some
     body    in the axes of the node's section
-    proper  less gravity g (..., 3) m/s^2, frame a: what an accelerometer reads; None = not
+    proper  less gravity g (..., 3) m/s^2, in the axes of frame a at that instant: what an accelerometer reads; None = not
     lumped  as in `Stepper`
 
     Raises ValueError for a scene that the nodal form does not take, an infinite stiffness (the acceleration then follows from
@@ -51,9 +54,8 @@ class NodeAcceleration(_OfNode):
         super().__post_init__()
         if any(self.scene.beam.rigid):
             raise ValueError("a scene with an infinite stiffness was given to NodeAcceleration; finite ones are wanted")
-        if self.scene.carried or Model.of(self.scene).inertia.offset is not None:
-            raise ValueError("NodeAcceleration of a beam that is carried, or has a mass off its axis, was asked for; what holds it "
-                             "still and masses on the axis are wanted")
+        if self.scene.carried and not all(s.clamp for s in self.scene.supports):
+            raise ValueError("a carried beam with a support that is no clamp was given to NodeAcceleration; clamps are wanted")
         if self.proper is not None:
             object.__setattr__(self, "proper", torch.as_tensor(self.proper, dtype=self.scene.dtype, device=self.scene.device))
         object.__setattr__(self, "rates", Rates(Model.of(self.scene, self.lumped), self.scene.tensors(self.inputs)))
@@ -68,18 +70,61 @@ class NodeAcceleration(_OfNode):
         return quat.rotate(quat.conjugate(state.rotation[..., self.node, :]), a) if self.body else a
 
     def solve(self, state: State) -> Tensor:
-        """Acceleration of all nodes, (..., N+1, 3): zero where they are held."""
+        """Absolute acceleration of all nodes, (..., N+1, 3). With a and alpha those of the nodes, e the arms to their centres
+        of mass and A alpha = alpha x e:
+
+            M a_c = f      A^T M a_c + J alpha + Omega x J Omega = m      a_c = a + A alpha + Omega x (Omega x e)
+        """
         model = self.rates.model
-        t, space = state.t.flatten()[0], model.space
+        t, space, inertia, p = state.t.flatten()[0], model.space, model.inertia, model.space.position
         state = space.enter(state)
-        nodes = Nodes(state.position, state.rotation, state.velocity, space.to_frame(state.rotation, state.spin),
-                      internal=state.internal)
-        net, _ = self.rates.balance(t, nodes)
-        inertia, p = model.inertia, space.position
-        eye = torch.eye(p, dtype=net.dtype, device=net.device)
-        at, between = inertia.blocks(eye)
-        zero = torch.zeros_like(at[..., :-1, :, :]) if between is None else between[..., 0, :, :]
-        free = torch.cat((model.held.slide, torch.zeros_like(net[0, :, p:] if net.ndim > 2 else net[:, p:])), -1)
+        q, spin = state.rotation, state.spin
+        nodes = Nodes(state.position, q, state.velocity, space.to_frame(q, spin), state.frame, state.internal)
+        right, _ = self.rates.balance(t, nodes)
+        eye, moving = torch.eye(p, dtype=right.dtype, device=right.device), model.held.moving
+        if inertia.offset is None:
+            at, between = inertia.blocks(eye)
+            moving = moving & (torch.arange(moving.shape[-1], device=moving.device) < p)  # spins have no say
+        else:
+            e, turning = inertia.arm(q), space.tilde(nodes.spin)
+            A = space.arm(e)
+            at, between = inertia.blocks(eye, e, A)
+            R = space.spin_matrix(q)
+            at = at + pad(R @ inertia.inertia @ R.mT, (p, 0, p, 0))
+            pull = inertia.momentum((turning @ (turning @ e[..., None]))[..., 0])
+            gyroscopic = space.to_frame(q, (space.hat(spin) @ (inertia.inertia @ spin[..., None]))[..., 0])
+            right = right - torch.cat((pull, (A.mT @ pull[..., None])[..., 0] + gyroscopic), -1)
+        between = torch.zeros_like(at[..., 1:, None, :, :]) if between is None else between
+        U, L = between[..., 0, :, :], between[..., -1, :, :]
+        free = moving.to(right)
+        given = self.given(t, free) if model.scene.carried else torch.zeros_like(free)
         row, column = free[..., None], free[..., None, :]
-        D, L, U = at * row * column + torch.diag_embed(1 - free), zero * row[1:] * column[:-1], zero * row[:-1] * column[1:]
-        return space.whole(block_tridiagonal(D, L, U, net * free))[..., :3]
+        right = right - _times(at, L, U, given)
+        D = at * row * column + torch.diag_embed(1 - free)
+        found = block_tridiagonal(D, L * row[1:] * column[:-1], U * row[:-1] * column[1:], right * free)
+        return space.whole(found + given)[..., :3]
+
+    def given(self, t: Tensor, free: Tensor) -> Tensor:
+        """Absolute acceleration (..., N+1, w) of the supports' nodes that are carried: by central differences; 0 elsewhere."""
+        model = self.rates.model
+        space, carrying, omega = model.space, model.carrying, self.scene.frame and model.carrying.frame(t)[1]
+        whole = torch.zeros_like(free)
+        for support in model.scene.supports:
+            def motion(t: Tensor, support: Any = support) -> tuple[Tensor, Tensor]:
+                v, spin = carrying.absolute(support, t, torch.full_like(t, GAP / INCREMENT))
+                return space.part_of_vector(v), space.part_of_spin(quat.rotate(carrying.pose(support, t)[1], spin))
+
+            (v, w), before, after = motion(t), motion(t - GAP), motion(t + GAP)
+            a, alpha = ((y - x) / (2 * GAP) for x, y in zip(before, after, strict=True))
+            if omega is not None:
+                a = a + (space.tilde(omega[..., 0, :]) @ v[..., None])[..., 0]
+                alpha = alpha + (space.hat(omega[..., 0, :]) @ w[..., None])[..., 0]
+            both = torch.cat(torch.broadcast_tensors(a, alpha) if a.shape[-1] == alpha.shape[-1] else (a, alpha), -1)
+            whole = put(whole.expand(*both.shape[:-1], *whole.shape[-2:]), support.node, both)
+        return whole * (1 - free)
+
+
+def _times(D: Tensor, L: Tensor, U: Tensor, x: Tensor) -> Tensor:
+    """A block tridiagonal matrix times x (..., N+1, w)."""
+    ahead, behind = ((A @ part[..., None])[..., 0] for A, part in ((U, x[..., 1:, :]), (L, x[..., :-1, :])))
+    return (D @ x[..., None])[..., 0] + pad(ahead, (0, 0, 0, 1)) + pad(behind, (0, 0, 1, 0))
