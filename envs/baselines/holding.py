@@ -94,7 +94,7 @@ class Static(Controller):
 
     def begin(self, env: BeamVectorEnv) -> None:
         super().begin(env)
-        self.held: Tensor | None = None
+        self.held: Tensor | None = None  # the holding actions, flat, once there is a target
 
     def targets(self) -> Tensor | None:
         """(n, delay + 2, 3) m: now, and at the ends of the next intervals until an action that is given now has acted."""

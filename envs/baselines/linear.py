@@ -19,9 +19,9 @@ class LQR(Static):
     """u = hold - K [z - z_hold; pending actions - hold], with K from the discrete Riccati equation; tip forces alone.
 
     z is the whole state of the beam (displacements, turns and rates of all nodes), read off the simulation. The model is
-    `tb.linearize` about the start at the usual parameters, exact over control intervals with the action held, and with the
-    delay in it; z_hold and hold are those of the nonlinear equilibria along the target's path, with the rates at which they
-    follow each other. The cost is
+    `tb.linearize` about the equilibrium without action, at the usual parameters, exact over control intervals with the action
+    held, and with the delay in it; z_hold and hold are those of the nonlinear equilibria along the target's path, with the
+    rates at which they follow each other. The cost is
 
         sum  |tip - target|^2 / (0.1 L)^2 + speed_weight |tip velocity|^2 / (L omega)^2 + effort |u - hold|^2
 
@@ -29,11 +29,11 @@ class LQR(Static):
     """
 
     def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
-        self.rest = env.start[:1]
+        still = {name: env.high.new_zeros(1, size) for name, size in env.plant.scene.inputs.items()}
+        self.rest = tb.equilibrium(env.plant.scene, **still)
         self.sizes = (12 * env.elements, len(env.sensors.high))  # of the whole state, of the readings
         super().__init__(env, lambda state: torch.cat((self.whole(state), self.readings(env, state)), -1))
-        model = self._model(env)
-        self.A, self.B, whole, self.C = model
+        self.A, self.B, whole, self.C = self._model(env, still)
         self.decode = torch.linalg.pinv(whole)  # whole state -> z
         actions, delay = self.B.shape[-1], env.delay
         tip = whole.unflatten(0, (4, env.elements, 3))[:, -1]  # displacement, turn, velocity, spin of the tip
@@ -53,12 +53,10 @@ class LQR(Static):
         Q[:n, :n] = near.mT @ near
         self.K = gain(A, B, Q, effort * torch.eye(actions, dtype=A.dtype))
 
-    def _model(self, env: BeamVectorEnv) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def _model(self, env: BeamVectorEnv, still: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """A, B of a control interval, from actions; C of the whole state and of the readings."""
-        scene = env.plant.scene
-        still = {name: env.high.new_zeros(1, size) for name, size in scene.inputs.items()}
         sensors = [self.whole, lambda state: self.readings(env, state)]
-        model = tb.linearize(scene, self.rest, sensors, **still).discrete(env.control_interval)
+        model = tb.linearize(env.plant.scene, self.rest, sensors, **still).discrete(env.control_interval)
         force = torch.diag(env.force) @ env.axes  # (tip forces, 3) N
         A, B, C = (x[0] if x.ndim > 2 else x for x in (model.A, model.B, model.C))
         return A, B[:, model.inputs["force"]] @ force.mT, C[:self.sizes[0]], C[self.sizes[0]:]
@@ -79,7 +77,7 @@ class LQR(Static):
         readings (n, s).
         """
         hold = self.hold()
-        if self.targets() is None:
+        if self.held is None:
             none = hold.new_zeros(len(hold), len(self.A))
             return hold, none, none, hold.new_zeros(len(hold), self.sizes[1])
         whole, readings = self.holding.at(hold[:, 0]).split(self.sizes, -1)
@@ -108,9 +106,8 @@ class LQG(LQR):
     def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
         super().__init__(env, effort, speed_weight)
         noise = max(env.noise, SENSOR) ** 2 * torch.eye(len(self.C), dtype=self.C.dtype)
-        # the filter's gain is the transpose of the regulator's of the transposed model: z_{k+1|k} is corrected by A L
-        self.L = gain(self.A.mT, self.C.mT, ACTION**2 * self.B @ self.B.mT, noise).mT
-        self.M = torch.linalg.solve(self.A, self.L)  # what a reading says of z now
+        P = riccati(self.A.mT, self.C.mT, ACTION**2 * self.B @ self.B.mT, noise)  # covariance of the prediction
+        self.M = torch.linalg.solve(self.C @ P @ self.C.mT + noise, self.C @ P).mT  # what a reading says of z
 
     def begin(self, env: BeamVectorEnv) -> None:
         super().begin(env)
@@ -123,18 +120,25 @@ class LQG(LQR):
         z = start - still - rates
         first = observation.shape[-1] - env.state.pending[0].numel() - len(self.C)
         error = observation[:, first:first + len(self.C)] - readings - z @ self.C.mT
-        action = self.feedback(hold, z + error @ self.M.mT).clamp(-1, 1)
+        z = z + error @ self.M.mT
+        action = self.feedback(hold, z).clamp(-1, 1)
         queue = torch.cat((env.state.pending[..., env.HUB:], action[:, None]), 1)
         # the equilibrium stays where it is under its own action: still = A still + B hold, whatever the amplitude
-        self.z = still + (z + rates) @ self.A.mT + (queue[:, 0] - hold[:, 0]) @ self.B.mT + error @ self.L.mT
+        self.z = still + (z + rates) @ self.A.mT + (queue[:, 0] - hold[:, 0]) @ self.B.mT
         return self.whole_action(action)
 
 
 def gain(A: Tensor, B: Tensor, Q: Tensor, R: Tensor) -> Tensor:
-    """K (m, n) of u = -K x that minimises the sum of x'Qx + u'Ru for x_{k+1} = A x_k + B u_k.
+    """K (m, n) of u = -K x that minimises the sum of x'Qx + u'Ru for x_{k+1} = A x_k + B u_k."""
+    P = riccati(A, B, Q, R)
+    return torch.linalg.solve(R + B.mT @ P @ B, B.mT @ P @ A)
 
-    P of the discrete algebraic Riccati equation by structure-preserving doubling (Chu, Fan, Lin and Wang 2004): each round
-    doubles the horizon. Raises ValueError where it does not converge: the model cannot be stabilised.
+
+def riccati(A: Tensor, B: Tensor, Q: Tensor, R: Tensor) -> Tensor:
+    """P (n, n): x'Px is the least sum of x'Qx + u'Ru from x on.
+
+    Solution of the discrete algebraic Riccati equation by structure-preserving doubling (Chu, Fan, Lin and Wang 2004): each
+    round doubles the horizon. Raises ValueError where it does not converge: the model cannot be stabilised.
     """
     X, G, H = A, B @ torch.linalg.solve(R, B.mT), Q
     eye = torch.eye(len(A), dtype=A.dtype, device=A.device)
@@ -147,6 +151,6 @@ def gain(A: Tensor, B: Tensor, Q: Tensor, R: Tensor) -> Tensor:
         if not torch.isfinite(H).all():
             break
         if more.abs().amax() <= 1e-12 * H.abs().amax():
-            return torch.linalg.solve(R + B.mT @ H @ B, B.mT @ H @ A)
+            return H
     raise ValueError(f"a model of {len(A)} states was given for which Riccati's equation has no solution; one that the actions "
                      "can stabilise is wanted")
