@@ -156,6 +156,16 @@ def test_mixed_states():
     assert_close(s.Stress(element=0, beam=beam)(state), torch.cat((state.F, state.M), -1)[:, 0])
 
 
+def test_reactions_of_supports():
+    """A beam hinged at both ends under a load in its middle: each support carries a half."""
+    pins = (tb.Support(0, rotation="xz"), tb.Support(-1, rotation=""))
+    middle = tb.PointLoad(node=4, force=(0, 0, -1e-3))
+    state = tb.equilibrium(tb.Scene(BEAM, [middle], supports=pins))
+    for k in (0, 1):
+        assert_close(s.Reaction(k)(state)[:3], torch.tensor([0, 0, 5e-4]), rtol=0, atol=1e-6)
+    assert_close(s.Reaction(0)(state), s.RootReaction()(state))
+
+
 def test_parts_and_stacks(solution):
     state = solution.state
     tip = s.TipPosition()
@@ -271,6 +281,7 @@ CASES = {
     "rigid": (lambda: s.NodeAcceleration(-1, tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(
         EA=math.inf, GA=1.0, GJ=1.0, EI=1.0, mass=1.0)))), "infinite stiffness"),
     "no input": (lambda: s.NodeAcceleration(-1, tb.Scene(BEAM, [tb.TipLoad(force=tb.Input("u", 3))])), "'u' is missing"),
+    "no support": (lambda: s.Reaction(1)(STATE), "support = 1 was given for a state with the loads of 1 supports"),
     "no vector": (lambda: s.Stack((s.TipPosition(),)).split(torch.zeros(2)), r"vector of shape \(2,\)"),
 }
 

@@ -14,10 +14,11 @@ tensor with the same leading axes; it is differentiable in the state and in what
 from .acceleration import NodeAcceleration
 from .along import Curvature, Gauge, Strain, Stress
 from .node import Angles, NodePosition, NodeRotation, NodeVelocity, Spin, TipPosition, TipVelocity
-from .root import RootForce, RootMoment, RootReaction
+from .root import Reaction, RootForce, RootMoment, RootReaction
 from .sensor import Component, Sensor, Stack
 
 __all__ = [
     "Angles", "Component", "Curvature", "Gauge", "NodeAcceleration", "NodePosition", "NodeRotation", "NodeVelocity",
-    "RootForce", "RootMoment", "RootReaction", "Sensor", "Spin", "Stack", "Strain", "Stress", "TipPosition", "TipVelocity",
+    "Reaction", "RootForce", "RootMoment", "RootReaction", "Sensor", "Spin", "Stack", "Strain", "Stress",
+    "TipPosition", "TipVelocity",
 ]

@@ -1,4 +1,4 @@
-"""Sensors of the support at node 0."""
+"""Sensors of the supports."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..state import State
 from .sensor import XYZ, Sensor
 
 
@@ -45,3 +46,25 @@ class RootReaction(Sensor):
 
     def read(self, state: Any) -> Tensor:
         return torch.cat(tuple(state.root), -1)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reaction(Sensor):
+    """Force and moment (..., 6) N and N m of one of the scene's supports on the beam, frame a: the state's own (see `State`).
+
+    support  its place in `scene.supports`, which are ordered by their nodes
+    """
+
+    support: int
+    unit = "N, N m"
+    labels = RootReaction.labels
+
+    @property
+    def name(self) -> str:
+        return f"reaction of support {self.support}"
+
+    def read(self, state: Any) -> Tensor:
+        count = state.reaction.shape[-2] if isinstance(state, State) else 0
+        if not -count <= self.support < count:
+            raise ValueError(f"support = {self.support!r} was given for a state with the loads of {count} supports")
+        return torch.cat(tuple(state.reaction_of(self.support)), -1)
