@@ -40,7 +40,7 @@ class Reach:
         loads = (grid.reshape(-1, *[1] * len(scene.batch_shape), len(force)) * force) @ axes
         state = tb.equilibrium(scene, force=loads)
         value = (state.tip.position if read is None else read(state)).unflatten(0, (DEGREE + 1, -1))
-        basis = _chebyshev(points) * torch.where(k > 0, 2.0, 1.0) / (DEGREE + 1)  # (point, degree)
+        basis = _chebyshev(points) * (1 + (k > 0).to(k.dtype)) / (DEGREE + 1)  # (point, degree)
         second = basis if len(force) == 2 else basis.new_ones(1, 1)
         return cls(torch.einsum("pi,qj,pq...c->...ijc", basis, second, value))
 

@@ -230,3 +230,20 @@ def test_closed_env():
             env.step(np.zeros(env.action_space.shape))
         with pytest.raises(gymnasium.error.ClosedEnvironmentError):
             env.reset()
+
+
+@pytest.mark.parametrize(("dtype", "method"), [(torch.float32, "midpoint"), (torch.float64, "generalized_alpha")])
+def test_other_precision_and_method(dtype, method):
+    """Members that vary, begin at different times and fail nowhere; what float32 does is what float64 does to 1e-3."""
+    made = dict(randomize=True, noise=0.0, autoreset_mode="SameStep", max_episode_steps=5, method=method, **SMALL)
+    env, same = (TipReachVectorEnv(3, section=aluminium_strip(d), **made) for d in (dtype, torch.float64))
+    for e in (env, same):
+        e.reset(seed=0)
+        e.step(np.full((3, 2), 0.5))
+        e.reset(options={"reset_mask": np.array([True, False, False])})
+    assert env.state.observation.dtype == env.state.plant.params["mass"].dtype == dtype
+    for _ in range(5):
+        a, b = (e.step(np.full((3, 2), 0.5)) for e in (env, same))
+        np.testing.assert_allclose(a[0], b[0], atol=1e-3)
+        assert not a[2].any()
+    assert env.state.steps.tolist() == [0, 1, 1]
