@@ -96,12 +96,44 @@ def test_eigenvalues_are_the_modes(inertia, damping):
     assert_close(found[found.abs().argsort()][:3], modes.eigenvalue, rtol=1e-7, atol=1e-7)
 
 
+SCENES = {
+    "plane": dict(plane="xy"), "small": dict(small=True),
+    "simply supported": dict(supports=(tb.Support(0), tb.Support(-1, "yz", ""))),
+    "hinged": dict(supports=(tb.Support(0, "xyz", "xy"), tb.Support(-1, "yz", "xyz"))),
+    "rotating": dict(frame=tb.Frame(angular_velocity=(0.0, 0.3, 3.0))),
+}
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_however_it_is_held(kind):
+    """In a plane, with small rotations, on other supports, in a rotating frame: eigenvalues are those of `modes`, the steady
+    response is the difference of two equilibria (second order of 1e-4), and the state next door is read as its z. A pair of
+    reduced modes has the model's own eigenvalues (gyroscopic ones too).
+    """
+    beam = tb.Beam.straight(1.0, 4, section())
+    held = tb.Scene(beam, [tb.PointLoad(2, force=tb.Input("u", 3))], **SCENES[kind])
+    u, du = torch.tensor([0.1, 0.5, 0.0]), 1e-4 * torch.tensor([1.0, 0.5, 0.0])
+    start, there = (tb.equilibrium(held, u=v, tolerance=1e-12) for v in (u, u + du))
+    model = tb.linearize(held, start, lambda s: s.node(3).position, u=u)
+    modes = tb.modes(held, start, count=3, u=u)
+    found = torch.linalg.eigvals(model.A)
+    found = found[found.imag > 0]
+    assert_close(found[found.abs().argsort()][:3], modes.eigenvalue, rtol=1e-7, atol=1e-7)
+    change = there.node(3).position - model.output
+    assert_close(model.response(0.0).real @ du, change, rtol=0, atol=2e-4 * change.abs().max().item())
+    z = torch.linalg.solve(model.A, -model.B @ du)
+    assert_close(model.departure(there), z, rtol=0, atol=5e-4 * z.abs().max().item())
+    small = torch.linalg.eigvals(model.reduced(2).A)
+    small = small[small.imag > 0]
+    assert_close(small[small.abs().argsort()], modes.eigenvalue[:2], rtol=1e-7, atol=1e-7)
+
+
 def test_inputs_held_where_A_is_singular():
     """A mass on a frictionless rail: x'' = u over dt is dt^2/2 and dt, exactly."""
     model = tb.linearize(scene(N=1), outputs=tip, u=U)
     rail = tb.Linear(A=torch.tensor([[0.0, 1], [0, 0]]), B=torch.tensor([[0.0], [1]]), C=torch.tensor([[1.0, 0]]),
                      D=torch.zeros(1, 1), state=model.state, output=torch.zeros(1), inputs={"u": slice(0, 1)},
-                     outputs=(slice(0, 1),), reads=torch.zeros(2, 24)).discrete(0.5)
+                     outputs=(slice(0, 1),), reads=torch.zeros(2, 24), space=model.space).discrete(0.5)
     assert_close(rail.A, torch.tensor([[1.0, 0.5], [0, 1]]), rtol=1e-15, atol=1e-15)
     assert_close(rail.B, torch.tensor([[0.125], [0.5]]), rtol=1e-15, atol=1e-15)
 

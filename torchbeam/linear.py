@@ -18,17 +18,18 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from . import quaternions as quat
 from .checks import count as check_count
 from .checks import step_size
 from .nodal.matrices import matrices
 from .nodal.model import Model
+from .nodal.space import Space
 from .perturbation import Perturbation, Sensor
 from .scene import Scene
 from .state import State, fitting
 from .statics import equilibrium
 
 SINGULAR = 1e-13
+SYMMETRIC = 1e-6
 BALANCING = 6  # sweeps over the scales of z before an exponential
 
 
@@ -39,7 +40,7 @@ class Linear:
     A        (..., n, n);  B (..., n, m);  C (..., p, n);  D (..., p, m)
     state    the equilibrium;  output (..., p): what the sensors say there
     inputs   name -> its columns of B and D;  outputs: each sensor's rows of C and D
-    reads    (..., n, 12 (N+1)) z of the nodes' moves (m, rad; frame a) and their rates
+    reads    (..., n, 2 w (N+1)) z of the nodes' moves (m, rad; frame a) and their rates, w a node in `space`
     dt       s, of a model in discrete time; else None
     mass     (..., n/2, n/2) where z = [q; q'] and undamped frequencies are those of K - omega^2 mass; else None
 
@@ -55,17 +56,20 @@ class Linear:
     inputs: dict[str, slice]
     outputs: tuple[slice, ...]
     reads: Tensor
+    space: Space
     dt: float | None = None
     mass: Tensor | None = None
 
     def departure(self, state: State) -> Tensor:
         """z (..., n) of a state of the beam near the equilibrium: what a feedback of the whole state reads."""
-        own = self.state
-        turn = quat.logarithm(quat.multiply(state.rotation, quat.conjugate(own.rotation)))
-        spin, there = quat.rotate(state.rotation, state.spin), quat.rotate(own.rotation, own.spin)
+        space = self.space
+        own, state = space.enter(self.state), space.enter(state)
+        turn = space.logarithm(space.multiply(state.rotation, space.inverse(own.rotation)))
+        turn = turn if space.turns else space.to_frame(own.rotation, turn)
+        spin, before = space.to_frame(state.rotation, state.spin), space.to_frame(own.rotation, own.spin)
         moved = state.position - own.position
-        rate = state.velocity - own.velocity - torch.linalg.cross(there.expand_as(moved), moved)
-        nodes = torch.cat((torch.cat((moved, turn), -1).flatten(-2), torch.cat((rate, spin - there), -1).flatten(-2)), -1)
+        rate = state.velocity - own.velocity - (space.tilde(before) @ moved[..., None])[..., 0]
+        nodes = torch.cat((torch.cat((moved, turn), -1).flatten(-2), torch.cat((rate, spin - before), -1).flatten(-2)), -1)
         return (self.reads @ nodes[..., None])[..., 0]
 
     def discrete(self, dt: float) -> Linear:
@@ -85,7 +89,7 @@ class Linear:
         return replace(self, A=held[..., :n] / scale[..., None, :], B=held[..., n:], dt=dt, mass=None)
 
     def reduced(self, count: int, *, static: bool = False) -> Linear:
-        """The `count` slowest modes: those of the undamped beam where K is symmetric (z = their amplitudes, normalised by
+        """The `count` slowest modes: those of the undamped beam where K and D are symmetric (z = their amplitudes, normalised by
         mass, and rates), else those of A itself, each pair as its real and imaginary part.
 
         static  keep the response to a steady input exact: what the other modes add to it goes into D
@@ -127,8 +131,8 @@ class Linear:
         if self.mass is None:
             return None
         k = self.mass.shape[-1]
-        K = -self.mass @ self.A[..., k:, :k]
-        if (K - K.mT).detach().abs().amax() > 1e-6 * K.detach().abs().amax():
+        K, D = (-self.mass @ part for part in (self.A[..., k:, :k], self.A[..., k:, k:]))
+        if any((X - X.mT).detach().abs().amax() > SYMMETRIC * X.detach().abs().amax() for X in (K, D)):
             return None
         root = torch.linalg.cholesky(self.mass)
         balanced = torch.linalg.solve_triangular(root, torch.linalg.solve_triangular(root, (K + K.mT) / 2, upper=False).mT,
@@ -194,7 +198,7 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
     moves = near.reads()
     zero = torch.zeros_like(moves)
     reads = torch.cat((torch.cat((moves, zero), -1)[..., first, :], torch.cat((zero, moves), -1)[..., kept, :]), -2)
-    return Linear(*parts, state=state, output=value, inputs=names, outputs=rows, reads=reads, mass=mass)
+    return Linear(*parts, state=state, output=value, inputs=names, outputs=rows, reads=reads, space=model.space, mass=mass)
 
 
 def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor, Y_u: Tensor, massless: Tensor

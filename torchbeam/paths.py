@@ -268,7 +268,8 @@ class _Walk:
         residual, *about = still.residual(now.place.shape)
         tangent = still.linearise(now.place.shape, *about)
         any_ = torch.cos(1.7 * torch.arange(now.move.shape[-2:].numel(), device=now.move.device) + 0.3)
-        v = behind.move + TRACE * any_.to(now.move).unflatten(0, (-1, now.move.shape[-1]))  # of several shapes, that which the beam leans to
+        # of several shapes, that which the beam leans to
+        v = behind.move + TRACE * any_.to(now.move).unflatten(0, (-1, now.move.shape[-1]))
         for _ in range(MODE):
             v = tangent.solve(-v, torch.zeros_like(residual.strain))[0]
             v = v / (self.size * v**2).sum((-1, -2), keepdim=True).sqrt()
@@ -290,7 +291,7 @@ class _Walk:
 
         points = [point for point, *_ in record]
         shape = Shape(*(of([getattr(p.place, name) for p in points]) for name in Shape._fields))
-        state = self.loaded(of([p.factor for p in points])).state(shape, of([p.reaction for p in points]), status.expand(valid.shape))
+        factor = of([p.factor for p in points])
+        state = self.loaded(factor).state(shape, of([p.reaction for p in points]), status.expand(valid.shape))
         kind = torch.where(valid, of([k for _, k, _ in record]), REGULAR)
-        return Path(of([p.factor for p in points]), state, of([p.negative for p in points]), of([p.sign for p in points]), kind,
-                    valid, done)
+        return Path(factor, state, of([p.negative for p in points]), of([p.sign for p in points]), kind, valid, done)

@@ -52,17 +52,17 @@ class Perturbation:
         return full.index_copy(-1, self.free, (self.axes @ q[..., None])[..., 0]).unflatten(-1, (nodes, w))
 
     def reads(self) -> Tensor:
-        """(..., n, 6 (N+1)): q of the nodes' moves, the inverse of `nodes`."""
-        nodes = self.state.position.shape[-2]
-        full = torch.zeros(*self.axes.shape[:-1], 6 * nodes, dtype=self.axes.dtype, device=self.axes.device)
+        """(..., n, w (N+1)): q of the nodes' moves, the inverse of `nodes`."""
+        moves = (self.model.count + 1) * self.model.space.unknowns
+        full = torch.zeros(*self.axes.shape[:-1], moves, dtype=self.axes.dtype, device=self.axes.device)
         return full.index_copy(-1, self.free, self.axes.mT)
 
     def without_inertia(self, M: Tensor) -> Tensor:
         """(n,) bool; ValueError where samples differ."""
         nodes, p, w = self.model.count + 1, self.model.space.position, self.model.space.unknowns
         own = torch.zeros(*M.shape[:-2], w * nodes, dtype=M.dtype, device=M.device)
-        own = own.index_copy(-1, self.free, M.detach().diagonal(dim1=-2, dim2=-1)).unflatten(-1, (nodes, w)).split((p, w - p), -1)
-        small = torch.cat([x <= NO_INERTIA * x.amax(-1, keepdim=True) for x in own], -1)
+        own = own.index_copy(-1, self.free, M.detach().diagonal(dim1=-2, dim2=-1)).unflatten(-1, (nodes, w))
+        small = torch.cat([x <= NO_INERTIA * x.amax(-1, keepdim=True) for x in own.split((p, w - p), -1)], -1)
         small = small.flatten(-2)[..., self.free].reshape(-1, len(self.free))
         if (small != small[0]).any():
             raise ValueError("samples with and without rotary inertia were given; one kind is wanted")
@@ -90,8 +90,7 @@ class Perturbation:
             state, position=x.position, rotation=x.rotation, stress=x.stress,
             velocity=state.velocity + rate[..., :p] + (space.tilde(spin) @ move[..., :p, None])[..., 0],
             spin=space.to_section(x.rotation, spin + rate[..., p:]),
-            reaction=model.held.fixed * torch.stack([problem.residual(x)[0].nodes[..., node, :] for node in model.held.nodes], -2)
-            if model.held.nodes else state.reaction))
+            reaction=model.held.fixed * problem.residual(x)[0].nodes[..., list(model.held.nodes), :]))
 
     def by_inputs(self, outputs: tuple[Sensor, ...]) -> tuple[Tensor, Tensor]:
         """G (..., n, m) and Y_u (..., p, m)."""
