@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from . import quaternions as quat
+from .motion import GAP, INCREMENT, Carrying
 
 
 class Point(NamedTuple):
@@ -181,7 +182,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float = 0.0)
         frame=orientation(scene, shape),
         internal=zero.expand(*shape, sum(sizes)) if sizes else None,
     )
-    return state if scene.frame is None else _carried(state, scene.frame)
+    return _carried(state, Carrying(scene)) if scene.carried else state
 
 
 def turning(scene: Any) -> bool:
@@ -204,15 +205,32 @@ def completed(state: State, scene: Any) -> State:
     return state
 
 
-def _carried(state: State, frame: Any) -> State:
-    """A state at rest in frame a, in absolute velocities."""
-    v, omega = (None if x is None else torch.as_tensor(x(state.t.amax()) if callable(x) else x).to(state.position)[..., None, :]
-                for x in (frame.velocity, frame.angular_velocity))
-    velocity, spin = state.velocity, state.spin
+def _carried(state: State, carrying: Carrying) -> State:
+    """A state at rest in frame a, in absolute velocities, its supports where they are then and with the motion they have."""
+    t = state.t.flatten()[0]
+    v, omega = (None if x is None else x[..., None, :] for x in carrying.frame(t))
+    position, rotation, velocity, spin = state.position, state.rotation, state.velocity, state.spin
+    for support in carrying.scene.supports:
+        if support.moves:
+            place, turn = carrying.pose(support, t)
+            position = put(position, support.node, place)
+            rotation = put(rotation, support.node, turn)
     if omega is not None:
-        velocity = velocity + torch.linalg.cross(*torch.broadcast_tensors(omega, state.position))
-        spin = spin + quat.rotate(quat.conjugate(state.rotation), omega)
-    return replace(state, velocity=velocity if v is None else velocity + v, spin=spin)
+        velocity = velocity + torch.linalg.cross(*torch.broadcast_tensors(omega, position))
+        spin = spin + quat.rotate(quat.conjugate(rotation), omega)
+    velocity = velocity if v is None else velocity + v
+    for support in carrying.scene.supports:
+        if support.clamp and support.moves:
+            motion = carrying.absolute(support, t, torch.full_like(t, GAP / INCREMENT))
+            velocity, spin = put(velocity, support.node, motion[0]), put(spin, support.node, motion[1])
+    return replace(state, position=position, rotation=rotation, velocity=velocity, spin=spin)
+
+
+def put(x: Tensor, node: int, value: Tensor) -> Tensor:
+    """x (..., N+1, n) with the row of a node replaced by value (..., n)."""
+    at = torch.zeros(x.shape[-2], 1, dtype=torch.bool, device=x.device)
+    at[node] = True
+    return torch.where(at, value[..., None, :], x)
 
 
 torch.serialization.add_safe_globals([State])

@@ -157,7 +157,8 @@ def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, toleran
             if not climbing.any():
                 return x, reaction, status
             share = torch.where(climbing, (reached + step).clamp(max=1), reached)
-            outcome = newton(Still(model, t, inputs, share), x, climbing, tolerance, LIMIT)
+            problem = Still(model, t, inputs, share)
+            outcome = newton(problem, problem.held(x), climbing, tolerance, LIMIT)
             turn = model.space.multiply(model.space.inverse(x.rotation), outcome.x.rotation)
             cosine = model.space.cosine(turn).abs().amin(-1)
             calm = cosine > torch.cos(torch.as_tensor(TURN / 2))

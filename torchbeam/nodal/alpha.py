@@ -28,7 +28,7 @@ from torch.nn.functional import pad
 
 from ..state import State
 from . import external
-from .balance import Linearisation, Residual, largest
+from .balance import Linearisation, Residual, blocked, largest, size_of_strain
 from .external import Chain, Nodes
 from .model import times
 from .step import SPINS, Step
@@ -158,8 +158,8 @@ class Alpha(Step):
             followed = followed + times(model.rate, self.rates(strain_end)[0][..., None])[..., 0]
         gap = followed - times(model.S, x.stress[..., None])[..., 0]
         nodes = inertia + space.to_nodes(element) - load
-        sizes = largest(p, h, element, load, inertia)
-        return Residual(model.held, nodes, gap, *sizes, followed.detach().abs().amax((-1, -2))), end, q, v, true
+        sizes = largest(p, h, element, load, inertia, blocked(model, end, self.own_strain, h))
+        return Residual(model.held, nodes, gap, *sizes, size_of_strain(followed, self.own_strain)), end, q, v, true
 
     def _torque(self, v: Tensor, true: Tensor) -> tuple[Tensor, Tensor]:
         """J q" + Omega x J Omega and J Omega, section axes."""

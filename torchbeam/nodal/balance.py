@@ -14,7 +14,7 @@ few iterations whatever the stiffness):
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -87,6 +87,22 @@ class Linearisation(NamedTuple):
 
     def detach(self) -> Linearisation:
         return Linearisation(self.space, self.held, *(x.detach() for x in self[2:]))
+
+
+def blocked(model: Model, kin: Any, own: Tensor | float, h: Tensor) -> Tensor | float:
+    """Element forces that the beam's own strain would take to hold back: what it is measured against where nothing else acts;
+    0.0 where there is none.
+    """
+    if isinstance(own, float):
+        return own
+    stress = times(model.C, own[..., None])[..., 0]
+    return model.space.forces(kin, stress.expand(*torch.broadcast_shapes(stress.shape, (model.count, 1))), h)
+
+
+def size_of_strain(followed: Tensor, own: Tensor | float) -> Tensor:
+    """(...) the largest term in the strain law."""
+    size = followed.detach().abs().amax((-1, -2))
+    return size if isinstance(own, float) else torch.maximum(size, own.detach().abs().amax((-1, -2)))
 
 
 def largest(p: int, length: Tensor, *terms: Tensor | float) -> tuple[Tensor, Tensor]:

@@ -110,8 +110,17 @@ def _size(load: Any) -> int:
     return getattr(load, "internal", 0)
 
 
+def _starts(loads: tuple[Any, ...]) -> dict[int, int]:
+    """Where each load's internal states begin among those of all."""
+    starts, at = {}, 0
+    for load in loads:
+        starts[id(load)] = at
+        at += _size(load)
+    return starts
+
+
 def _sites(model: Model, nodes: Nodes, t: Tensor, loads: tuple[Any, ...]) -> Iterator[tuple[Any, Site]]:
-    space, first = model.space, 0
+    space, starts = model.space, _starts(model.scene.loads)
     for load in loads:
         reads = model.reads(load)
         size = _size(load)
@@ -125,8 +134,8 @@ def _sites(model: Model, nodes: Nodes, t: Tensor, loads: tuple[Any, ...]) -> Ite
             own = {name: x for name, x in zip((POSITION, VELOCITY, SPIN), moving, strict=True) if name in reads}
         R = space.axes(nodes.rotation, load.node)
         if size:
+            first = starts[id(load)]
             own |= dict(internal=None if nodes.internal is None else nodes.internal[..., first:first + size], dt=nodes.dt)
-            first += size
         if load.node is None:
             own |= dict(mass=model.section_mass, s=model.s)
         if nodes.frame is not None:

@@ -83,10 +83,3 @@ class Held:
         near = torch.stack([wide[..., i:i + 3, :].flatten(-2) for i in self.nodes], -2)
         at = torch.stack([balance[..., i, :] for i in self.nodes], -2)
         return self.fixed * (at + (rows @ near[..., None])[..., 0])
-
-
-def put(x: Tensor, node: int, value: Tensor) -> Tensor:
-    """x (..., N+1, n) with the row of a node replaced by value (..., n)."""
-    at = torch.zeros(x.shape[-2], 1, dtype=torch.bool, device=x.device)
-    at[node] = True
-    return torch.where(at, value[..., None, :], x)

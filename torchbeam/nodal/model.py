@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..effects import Gravity, Inputs
+from ..motion import Carrying
 from ..scene import Scene
 from ..state import turning
 from . import external
@@ -18,7 +19,6 @@ from .element import kinematics, strain
 from .external import Nodes
 from .held import Held
 from .inertia import Inertia, inertia_of
-from .motion import Carrying
 from .plane import Plane
 from .small import Small
 from .space import Space
@@ -94,7 +94,13 @@ class Model:
 
     @cached_property
     def carrying(self) -> Carrying:
-        return Carrying(self.scene, self.space)
+        return Carrying(self.scene)
+
+    def frame(self, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
+        """v (..., 1, p) m/s and omega (..., 1, s) rad/s of frame a; None = at rest."""
+        v, omega = self.carrying.frame(t)
+        return (None if v is None else self.space.part_of_vector(v)[..., None, :],
+                None if omega is None else self.space.part_of_spin(omega)[..., None, :])
 
     def reads(self, load: Any) -> frozenset[str]:
         """What a load's wrench depends on; an offset point mass makes weight turn, too."""

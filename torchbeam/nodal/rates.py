@@ -9,13 +9,11 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..effects import Inputs
+from ..motion import GAP, INCREMENT
 from ..scene import Scene
 from ..state import State
 from .external import Nodes, advanced_rates
 from .model import Model, times
-from .motion import INCREMENT
-
-GAP = 1e-4  # s: central differences of a prescribed motion
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,7 @@ class Rates:
     def accelerations(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
         """v' (frame a) and Omega' (section axes) of the nodes with unknowns."""
         model, space, first = self.model, self.model.space, self.model.held.first
-        inertia, omega, p = model.inertia, model.carrying.frame(t)[1], space.position
+        inertia, omega, p = model.inertia, model.frame(t)[1], space.position
         q, v, spin, net = (x[..., first:, :] for x in (nodes.rotation, nodes.velocity, spin, net))
         J, m = inertia.inertia[..., first:, :, :], inertia.mass[..., first:, :]
         bias = torch.zeros_like(v) if omega is None else (space.tilde(omega) @ v[..., None])[..., 0]
@@ -146,7 +144,7 @@ class Rates:
         nodes, spin, raw = self.unpack(t, y)
         net, loads = self.balance(t, nodes)
         acceleration, spin_rate = self.accelerations(t, nodes, spin, net)
-        v, omega = model.carrying.frame(t)
+        v, omega = model.frame(t)
         velocity, turn = nodes.velocity[..., first:, :], spin[..., first:, :]
         if v is not None:
             velocity = velocity - v
@@ -172,7 +170,7 @@ class Rates:
             return net[..., :0, :]
         if model.scene.carried and model.held.first:
             before, after = (self._momentum(at) for at in (t - GAP, t + GAP))
-            omega, space = model.carrying.frame(t)[1], model.space
+            omega, space = model.frame(t)[1], model.space
             rate = (after - before) / (2 * GAP)
             if omega is not None:
                 p = space.position

@@ -28,11 +28,10 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..effects import Inputs
-from ..state import State
+from ..state import State, put
 from . import external
-from .balance import Linearisation, Residual, largest
+from .balance import Linearisation, Residual, blocked, largest, size_of_strain
 from .external import Chain, Nodes
-from .held import put
 from .model import Model, times
 
 SPINS = frozenset({"spin"})
@@ -136,7 +135,7 @@ class Step:
     @cached_property
     def frame(self) -> tuple[Tensor | None, Tensor | None]:
         """v, omega of frame a at mid step."""
-        return self.model.carrying.frame(self.t)
+        return self.model.frame(self.t)
 
     @cached_property
     def frame_end(self) -> Tensor | None:
@@ -178,7 +177,7 @@ class Step:
 
     @cached_property
     def _dead(self) -> Tensor | float:
-        nodes = Nodes(self.start.position, self.start.rotation, frame=self._frame_middle)
+        nodes = Nodes(self.start.position, self.start.rotation, None, None, self._frame_middle, self.start.internal, self.dt)
         return self.model.external(nodes, self.t, self.inputs, self.model.loads[1])
 
     @cached_property
@@ -315,8 +314,8 @@ class Step:
             followed = followed + times(model.rate, rise[..., None])[..., 0] / self.dt[..., None, None]
         gap = followed - times(model.S, x.stress[..., None])[..., 0]
         nodes = inertia + space.to_nodes(element) - load
-        sizes = largest(space.position, h, element, load, inertia)
-        return Residual(model.held, nodes, gap, *sizes, followed.detach().abs().amax((-1, -2))), way, middle, end, turning
+        sizes = largest(space.position, h, element, load, inertia, blocked(model, middle, self.own_strain, h))
+        return Residual(model.held, nodes, gap, *sizes, size_of_strain(followed, self.own_strain)), way, middle, end, turning
 
     def linearise(self, x: Middle, way: Way, middle: Any, end: Any, turning: Tensor) -> Linearisation:
         """The tangent by (dr_mid, spin of R_mid): R_{n+1} follows with spin (I + R_mid R_n^T) spin_mid."""

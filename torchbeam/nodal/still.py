@@ -11,11 +11,10 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..effects import Inputs
-from ..state import State, orientation
+from ..state import State, orientation, put
 from . import external
-from .balance import Linearisation, Residual, largest
-from .external import STEADY, Nodes
-from .held import put
+from .balance import Linearisation, Residual, blocked, largest, size_of_strain
+from .external import STEADY, Chain, Nodes
 from .model import Model, times
 
 
@@ -30,7 +29,7 @@ class Shape(NamedTuple):
 @dataclass(frozen=True)
 class Still:
     """inertia + to_nodes(h B^T [F; M]) = share * loads and S [F; M] = strain; `share` (...) in [0, 1] steps the loads, the
-    inertia of a moving frame and the strain that a beam takes by itself.
+    inertia of a moving frame, the strain that a beam takes by itself and the motion of its supports.
 
     Steady motion with velocity v and angular velocity omega of frame a: with x the centres of mass and e their arms, the inertia
     at a node is the force omega x M (v + omega x x) with the moment omega x R J R^T omega + e x force.
@@ -43,7 +42,7 @@ class Still:
 
     @cached_property
     def frame(self) -> tuple[Tensor | None, Tensor | None]:
-        return self.model.carrying.frame(self.t)
+        return self.model.frame(self.t)
 
     @cached_property
     def _own_strain(self) -> Tensor | float:
@@ -106,8 +105,8 @@ class Still:
         load = load if isinstance(load, float) else self.share[..., None, None] * load
         bent = space.strains(kin, h, model.reference) - self._own_strain
         gap = bent - times(model.S, x.stress[..., None])[..., 0]
-        return Residual(model.held, space.to_nodes(element) - load, gap, *largest(space.position, h, element, load),
-                        bent.detach().abs().amax((-1, -2))), kin
+        sizes = largest(space.position, h, element, load, blocked(model, kin, self._own_strain, h))
+        return Residual(model.held, space.to_nodes(element) - load, gap, *sizes, size_of_strain(bent, self._own_strain)), kin
 
     def linearise(self, x: Shape, kin: Any) -> Linearisation:
         model, space = self.model, self.model.space
@@ -115,7 +114,10 @@ class Still:
         B = space.strain_operator(kin, model.length)
         diagonal, coupling = torch.zeros_like(B[..., :1, :1, :1]).expand(*B.shape[:-3], 1, w, w), None
         if model.loads[0]:
-            diagonal = diagonal - share * external.tangent(model, self.nodes(x), self.t, self.inputs, model.loads[0])
+            omega, by = self.frame[1], None
+            if omega is not None:
+                by = Chain(space.tilde(omega), torch.zeros_like(B[..., :1, :1, :1]).expand(*B.shape[:-3], 1, space.spin, space.spin))
+            diagonal = diagonal - share * external.tangent(model, self.nodes(x), self.t, self.inputs, model.loads[0], by)
         if self.frame[1] is not None:
             tilde = space.tilde(self.frame[1])
             arm = None if model.inertia.offset is None else space.arm(model.inertia.arm(x.rotation))
@@ -140,7 +142,7 @@ class Still:
         position, rotation, space = x.position, x.rotation, self.model.space
         for support, fixed in zip(self.model.scene.supports, self.model.held.fixed, strict=True):
             at = support.node
-            r, q = space.pose(*self.model.carrying.pose(support, self.t), at)
+            r, q = space.pose(*self.model.carrying.pose(support, self.t, self.share[..., None]), at)
             position = put(position, at, torch.where(fixed[:space.position] > 0, r, position[..., at, :]))
             rotation = put(rotation, at, q) if bool(fixed[space.position:].all()) else rotation
         return Shape(position, rotation, x.stress)

@@ -8,37 +8,34 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .. import quaternions as quat
-from ..effects import Pose
-from ..scene import Scene
-from ..supports import Support
-from .space import Space
+from . import quaternions as quat
+from .effects import Pose
+from .supports import Support
 
+GAP = 1e-4  # s: central differences of a motion, where there is no step
 INCREMENT = 1 / 8  # of a step: central differences of a support's motion over it are far below the step's own error
 
 
 @dataclass(frozen=True)
 class Carrying:
-    """Functions of t (0-dim), in the space's coordinates."""
+    """A scene's prescribed motions as functions of t (0-dim), frame a."""
 
-    scene: Scene
-    space: Space
+    scene: Any
 
     def frame(self, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
-        """v (..., 1, p) m/s and omega (..., 1, s) rad/s of frame a; None = at rest."""
+        """v (..., 3) m/s and omega (..., 3) rad/s of frame a; None = at rest."""
         frame = self.scene.frame
-        v, omega = (None, None) if frame is None else (frame.velocity, frame.angular_velocity)
-        v, omega = (None if x is None else self._value(x, t)[..., None, :] for x in (v, omega))
-        return None if v is None else self.space.part_of_vector(v), None if omega is None else self.space.part_of_spin(omega)
+        given = (None, None) if frame is None else (frame.velocity, frame.angular_velocity)
+        return tuple(None if x is None else self._value(x, t) for x in given)
 
-    def pose(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
-        """Position (..., 3) and quaternion (..., 4) of a support, frame a."""
+    def pose(self, support: Support, t: Tensor, share: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
+        """Position (..., 3) and quaternion (..., 4) of a support, after a share (..., 1) of its motion."""
         beam = self.scene.beam
         position, rotation = beam.nodes[..., support.node, :], beam.frames[..., support.node, :]
         if support.displacement is not None:
-            position = position + self._value(support.displacement, t)
+            position = position + share * self._value(support.displacement, t)
         if support.turn is not None:
-            rotation = quat.multiply(quat.exponential(self._value(support.turn, t)), rotation)
+            rotation = quat.multiply(quat.exponential(share * self._value(support.turn, t)), rotation)
         return position, rotation
 
     def rates(self, support: Support, t: Tensor, dt: Tensor) -> tuple[Tensor, Tensor]:
@@ -51,11 +48,10 @@ class Carrying:
         """Absolute velocity (..., 3), frame a, and spin (..., 3), section axes, of a clamp."""
         position, rotation = self.pose(support, t)
         velocity, spin = self.rates(support, t, dt) if support.moves else (torch.zeros_like(position),) * 2
-        frame = self.scene.frame
-        if frame is not None and frame.velocity is not None:
-            velocity = velocity + self._value(frame.velocity, t)
-        if frame is not None and frame.angular_velocity is not None:
-            omega = self._value(frame.angular_velocity, t)
+        v, omega = self.frame(t)
+        if v is not None:
+            velocity = velocity + v
+        if omega is not None:
             velocity = velocity + torch.linalg.cross(*torch.broadcast_tensors(omega, position))
             spin = spin + omega
         return velocity, quat.rotate(quat.conjugate(rotation), spin)
