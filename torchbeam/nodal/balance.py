@@ -25,6 +25,7 @@ from .held import Held
 from .model import Model, times
 from .space import Space
 
+
 class Residual(NamedTuple):
     """nodes (..., N+1, w), strain (..., N, k) as above; force, moment, size_strain (...): the largest terms in them."""
 
