@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import torch
 from torch import Tensor
 
 import torchbeam as tb
+from torchbeam.paths import LIMIT_POINT
 
 from .build import INF, along, cantilever, planar, section
 from .case import Case, reference
@@ -60,6 +62,35 @@ def buckled() -> tuple[Tensor, Tensor]:
     return tip[:, :2], table[:, 1:]
 
 
+def limit(path: tb.Path, node: int) -> Tensor:
+    """The first largest factor, by a parabola over the node's descent through the highest point and its neighbours."""
+    event = int((path.kind == LIMIT_POINT).nonzero()[0, 0])
+    y, F = path.state.position[:, node, 1], path.factor
+    k = event if F[event] > F[event - 1] else event - 1
+    c = torch.linalg.solve(torch.stack((torch.ones(3), y[k - 1:k + 2], y[k - 1:k + 2] ** 2), -1), F[k - 1:k + 2])
+    return c[0] - c[1] ** 2 / (4 * c[2])
+
+
+def deep_arch(elements: int) -> tuple[Tensor, Tensor]:
+    """An arch of 215 degrees, clamped at one foot and hinged at the other, P at its crown; P R^2/EI of snap-through."""
+    lean = math.radians(107.5)
+    arc = tb.Beam.arc(1.0, 2 * lean, elements, section(EA=1e6), direction=(math.cos(lean), math.sin(lean), 0), up=(0, 0, -1))
+    crown = tb.PointLoad(elements // 2, force=(0, -9.5, 0))
+    scene = tb.Scene(arc, [crown], supports=(tb.Support(0), tb.Support(-1, "xyz", "xy")), plane="xy")
+    return 9.5 * limit(tb.path(scene, step=0.1, steps=20), elements // 2), torch.tensor(8.97)
+
+
+def lee(each: int) -> tuple[Tensor, Tensor]:
+    """Lee's frame: a column and a beam of 120, E A = 4320, E I = 1440, hinged at both ends, P down at 24 from the corner."""
+    s = torch.linspace(0, 120, each + 1)
+    top = torch.full((each,), 120.0)
+    nodes = torch.stack((torch.cat((0 * s, s[1:])), torch.cat((s, top)), torch.zeros(2 * each + 1)), -1)
+    frame = tb.Beam.from_nodes(nodes, section(EA=4320.0, EI=1440.0, GJ=1e3))
+    node, hinge = each + each // 5, [tb.Support(i, "xyz", "xy") for i in (0, -1)]
+    scene = tb.Scene(frame, [tb.PointLoad(node, force=(0, -2.0, 0))], supports=hinge, plane="xy")
+    return 2 * limit(tb.path(scene, step=0.1, steps=20), node), torch.tensor(1.8552)
+
+
 def case(name: str, source: str, quantity: str, solve: Callable, bound: float, why: str = ORDER,
          scale: float | None = None) -> Case:
     return Case(name, source, quantity, f"{N} elements", solve, bound, why, scale)
@@ -76,4 +107,7 @@ CASES = [
          1.8e-3, "damping of tau omega = 0.01 is not vanishing"),
     case("buckled column, P to 4 times Euler's", "Timoshenko and Gere 1961, table 2.4", "tip x, y over L", buckled, 3.2e-3,
          "three digits; the mesh's critical load is 4e-4 high, and near it the tip moves 6 times as fast", 1.0),
+    Case("deep arch, clamped and hinged, 215 degrees", "DaDeppo and Schmidt 1975", "P R^2/EI of snap-through", "64 elements",
+         lambda: deep_arch(64), 4.6e-3, ORDER),
+    Case("Lee's frame", "Lee, Manuel and Rossow 1968", "load of snap-through", "40 elements", lambda: lee(20), 3.6e-3, ORDER),
 ]
