@@ -107,19 +107,20 @@ class NodeAcceleration(_OfNode):
     def given(self, t: Tensor, free: Tensor) -> Tensor:
         """Absolute acceleration (..., N+1, w) of the supports' nodes that are carried: by central differences; 0 elsewhere."""
         model = self.rates.model
-        space, carrying, omega = model.space, model.carrying, self.scene.frame and model.carrying.frame(t)[1]
-        whole = torch.zeros_like(free)
+        space, carrying, whole = model.space, model.carrying, torch.zeros_like(free)
+        _, omega = carrying.frame(t)
         for support in model.scene.supports:
-            def motion(t: Tensor, support: Any = support) -> tuple[Tensor, Tensor]:
+            def motion(t: Tensor, support: Any = support) -> Tensor:
+                """Velocity and spin (..., 2, 3), absolute, in the axes of frame a."""
                 v, spin = carrying.absolute(support, t, torch.full_like(t, GAP / INCREMENT))
-                return space.part_of_vector(v), space.part_of_spin(quat.rotate(carrying.pose(support, t)[1], spin))
+                spin = quat.rotate(carrying.pose(support, t)[1], spin)
+                return torch.stack(torch.broadcast_tensors(v, spin), -2)
 
-            (v, w), before, after = motion(t), motion(t - GAP), motion(t + GAP)
-            a, alpha = ((y - x) / (2 * GAP) for x, y in zip(before, after, strict=True))
+            rate = (motion(t + GAP) - motion(t - GAP)) / (2 * GAP)
             if omega is not None:
-                a = a + (space.tilde(omega[..., 0, :]) @ v[..., None])[..., 0]
-                alpha = alpha + (space.hat(omega[..., 0, :]) @ w[..., None])[..., 0]
-            both = torch.cat(torch.broadcast_tensors(a, alpha) if a.shape[-1] == alpha.shape[-1] else (a, alpha), -1)
+                rate = rate + torch.linalg.cross(*torch.broadcast_tensors(omega[..., None, :], motion(t)))
+            a, alpha = rate.unbind(-2)
+            both = torch.cat((space.part_of_vector(a), space.part_of_spin(alpha)), -1)
             whole = put(whole.expand(*both.shape[:-1], *whole.shape[-2:]), support.node, both)
         return whole * (1 - free)
 
