@@ -50,20 +50,20 @@ class Row:
     note: str = ""
 
 
-def scene(elements: int, *more: Any, section: Section | None = None, **options: Any) -> Scene:
+def scene(elements: int, *more: Any, section: Section | None = None, force: tuple = (0.0, 0.5, 1.0), **options: Any) -> Scene:
     """The stated scene with `more` effects."""
     number = torch.tensor(1.0, dtype=torch.float64)
     section = section or Section.from_stiffness(EA=1e4 * number, GA=4e3 * number, GJ=0.8 * number, EI=number,
                                                 mass=0.2 * number, inertia=1e-4 * number)
     beam = Beam.straight(number, elements, section)
-    return Scene(beam, (fx.TipLoad(force=(0.0, 0.5, 1.0)), *more), **options)
+    return Scene(beam, (fx.TipLoad(force=force), *more), **options)
 
 
 def _wind(position: Tensor, t: Tensor) -> Tensor:
     return torch.stack((torch.zeros_like(position[..., 0]), 5 * position[..., 0], torch.zeros_like(position[..., 0])), -1)
 
 
-def _user(x: Tensor, R: Tensor, v: Tensor, w: Tensor, t: Tensor) -> tuple[Tensor, None]:
+def _user(x: None, R: None, v: Tensor, w: None, t: Tensor) -> tuple[Tensor, None]:
     return -0.05 * v, None
 
 
@@ -106,7 +106,10 @@ def table(elements: int) -> Iterator[tuple[str, str, Any]]:
     yield "no rotary inertia", "", lambda: scene(elements, section=Section.from_stiffness(
         *(torch.tensor(x, dtype=torch.float64) for x in (1e4, 4e3, 0.8, 1.0, 0.2))))
     yield "small displacements", "", lambda: scene(elements, small=True)
-    yield "plane", "the force in it", lambda: scene(elements, plane="xz")
+    yield "plane", "against 3D, the force in it", lambda: scene(elements, force=IN_PLANE, plane="xz")
+
+
+IN_PLANE = (0.0, 0.0, 1.0)
 
 
 class _Ran:
@@ -115,21 +118,23 @@ class _Ran:
     def __init__(self, made: Scene, steps: int) -> None:
         self.stepper = Stepper(made, STEP)
         state = self.stepper.rest()
-        path, iterations = [state.tip.position], []
+        path = [state.tip.position]
         for k in range(steps):
             if k == min(MIDDLE, steps // 2):
                 self.middle = state
             state = self.stepper(state)
-            iterations.append(self.stepper.iterations.double().mean().item())
             path.append(state.tip.position)
         if (state.status != 0).any():
             raise RuntimeError("the steps did not converge")
-        self.path, self.iterations = torch.stack(path), sum(iterations) / len(iterations)
+        self.path = torch.stack(path)
+        self.operations = operations(self.run) / TIMED
 
     def run(self, batch: int = 1) -> None:
-        state = self.middle if batch == 1 else _batch(self.middle, batch)
+        state, iterations = self.middle if batch == 1 else _batch(self.middle, batch), 0.0
         for _ in range(TIMED):
             state = self.stepper(state)
+            iterations += self.stepper.iterations.double().mean().item()
+        self.iterations = iterations / TIMED
 
 
 def _batch(state: State, batch: int) -> State:
@@ -139,23 +144,23 @@ def _batch(state: State, batch: int) -> State:
 
 def measure(quick: bool = False) -> tuple[_Ran, list[Row]]:
     """The scene without any effect of the table, and the rows."""
-    elements, steps, batches, repeats = (4, 10, (1,), 1) if quick else (16, STEPS, (1, 256), 5)
-    base = _Ran(scene(elements), steps)
-    plain = operations(base.run) / TIMED
+    elements, steps, batches, repeats = (4, 10, (1,), 1) if quick else (16, STEPS, (1, 256), 3)
+    base, flat = (_Ran(scene(elements, force=force), steps) for force in ((0.0, 0.5, 1.0), IN_PLANE))
     rows = []
     for name, given, make in table(elements):
         print(name, file=sys.stderr)
+        beside = flat if name == "plane" else base
         try:
             ran = _Ran(make(), steps)
-        except (ValueError, RuntimeError, TypeError) as refusal:
+        except (ValueError, RuntimeError) as refusal:
             rows.append(Row(name, given, note=str(refusal).splitlines()[0]))
             continue
         times = {}
         for batch in batches:
-            without, with_ = seconds([lambda b=batch: base.run(b), lambda b=batch, r=ran: r.run(b)], repeats)
+            without, with_ = seconds([lambda b=batch, r=r: r.run(b) for r in (beside, ran)], repeats)
             times[str(batch)] = with_ / without
-        rows.append(Row(name, given, operations(ran.run) / TIMED - plain, ran.iterations, times, change(ran.path, base.path)))
-    base.operations, base.elements, base.steps = plain, elements, steps
+        rows.append(Row(name, given, ran.operations - beside.operations, ran.iterations, times, change(ran.path, beside.path)))
+    base.elements, base.steps = elements, steps
     return base, rows
 
 
@@ -195,10 +200,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 def markdown(rows: Sequence[Row]) -> str:
     """The table."""
     batches = next(r.time for r in rows if r.time)
-    head = ("effect", "here", "operations a step", *(f"time, batch {b}" for b in batches), "changes the answer by")
+    times = [f"time, batch {b}" for b in batches]
+    head = ("effect", "here", "operations a step", "iterations", *times, "changes the answer by")
     lines = [f"| {' | '.join(head)} |", "|---|---|" + "---:|" * (len(head) - 2)]
     for r in rows:
-        cells = ([r.note] + [""] * (len(batches) + 1) if r.note
-                 else [f"{r.operations:+.0f}", *(f"{r.time[b]:.2f}" for b in batches), f"{100 * r.change:.2g} %"])
+        cells = [r.note, *[""] * (len(batches) + 2)]
+        if not r.note:
+            times = [f"{r.time[b]:.2f}" for b in batches]
+            cells = [f"{r.operations:+.0f}", f"{r.iterations:.1f}", *times, f"{100 * r.change:.2g} %"]
         lines.append(f"| {r.effect} | {r.given} | {' | '.join(cells)} |")
     return "\n".join(lines)
