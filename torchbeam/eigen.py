@@ -10,13 +10,14 @@ With Q(lambda) = K + lambda D + lambda^2 M and the right and left null vectors v
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from .solve import positive_definite
-from .subspace import blocks_of, subspace
+from .subspace import Blocks, subspace
 
 DENSE = 96  # unknowns up to which the dense way is the shorter
 SHIFT = 1e-10  # of the largest stiffness over the largest mass: for rigid motions, in the square of a frequency
@@ -34,39 +35,59 @@ class Pairs(NamedTuple):
     repeated: Tensor
 
 
-def slowest(M: Tensor, D: Tensor | None, K: Tensor, count: int, symmetric: bool, chain: int, derivatives: bool) -> Pairs:
+def slowest(M: Tensor, D: Tensor | None, K: Tensor, count: int, symmetric: bool, derivatives: bool) -> Pairs:
     """The `count` slowest, one of each conjugate pair, by their imaginary part; constants.
 
-    symmetric    whether K is, and nothing turns with it;  chain: number of nodes;  derivatives: whether `left` is wanted
+    symmetric    whether K is, and nothing turns with it;  derivatives: whether `left` is wanted
     """
     M, K = M.detach(), K.detach()
     D = None if D is None else D.detach()
+    found = None
     if D is None and symmetric:
-        found = _symmetric(M, K, count, chain)
-        if found is not None:
-            return found
-    return _dense(M, D, K, count, derivatives)
+        M, K = torch.broadcast_tensors(M, K)
+        found = _symmetric((M + M.mT) / 2, (K + K.mT) / 2, count, lambda K: torch.linalg.cholesky_ex(K).info == 0, _whole)
+    return _dense(M, D, K, count, derivatives) if found is None else found
 
 
-def _symmetric(M: Tensor, K: Tensor, count: int, chain: int) -> Pairs | None:
-    """None where K is not even semidefinite: an unstable beam."""
-    M, K = torch.broadcast_tensors(M, K)
-    blocks = None if not chain or K.shape[-1] <= DENSE or 4 * count > K.shape[-1] else blocks_of(M, K, chain)
-    if blocks is None:
-        M, K = (M + M.mT) / 2, (K + K.mT) / 2
-    ways = (lambda K: torch.linalg.cholesky_ex(K).info == 0) if blocks is None else _definite_chain
-    parts = (M, K) if blocks is None else blocks
-    shift = torch.zeros_like(K[..., 0, 0])
-    definite = ways(parts[1])
-    if not definite.all():  # rigid motions, or buckled
-        most = K.diagonal(dim1=-2, dim2=-1).amax(-1) / M.diagonal(dim1=-2, dim2=-1).amax(-1)
-        shift = torch.where(definite, shift, SHIFT * most)
-        parts = (M, K + shift[..., None, None] * M)
-        if blocks is not None:
-            parts = blocks_of(*parts, chain)
-        if not ways(parts[1]).all():
+def slowest_of_chain(M: Blocks, K: Blocks, count: int) -> Pairs | None:
+    """The same of symmetric block tridiagonal matrices, undamped; None where it is unstable beyond what a shift covers."""
+    M, K = (tuple(x.detach() for x in A) for A in (M, K))
+    M, K = (((A[0] + A[0].mT) / 2, A[1]) for A in (M, K))
+    return _symmetric(Chained(*M), Chained(*K), count, lambda K: positive_definite(K.diagonal_blocks, K.upper.mT, K.upper),
+                      subspace)
+
+
+class Chained(NamedTuple):
+    """A symmetric block tridiagonal matrix: diagonal blocks (..., n, w, w) and those to their right (..., n-1, w, w)."""
+
+    diagonal_blocks: Tensor
+    upper: Tensor
+
+
+def _largest(A: Any) -> Tensor:
+    """(...) on the diagonal."""
+    if isinstance(A, Chained):
+        return A.diagonal_blocks.diagonal(dim1=-2, dim2=-1).amax((-1, -2))
+    return A.diagonal(dim1=-2, dim2=-1).amax(-1)
+
+
+def _plus(K: Any, shift: Tensor, M: Any) -> Any:
+    if isinstance(K, Chained):
+        shift = shift[..., None, None, None]
+        return Chained(K.diagonal_blocks + shift * M.diagonal_blocks, K.upper + shift * M.upper)
+    return K + shift[..., None, None] * M
+
+
+def _symmetric(M: Any, K: Any, count: int, definite: Callable[[Any], Tensor], solve: Callable) -> Pairs | None:
+    """By `solve`; K + shift M for K where it is not positive definite; None where that is not either."""
+    good = definite(K)
+    shift = torch.zeros_like(_largest(K))
+    if not good.all():  # rigid motions, or buckled
+        shift = torch.where(good, shift, SHIFT * _largest(K) / _largest(M))
+        K = _plus(K, shift, M)
+        if not definite(K).all():
             return None
-    value, vectors = (_whole if blocks is None else subspace)(*parts, count + 1)
+    value, vectors = solve(M, K, count + 1)
     square = 1 / value - shift[..., None]
     near = (value[..., :-1] - value[..., 1:]).abs() <= DISTINCT * value[..., :-1].abs()
     near = torch.nn.functional.pad(near, (1, 0)) | torch.nn.functional.pad(near, (0, 1))
@@ -78,10 +99,6 @@ def _symmetric(M: Tensor, K: Tensor, count: int, chain: int) -> Pairs | None:
 def _upper(value: Tensor) -> Tensor:
     """The one of each pair +-value with a positive imaginary part."""
     return torch.where(value.imag < 0, -value, value)
-
-
-def _definite_chain(K: tuple[Tensor, Tensor]) -> Tensor:
-    return positive_definite(K[0], K[1].mT, K[1])
 
 
 def _whole(M: Tensor, K: Tensor, count: int) -> tuple[Tensor, Tensor]:

@@ -89,8 +89,8 @@ class Linear:
         return replace(self, A=held[..., :n] / scale[..., None, :], B=held[..., n:], dt=dt, mass=None)
 
     def reduced(self, count: int, *, static: bool = False) -> Linear:
-        """The `count` slowest modes: those of the undamped beam where K and D are symmetric (z = their amplitudes, normalised by
-        mass, and rates), else those of A itself, each pair as its real and imaginary part.
+        """The `count` slowest modes: those of the undamped beam where K and D are symmetric (z = their amplitudes, normalised
+        by mass, and rates), else those of A itself, each pair as its real and imaginary part.
 
         static  keep the response to a steady input exact: what the other modes add to it goes into D
 

@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from .checks import count as check_count
-from .eigen import attach, slowest, upright
+from .eigen import DENSE, attach, slowest, slowest_of_chain, upright
 from .newton import no_derivatives, wants_gradient
-from .nodal.matrices import matrices, moves
+from .nodal.matrices import Blocks, chains, dense, moves
 from .nodal.model import Model
 from .scene import Scene
 from .state import State, turning
@@ -76,9 +76,9 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     without rotary inertia are taken as they are. An infinite stiffness is a very large one here: its own modes, far above
     those of the finite stiffnesses, mean nothing.
 
-    An undamped beam under conservative loads takes a symmetric solver, from 17 elements on by subspace iteration; anything else
-    a dense unsymmetric one, O(N^3). Eigenvalues and shapes are differentiable; where they are repeated (equal bending in two
-    planes) there is no derivative of one by itself, and asking for it raises a RuntimeError.
+    An undamped beam under conservative loads takes a symmetric solver, with more than 96 unknowns subspace iteration, O(N);
+    anything else a dense unsymmetric one, O(N^3). Eigenvalues and shapes are differentiable; where they are repeated (equal
+    bending in two planes) there is no derivative of one by itself, and asking for it raises a RuntimeError.
 
     Raises ValueError for more modes than the mesh has, or for what the nodal form does not take.
     """
@@ -88,17 +88,38 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     check_count("count", count)
     if state is None:
         state = equilibrium(scene, t=t, **inputs)
-    M, D, K = matrices(model, state, torch.as_tensor(t, dtype=scene.dtype, device=scene.device), scene.tensors(inputs))
-    free = K.shape[-1]
+    free = model.held.count
     if count > free:
         raise ValueError(f"count = {count} was given; {scene.beam.count} elements have at most {free} modes")
-    derivatives = wants_gradient(M, D, K)
-    chain = model.count + 1 - model.held.first if model.held.free is None else 0
-    symmetric = all(load.conservative for load in scene.loads) and not turning(scene)
-    with no_derivatives():
-        pairs = slowest(M, D, K, count, symmetric, chain, derivatives)
+    M, D, K = chains(model, state, torch.as_tensor(t, dtype=scene.dtype, device=scene.device), scene.tensors(inputs))
+    derivatives = wants_gradient(*(x for blocks in (M, D, K) if blocks is not None for x in blocks))
+    symmetric = D is None and all(load.conservative for load in scene.loads) and not turning(scene)
+    pairs = None
+    if symmetric and free > max(DENSE, 4 * count):
+        with no_derivatives():
+            pairs = slowest_of_chain(_held(model, M, 0.0), _held(model, K, 1.0), count)
+            if pairs is not None:
+                unknown = model.held.moving[model.held.first:].flatten()
+                pairs = pairs._replace(right=pairs.right[..., unknown])
+    if pairs is None or derivatives or normalize == "mass":
+        M, D, K = (None if blocks is None else dense(model, *blocks) for blocks in (M, D, K))
+        M, K = torch.broadcast_tensors(M, K)
+    if pairs is None:
+        with no_derivatives():
+            pairs = slowest(M, D, K, count, symmetric, derivatives)
     value, shape = attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, upright(pairs.right)[0])
     if normalize == "mass":
-        real, imag = shape.real, shape.imag
-        shape = shape / sum((x * (x @ M)).sum(-1, keepdim=True) for x in (real, imag)).sqrt()
+        shape = shape / sum((x * (x @ M)).sum(-1, keepdim=True) for x in (shape.real, shape.imag)).sqrt()
     return Modes(value, moves(model, shape))
+
+
+def _held(model: Model, blocks: Blocks, own: float) -> tuple[Tensor, Tensor]:
+    """Diagonal and upper blocks of the nodes with unknowns, `own` on the diagonal of what is held."""
+    at, to, back = blocks
+    at = at.expand(*at.shape[:-3], model.count + 1, *at.shape[-2:])
+    to, back = (torch.zeros_like(at[..., 1:, :, :]) if x is None else x.expand(*x.shape[:-3], model.count, *x.shape[-2:])
+                for x in (to, back))
+    at, _, to = model.held.matrix(at, back, to)
+    if model.held.free is not None and own != 1:
+        at = at - (1 - own) * torch.diag_embed(1 - model.held.free)
+    return at, to

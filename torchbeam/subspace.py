@@ -14,21 +14,6 @@ CONVERGED = {torch.float64: 1e-11, torch.float32: 1e-5}  # change of an eigenval
 STUCK = 0.7  # a change that is not less than this much of the one before, late on, is rounding
 
 
-def blocks_of(M: Tensor, K: Tensor, nodes: int) -> tuple[Blocks, Blocks] | None:
-    """The blocks of two dense matrices (..., n, n); None where they are no chain of `nodes` equal blocks."""
-    n = K.shape[-1]
-    if n % nodes or nodes < 3:
-        return None
-    found = []
-    for A in (M, K):
-        wide = A.unflatten(-2, (nodes, -1)).unflatten(-1, (nodes, -1))  # (..., N, k, N, k)
-        diagonal, upper = (wide.diagonal(offset, -4, -2).movedim(-1, -3).contiguous() for offset in (0, 1))
-        if not torch.allclose(A.square().sum(), diagonal.square().sum() + 2 * upper.square().sum(), rtol=1e-6, atol=0):
-            return None
-        found.append(((diagonal + diagonal.mT) / 2, upper))
-    return tuple(found)
-
-
 def subspace(M: Blocks, K: Blocks, count: int) -> tuple[Tensor, Tensor]:
     """The `count` largest eigenvalues (..., count), falling, and vectors (..., n, count) of K^-1 M.
 
