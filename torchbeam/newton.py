@@ -101,7 +101,8 @@ def dependencies(problem: Any, x: Any) -> list[Any]:
     held = [v for owner in (*scene.effects, *scene.supports, scene.frame) if owner is not None for v in vars(owner).values()]
     known = [*held, *vars(model).values(), *vars(model.inertia).values(), *problem.inputs.values(),
              *(() if start is None else vars(start).values())]
-    if any(callable(v) and not isinstance(v, Tensor) for v in held):
+    recording = torch.is_grad_enabled() or torch.autograd.forward_ad._current_level >= 0
+    if recording and any(callable(v) and not isinstance(v, Tensor) for v in held):
         residual = problem.residual(x)[0]
         known += [residual.nodes, residual.strain]
     return known
