@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from .. import quaternions as quat
 from ..checks import Value, axis_last
@@ -131,15 +133,9 @@ class RootSpring(Acting):
         back = support.R.mT
         k = like(self.stiffness, site.R)
         arm = site.position - support.position
-        relative = quat.from_matrix(back @ site.R)
-        phi = hat(quat.logarithm(relative))
-        cos, s2 = relative[..., :1].abs(), relative[..., 1:].square().sum(-1, keepdim=True)
-        g = quat.arc_ratio(cos, s2)
-        small = s2 < 1e-6
-        c = torch.where(small, 1 / 12 + s2 / 180, (1 - g * cos) / torch.where(small, torch.ones_like(s2), 4 * g * g * s2))
-        pull = k[..., 3:, None] * quat.logarithm(relative)[..., None]
+        turn = _Turn.of(back @ site.R)
         force = k[..., :3, None] * (back @ arm[..., None])
-        moment = pull + phi @ pull / 2 + c[..., None] * phi @ (phi @ pull)
+        moment = turn.back @ (k[..., 3:, None] * turn.phi[..., None])
         if self.damping is not None:
             v, spin = site.velocity, site.spin
             v = v if support.velocity is None else v - support.velocity
@@ -150,6 +146,56 @@ class RootSpring(Acting):
             force = force + c[..., :3, None] * (back @ v[..., None])
             moment = moment + c[..., 3:, None] * (back @ spin[..., None])
         return tuple(-(support.R @ w)[..., 0] for w in (force, moment))
+
+    def tangent(self, site: Site, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """With p = k phi:  d(T^-T p) = (T^-T k - ~p/2 - c (~(phi x p) + ~phi ~p) + 2 c' (phi x (phi x p)) phi^T) T^-1 spin."""
+        support = site.support
+        k = like(self.stiffness, site.R)
+        turn = _Turn.of(support.R.mT @ site.R)
+        p = k[..., 3:] * turn.phi
+        tilde, across = hat(turn.phi), torch.linalg.cross(turn.phi, p)
+        twice = (tilde @ across[..., None])[..., 0]
+        by_phi = (turn.back * k[..., None, 3:] - hat(p) / 2 - turn.c[..., None] * (hat(across) + tilde @ hat(p))
+                  + 2 * outer(turn.slope * twice, turn.phi))
+        found = {POSITION: _turned(support.R, torch.diag_embed(k[..., :3])),
+                 ROTATION: _turned(support.R, by_phi @ turn.back.mT)}
+        if self.damping is not None:
+            c = torch.diag_embed(like(self.damping, site.R).unflatten(-1, (2, 3)))
+            found[VELOCITY], found[SPIN] = (_turned(support.R, part) for part in c.unbind(-3))
+            if support.spin is not None:
+                found[POSITION] = found[POSITION] - found[VELOCITY] @ hat(support.spin)
+        pads = {POSITION: (0, 3), VELOCITY: (0, 3), ROTATION: (3, 0), SPIN: (3, 0)}
+        return {name: -pad(part, (0, 0, *pads[name])) for name, part in found.items()}
+
+
+class _Turn(NamedTuple):
+    """A rotation by |phi| < pi: its vector phi (..., 3); T^-T (..., 3, 3); with x = |phi|/2 and y = |phi|^2 the coefficient
+    c = (1 - x cot x)/y and its slope dc/dy (..., 1).
+    """
+
+    phi: Tensor
+    back: Tensor
+    c: Tensor
+    slope: Tensor
+
+    @classmethod
+    def of(cls, R: Tensor) -> _Turn:
+        q = quat.from_matrix(R)
+        phi = quat.logarithm(q)
+        y, s2 = phi.square().sum(-1, keepdim=True), q[..., 1:].square().sum(-1, keepdim=True)
+        g = quat.arc_ratio(q[..., :1].abs(), s2)
+        u, small = g * q[..., :1].abs(), y < 1e-3  # x cot x
+        safe = torch.where(small, torch.ones_like(y), y)
+        c = torch.where(small, 1 / 12 + y / 720 + y * y / 30240, (1 - u) / safe)
+        slope = torch.where(small, 1 / 720 + y / 15120, (g * g - u) / (2 * safe * safe) - c / safe)
+        tilde = hat(phi)
+        eye = torch.eye(3, dtype=R.dtype, device=R.device)
+        return cls(phi, eye + tilde / 2 + c[..., None] * tilde @ tilde, c, slope)
+
+
+def _turned(R: Tensor, matrix: Tensor) -> Tensor:
+    """R matrix R^T."""
+    return R @ matrix @ R.mT
 
 
 def _six(name: str, value: Value) -> Value:
