@@ -30,7 +30,12 @@ def test_rates_of_position_and_rotation(rates):
     """r' = v and R' = R ~Omega, by forward mode through the quaternion's matrix."""
     start = state(rates.model.scene)
     y, t = rates.pack(start), torch.tensor(0.2)
-    _, (r_rate, R_rate) = torch.func.jvp(lambda y: tuple(f(x) for f, x in zip((torch.clone, quat.matrix), rates.unpack(t, y)[0], strict=False)), (y,), (rates(t, y),))
+
+    def placed(y):
+        nodes = rates.unpack(t, y)[0]
+        return nodes.position, quat.matrix(nodes.rotation)
+
+    _, (r_rate, R_rate) = torch.func.jvp(placed, (y,), (rates(t, y),))
     assert_close(r_rate, start.velocity, rtol=0, atol=1e-14)
     assert_close(R_rate, quat.matrix(start.rotation) @ quat.hat(start.spin), rtol=0, atol=1e-13)
 

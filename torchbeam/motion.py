@@ -59,7 +59,7 @@ class Carrying:
     def root_pose(self, t: Tensor, dt: Tensor) -> Pose:
         """Where node 0 would be clamped, for what ties it there elastically."""
         root = self.scene.root
-        support = Support(0, displacement=None if root is None else root.displacement, turn=None if root is None else root.rotation)
+        support = Support(0) if root is None else Support(0, displacement=root.displacement, turn=root.rotation)
         position, rotation = self.pose(support, t)
         velocity, spin = self.absolute(support, t, dt)
         return Pose(position, quat.matrix(rotation), velocity, quat.rotate(rotation, spin))

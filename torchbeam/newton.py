@@ -93,8 +93,8 @@ def wants_gradient(*tensors: Any) -> bool:
 
 
 def dependencies(problem: Any, x: Any) -> list[Any]:
-    """Everything a problem depends on: its inputs and its start, its model, what the scene's effects and motions hold; and where
-    those are functions, what comes of them.
+    """Everything a problem depends on: its inputs and its start, its model, what the scene's effects and motions hold; and
+    where those are functions, what comes of them.
     """
     model, start = problem.model, getattr(problem, "start", None)
     scene = model.scene

@@ -100,8 +100,8 @@ class Scene:
         if self.root is not None and not freed and not (0 in found and found[0].turn is self.root.rotation
                                                         and found[0].displacement is self.root.displacement):
             if 0 not in found or not found[0].clamp or found[0].moves:
-                raise ValueError("root was given for a node 0 that is not clamped or has a motion of its own; one clamp with one "
-                                 "motion is wanted")
+                raise ValueError("root was given for a node 0 that is not clamped or has a motion of its own; one clamp with "
+                                 "one motion is wanted")
             found[0] = replace(found[0], displacement=self.root.displacement, turn=self.root.rotation)
         return tuple(replace(found[node], node=node) for node in sorted(found))
 

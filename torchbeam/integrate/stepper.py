@@ -63,8 +63,9 @@ class Stepper:
         if conserve and scene.carried:
             raise ValueError("conserve with a frame or support that moves was given; what holds the beam still is wanted")
         if self.method is Alpha:
-            for given, what in ((scene.frame is not None, "a moving frame"), (self.model.inertia.offset is not None, "a mass off its "
-                                "node"), (self.model.internal_states > 0, "a load with internal states")):
+            unfit = {"a moving frame": scene.frame is not None, "a mass off its node": self.model.inertia.offset is not None,
+                     "a load with internal states": self.model.internal_states > 0}
+            for what, given in unfit.items():
                 if given:
                     raise ValueError(f"{what} was given to generalized_alpha; 'midpoint' takes it")
         self.dt = torch.as_tensor(step_size("dt", dt), dtype=scene.dtype, device=scene.device)
@@ -133,7 +134,8 @@ class Stepper:
         """One Newton solve: (state after, of a failed sample before; status; iterations)."""
         problem = self._step(self.model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(problem, problem.guess(), moving, self.tolerance, self.limit)
-        status = torch.where((status == SUCCESS) & (self.model.space.cosine(x.m).amin(-1) < math.cos(TURN * problem.PART / 2)), DIVERGED, status)
+        turned = self.model.space.cosine(x.m).amin(-1) < math.cos(TURN * problem.PART / 2)
+        status = torch.where((status == SUCCESS) & turned, DIVERGED, status)
         good = moving & (status == SUCCESS)
         problem = replace(problem)  # what it had cached carries no gradient
         if wants_gradient(*dependencies(replace(problem), x)):

@@ -132,8 +132,7 @@ class Alpha(Step):
     def at_end(self, x: End, q: Tensor, motion: Tensor) -> Nodes:
         """What loads see."""
         p, space = self.model.space.position, self.model.space
-        return Nodes(self.start.position + x.u, q, motion[..., :p], space.to_frame(q, motion[..., p:]), None, self.start.internal,
-                     self.dt)
+        return Nodes(self.start.position + x.u, q, motion[..., :p], space.to_frame(q, motion[..., p:]))
 
     def load(self, nodes: Nodes) -> Tensor | float:
         moving = self.model.loads[0]
@@ -148,7 +147,9 @@ class Alpha(Step):
         v, true, _ = self.motion(x)
         p = space.position
         change = model.inertia.momentum(true[..., :p])
-        torque = torch.zeros_like(true[..., p:]) if model.inertia.inertia is None else space.to_frame(q, self._torque(v, true)[0])
+        torque = torch.zeros_like(true[..., p:])
+        if model.inertia.inertia is not None:
+            torque = space.to_frame(q, self._torque(v, true)[0])
         inertia = torch.cat((change, torque), -1)
         element = space.forces(end, x.stress, h)
         load = self.load(self.at_end(x, q, v))
@@ -209,7 +210,7 @@ class Alpha(Step):
         load = self.load(self.at_end(x, q, v))
         if not isinstance(load, float):
             before = Nodes(self.start.position, self.start.rotation, self.start.velocity,
-                           space.to_frame(self.start.rotation, self.start.spin), None, self.start.internal, self.dt)
+                           space.to_frame(self.start.rotation, self.start.spin))
             first = model.external(before, self.t - self.dt, self.inputs)
             work = work + ((first + load) / 2 * torch.cat((x.u, turn), -1)).sum((-1, -2))
         for k, given in enumerate(self.given):
@@ -224,7 +225,7 @@ class Alpha(Step):
         v, acceleration = free * v, torch.cat((free * true, free * a), -1)
         return replace(self.start, position=self.start.position + x.u, rotation=q, velocity=v[..., :p], spin=v[..., p:],
                        stress=x.stress, reaction=reaction, work=work, t=self.start.t + self.dt, acceleration=acceleration,
-                       straining=straining, internal=self._internal(self.at_end(x, q, v)))
+                       straining=straining)
 
 
 torch.serialization.add_safe_globals([AlphaState])

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 class Nodes(NamedTuple):
     """How the nodes stand and move at one instant, in the space's coordinates.
 
-    position (..., N+1, p) m;  rotation (..., N+1, ...);  velocity (..., N+1, p) m/s and spin (..., N+1, s) rad/s, absolute, frame a
+    position (..., N+1, p) m;  rotation (..., N+1, ...);  velocity (..., N+1, p) m/s and spin (..., N+1, s) rad/s: absolute,
+    in frame a
     frame     (..., ...) frame a -> inertial axes; None = it does not turn
     internal  (..., z) of user loads; dt (...) s of the step in whose middle this is; None without
     """
@@ -62,7 +63,7 @@ def tangent(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[
     total, p, s = 0.0, model.space.position, model.space.spin
     for load, site in _sites(model, nodes, t, loads):
         for name, block in load.tangent(site, t, inputs).items():
-            if name in (VELOCITY, SPIN) and by is None or name == ROTATION and not model.space.turns:
+            if (name in (VELOCITY, SPIN) and by is None) or (name == ROTATION and not model.space.turns):
                 continue
             block = pad(block, (3, 0) if name in (ROTATION, SPIN) else (0, 3))
             block = model.space.part_of_map(block)

@@ -66,7 +66,7 @@ class Held:
         return (D * row * column + torch.diag_embed(1 - self.free), L * row[1:] * column[:-1], U * row[:-1] * column[1:])
 
     def rows(self, D: Tensor, L: Tensor, U: Tensor) -> Tensor:
-        """(..., K, w, 3 w): the rows of the supports' nodes, to be met by the moves of the node before, the node and the next."""
+        """(..., K, w, 3 w): the rows of the supports' nodes, by the moves of the node before, the node and the next."""
         parts = []
         for i in self.nodes:
             zero = torch.zeros_like(D[..., i, :, :])

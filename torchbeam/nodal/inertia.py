@@ -4,9 +4,9 @@ With x = r + R e the centre of mass of a node, v_c its velocity and M the mass m
 
     momentum = M v_c        angular momentum = R J Omega        T = v_c^T M v_c/2 + Omega^T J Omega/2
 
-A step takes r_n, R_n to r_{n+1}, R_{n+1} = Cay(Theta) R_n. With e- = (R_n + R_{n+1}) e/2, x_{n+1} - x_n = r_{n+1} - r_n + Theta x e-:
-the force M d(v_c)/dt with the moment e- x force keeps energy, momentum and angular momentum exactly where
-v_c rises by 2 (x_{n+1} - x_n)/dt - 2 v_c. In a frame that turns with omega, d/dt is d/dt + omega x.
+A step takes r_n, R_n to r_{n+1}, R_{n+1} = Cay(Theta) R_n. With e- = (R_n + R_{n+1}) e/2 the centre moves by
+x_{n+1} - x_n = r_{n+1} - r_n + Theta x e-. The force M d(v_c)/dt with the moment e- x force keeps energy, momentum and angular
+momentum exactly where v_c rises by 2 (x_{n+1} - x_n)/dt - 2 v_c. In a frame that turns with omega, d/dt is d/dt + omega x.
 """
 
 from __future__ import annotations
@@ -132,15 +132,15 @@ def _mass(mass: Tensor, offset: bool) -> Tensor:
         raise ValueError("a mass per length that depends on the direction was given; M11 = m I is wanted")
     M21 = mass[..., 3:, :3]
     if offset and not torch.allclose(M21, -M21.mT, rtol=1e-6, atol=1e-9 * M21.detach().abs().max().item()):
-        raise ValueError("a section mass that couples V and Omega otherwise than an offset centre of mass was given; M21 = m ~e "
-                         "is wanted")
+        raise ValueError("a section mass that couples V and Omega otherwise than an offset centre of mass was given; M21 = m "
+                         "~e is wanted")
     return m
 
 
 def _vector(skew: Tensor) -> Tensor:
     """x of ~x."""
-    return torch.stack((skew[..., 2, 1] - skew[..., 1, 2], skew[..., 0, 2] - skew[..., 2, 0], skew[..., 1, 0] - skew[..., 0, 1]),
-                       -1) / 2
+    twice = skew - skew.mT
+    return torch.stack((twice[..., 2, 1], twice[..., 0, 2], twice[..., 1, 0]), -1) / 2
 
 
 def _turned(mass: Tensor, q: Tensor) -> Tensor:

@@ -2,7 +2,8 @@
 
 With T = [I, A] the centre's move by a node's displacement and spin, J and H = J omega in frame a, and omega of frame a:
 
-    M = T^T M T + J      D = T^T 2 M ~omega T + J ~omega + ~omega J - ~H      K = T^T M ~omega ~omega T + ~omega (J ~omega - ~H) + ...
+    M = T^T M T + J      D = T^T 2 M ~omega T + J ~omega + ~omega J - ~H
+    K = T^T M ~omega ~omega T + ~omega (J ~omega - ~H) + ...
 
 beside damping, elasticity, stress and loads: gyroscopic, and softened by the rotation.
 """

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,12 +16,12 @@ from ..motion import Carrying
 from ..scene import Scene
 from ..state import turning
 from . import external
+from .choice import check_plane, only_numbers, space_of
 from .element import kinematics, strain
 from .external import Nodes
 from .held import Held
 from .inertia import Inertia, inertia_of
-from .plane import Plane
-from .small import Small
+from .plane import PLANES, Plane
 from .space import Space
 
 STIFFENED = 100.0  # by loads, over bending alone: P L^2/EI of that order
@@ -47,7 +48,7 @@ class Model:
     S: Tensor
     C: Tensor
     rate: Tensor | None
-    section_mass: Tensor  # (..., N+1, 6, 6) mean section mass about each node with what is fixed to it, for loads along the beam
+    section_mass: Tensor  # (..., N+1, 6, 6) mean mass per length about each node, with what is fixed to it: for line loads
     share: Tensor  # (..., N+1, 1) m of beam that belong to each node
 
     @classmethod
@@ -57,6 +58,8 @@ class Model:
         """
         if not isinstance(scene, Scene):
             raise ValueError(f"a scene of type {type(scene).__name__} was given; a torchbeam.Scene is wanted")
+        if scene.plane == "auto":
+            return cls._in_a_plane(scene, lumped)
         space = space_of(scene)
         beam = scene.beam
         h = beam.length[..., None]
@@ -69,8 +72,16 @@ class Model:
             section_mass=section_mass, share=share,
         )
         if isinstance(space, Plane):
-            _check_plane(model)
+            check_plane(model, cls.of(replace(scene, plane=None), lumped))
         return model
+
+    @classmethod
+    def _in_a_plane(cls, scene: Scene, lumped: bool) -> Model:
+        """In the first plane that everything fits, if there is one and nothing but numbers acts; else in 3D."""
+        for name in PLANES if only_numbers(scene) else ():
+            with suppress(ValueError):
+                return cls.of(replace(scene, plane=name), lumped)
+        return cls.of(replace(scene, plane=None), lumped)
 
     @property
     def count(self) -> int:
@@ -158,90 +169,9 @@ class Model:
 
     def strain_energy(self, position: Tensor, rotation: Tensor, eigenstrain: Tensor | float = 0.0) -> Tensor:
         """(...) J"""
-        e = self.space.strains(self.space.kinematics(position, rotation, self.length), self.length, self.reference) - eigenstrain
+        kin = self.space.kinematics(position, rotation, self.length)
+        e = self.space.strains(kin, self.length, self.reference) - eigenstrain
         return (self.length * e * times(self.C, e[..., None])[..., 0]).sum((-1, -2)) / 2
-
-
-def space_of(scene: Scene) -> Space:
-    """The unknowns a scene asks for. Raises ValueError where they do not fit it."""
-    if scene.small:
-        if scene.plane is not None:
-            raise ValueError("plane and small were given; one of them is wanted")
-        if scene.frame is not None and scene.frame.angular_velocity is not None:
-            raise ValueError("small=True in a frame that turns was given; large rotations (small=False) are wanted there")
-        for load in scene.loads:
-            if getattr(load, "follower", False) or getattr(load, "wants_support", False):
-                raise ValueError(f"small=True with {type(load).__name__} was given, whose load turns with the beam; dead loads are "
-                                 "wanted")
-        return Small.of(scene)
-    if scene.plane == "auto":
-        return _found(scene)
-    return Space() if scene.plane is None else Plane.of(scene, scene.plane)
-
-
-def _found(scene: Scene) -> Space:
-    """The plane that everything lies in, if there is one and nothing but numbers acts; else 3D."""
-    values = [v for e in scene.effects for v in e.values]
-    motions = [m for s in scene.supports for m in (s.displacement, s.turn) if m is not None]
-    if all(hasattr(v, "shape") for v in values) and not motions and not any(hasattr(e, "function") for e in scene.effects):
-        for name in ("xy", "xz"):
-            try:
-                space = Plane.of(scene, name)
-                _check_plane(Model.of(_in_plane(scene, name)))
-                return space
-            except ValueError:
-                continue
-    return Space()
-
-
-def _in_plane(scene: Scene, name: str) -> Scene:
-    from dataclasses import replace
-    return replace(scene, plane=name)
-
-
-def _check_plane(model: Model) -> None:
-    """Refuse numbers that act out of the plane: loads on the beam at rest, eccentric masses, a frame that turns out of it.
-
-    Raises ValueError.
-    """
-    scene, space = model.scene, model.space
-    whole = Space()
-    beam = scene.beam
-    nodes = Nodes(beam.nodes, beam.frames, torch.zeros_like(beam.nodes), torch.zeros_like(beam.nodes))
-    seen = _Spatial(model)
-    t = beam.nodes.new_zeros(())
-    for load in scene.loads:
-        if not all(hasattr(v, "shape") for v in load.values) or hasattr(load, "function"):
-            continue
-        wrench = external.external(seen, nodes, t, {}, (load,))
-        if not isinstance(wrench, float):
-            wrench = wrench.detach()
-            out = wrench - space.whole(space.part(wrench))
-            if (out.abs() > 1e-9 * wrench.abs().amax() + 1e-30).any():
-                raise ValueError(f"{type(load).__name__} out of the plane {space.name!r} was given; one in it is wanted, or plane=None")
-    for body in scene.bodies:
-        if body.offset is not None:
-            e = torch.as_tensor(body.offset, dtype=scene.dtype, device=scene.device).detach()
-            if ((e @ space.section[:, 2]).abs() > 1e-9 * e.abs().amax()).any():
-                raise ValueError(f"a PointMass out of the plane {space.name!r} was given; one in it is wanted, or plane=None")
-    frame = scene.frame
-    for name, value in () if frame is None else (("velocity", frame.velocity), ("angular_velocity", frame.angular_velocity)):
-        if value is not None and not callable(value):
-            value = torch.as_tensor(value, dtype=scene.dtype, device=scene.device)
-            back = space.part_of_vector(value) @ space.basis[:, :2].mT if name == "velocity" else (
-                space.part_of_spin(value) @ space.basis[:, 2:].mT)
-            if ((value - back).abs() > 1e-9 * value.abs().amax()).any():
-                raise ValueError(f"a frame with a {name} out of the plane {space.name!r} was given; one in it is wanted, or plane=None")
-
-
-class _Spatial:
-    """A model's loads, seen in 3D."""
-
-    def __init__(self, model: Model) -> None:
-        self._model, self.space = model, Space()
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._model, name)
 
 
 def times(matrix: Tensor, x: Tensor) -> Tensor:

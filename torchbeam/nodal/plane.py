@@ -1,8 +1,8 @@
 """A beam that moves in a plane: two positions, one angle and three strains of the same mathematics.
 
-The plane has the axes e_1, e_2 (two of frame a) and the normal e_3; a section has its axes 1 (along the beam), t in the plane and
-n = e_3. A rotation is (cos(phi/2), sin(phi/2)): what is left of the quaternion. Strains are [gamma_1, gamma_t, kappa_n]; see
-`element` for the names, with J x = e_3 x x:
+The plane has the axes e_1, e_2 (two of frame a) and the normal e_3; a section has its axes 1 (along the beam), t in the plane
+and n = e_3. A rotation is (cos(phi/2), sin(phi/2)): what is left of the quaternion. Strains are [gamma_1, gamma_t, kappa_n];
+see `element` for the names, with J x = e_3 x x:
 
     d(gamma) = R^T (d(d) - (alpha + beta)/2 J d)      d(phi) = beta - alpha      c = h F x d      m_i = c/2 - M    m_j = c/2 + M
 """
@@ -155,8 +155,8 @@ class Plane(Space):
         across = torch.cat([(quat.matrix(q.detach()).mT @ normal).flatten(0, -2) for q in (beam.frames, beam.elements)])
         n = across[0].round()
         if (across - n).abs().max() > close or n[0] != 0:
-            raise ValueError(f"section axes at an angle to the plane {name!r} were given; y or z of every section is wanted along "
-                             "its normal")
+            raise ValueError(f"section axes at an angle to the plane {name!r} were given; y or z of every section is wanted "
+                             "along its normal")
         e = torch.zeros_like(n)
         e[0] = 1
         section = torch.stack((e, torch.linalg.cross(n, e), n), -1)
@@ -166,8 +166,8 @@ class Plane(Space):
             scale = local.diagonal(dim1=-2, dim2=-1).abs().sqrt()
             coupling = local[..., INSIDE, :][..., OUTSIDE].abs()
             if (coupling > close * scale[..., INSIDE][..., :, None] * scale[..., OUTSIDE][..., None, :]).any():
-                raise ValueError(f"a section whose {what} couples the plane {name!r} to what is out of it was given; plane=None "
-                                 "takes it")
+                raise ValueError(f"a section whose {what} couples the plane {name!r} to what is out of it was given; "
+                                 "plane=None takes it")
         return cls(name, basis, section, place.flatten()[0])
 
     def _full(self, two: Tensor) -> Tensor:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ..effects import Inputs
 from ..motion import GAP, INCREMENT
@@ -32,8 +31,8 @@ class Rates:
 
     @classmethod
     def of(cls, scene: Scene, inputs: Inputs) -> Rates:
-        """Raises ValueError where a block of the mass is singular or a stiffness infinite (both need the implicit form), and for
-        supports that move other than a clamp at node 0.
+        """Raises ValueError where a block of the mass is singular or a stiffness infinite (both need the implicit form), and
+        for supports that move other than a clamp at node 0.
         """
         model = Model.of(scene, lumped=True)
         J = model.inertia.inertia
@@ -44,7 +43,8 @@ class Rates:
             raise ValueError("an infinite stiffness was given; an explicit method wants finite ones (the implicit method "
                              "'midpoint' takes it)")
         if any(s.moves and not (s.clamp and s.node == 0) for s in scene.supports):
-            raise ValueError("a support that moves, other than a clamp at node 0, was given; the implicit method 'midpoint' takes it")
+            raise ValueError("a support that moves, other than a clamp at node 0, was given; the implicit method 'midpoint' "
+                             "takes it")
         return cls(model, inputs)
 
     @property
@@ -175,7 +175,8 @@ class Rates:
             if omega is not None:
                 p = space.position
                 now, omega = self._momentum(t), omega[..., 0, :]
-                rate = rate + torch.cat(((space.tilde(omega) @ now[..., :p, None])[..., 0], (space.hat(omega) @ now[..., p:, None])[..., 0]), -1)
+                turned = space.tilde(omega) @ now[..., :p, None], space.hat(omega) @ now[..., p:, None]
+                rate = rate + torch.cat(turned, -2)[..., 0]
             found[0] = found[0] + rate
         return torch.stack(torch.broadcast_tensors(*found), -2)
 
@@ -193,9 +194,10 @@ class Rates:
         """The state at time t; stress and reaction are those of the instant."""
         nodes, spin, _ = self.unpack(t, y)
         net, _ = self.balance(t, nodes)
+        work = y[..., -1]
         return self.model.space.leave(State(
-            nodes.position, nodes.rotation, nodes.velocity, spin, self.stress(nodes, t), self.reaction(t, nodes, net), y[..., -1],
-            torch.zeros_like(y[..., -1]), t.expand(y.shape[:-1]), status, frame=nodes.frame, internal=nodes.internal))
+            *nodes[:3], spin, self.stress(nodes, t), self.reaction(t, nodes, net), work, torch.zeros_like(work),
+            t.expand(work.shape), status, frame=nodes.frame, internal=nodes.internal))
 
 
 def _level(*blocks: Tensor) -> list[Tensor]:

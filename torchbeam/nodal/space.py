@@ -181,7 +181,7 @@ class Space:
 
     def to_blocks(self, Y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """(..., N, p + 2 s, p + 2 s) of elements -> (diagonal (..., N+1, w, w), upper, lower (..., N, w, w)) of the chain."""
-        p, s, w = self.position, self.spin, self.unknowns
+        p, w = self.position, self.unknowns
         rows = torch.cat((-Y[..., :p, :], Y[..., p:w, :], Y[..., :p, :], Y[..., w:, :]), -2)
         K = torch.cat((-rows[..., :p], rows[..., p:w], rows[..., :p], rows[..., w:]), -1)
         diagonal = pad(K[..., :w, :w], (0, 0, 0, 0, 0, 1)) + pad(K[..., w:, w:], (0, 0, 0, 0, 1, 0))

@@ -31,11 +31,12 @@ from ..effects import Inputs
 from ..state import State, put
 from . import external
 from .balance import Linearisation, Residual, blocked, largest, size_of_strain
+from .conserve import conserved
 from .external import Chain, Nodes
+from .given import Given, given
 from .model import Model, times
 
 SPINS = frozenset({"spin"})
-MOST = 0.01  # of the kinetic energy, that `conserve` may take or give in one step
 
 
 class Middle(NamedTuple):
@@ -58,20 +59,6 @@ class Way(NamedTuple):
     velocity: Tensor
     centre: Tensor
     arm: Tensor | None
-
-
-class Given(NamedTuple):
-    """A support's motion at the end of the step: u (..., p) and m (...) that lead there, and for a clamp its absolute velocity
-    (frame a) and spin (section axes); None where the step finds it.
-    """
-
-    node: int
-    position: Tensor
-    rotation: bool
-    u: Tensor | None
-    m: Tensor | None
-    velocity: Tensor | None
-    spin: Tensor | None
 
 
 @dataclass(frozen=True)
@@ -148,31 +135,15 @@ class Step:
     @cached_property
     def given(self) -> tuple[Given, ...]:
         """The supports that move, in frame a or with it."""
-        model, start, space = self.model, self.start, self.model.space
-        if not model.scene.carried:
-            return ()
-        end, found = self.t + (1 - self.INSTANT) * self.dt, []
-        for support, fixed in zip(model.scene.supports, model.held.fixed, strict=True):
-            u = m = velocity = spin = None
-            at = support.node
-            if support.moves:
-                position, rotation = space.pose(*model.carrying.pose(support, end), at)
-                u = (position - start.position[..., at, :]) * self.PART
-                m = space.multiply(space.inverse(start.rotation[..., at, :]), rotation)
-                m = space.half(m) if self.PART == 0.5 else m
-            if support.clamp:
-                velocity, spin = space.motion(*model.carrying.absolute(support, end, self.dt))
-            held = fixed[:space.position] > 0
-            found.append(Given(at, held, bool(fixed[space.position:].all()), u, m, velocity, spin))
-        return tuple(found)
+        return given(self.model, self.start, self.t + (1 - self.INSTANT) * self.dt, self.dt, self.PART)
 
     def held(self, x: Middle) -> Middle:
         """x with the supports where they have to be."""
         u, m = x.u, x.m
-        for given in self.given:
-            if given.u is not None:
-                u = put(u, given.node, torch.where(given.position, given.u, u[..., given.node, :]))
-                m = put(m, given.node, given.m) if given.rotation else m
+        for one in self.given:
+            if one.u is not None:
+                u = put(u, one.node, torch.where(one.position, one.u, u[..., one.node, :]))
+                m = put(m, one.node, one.m) if one.rotation else m
         return x._replace(u=u, m=m)
 
     @cached_property
@@ -251,8 +222,8 @@ class Step:
     def spin_end(self, way: Way) -> Tensor:
         """Omega_{n+1}, section axes."""
         spin = 2 / self.h * way.theta - self.start.spin
-        for given in self.given:
-            spin = spin if given.spin is None else put(spin, given.node, given.spin)
+        for one in self.given:
+            spin = spin if one.spin is None else put(spin, one.node, one.spin)
         return spin
 
     def velocity_end(self, way: Way, spin: Tensor) -> tuple[Tensor, Tensor]:
@@ -262,9 +233,9 @@ class Step:
         velocity = centre
         if inertia.offset is not None:
             velocity = centre - inertia.centre_velocity(way.q_end, torch.zeros_like(centre), spin)
-        for given in self.given:
-            if given.velocity is not None:
-                velocity = put(velocity, given.node, given.velocity)
+        for one in self.given:
+            if one.velocity is not None:
+                velocity = put(velocity, one.node, one.velocity)
                 centre = inertia.centre_velocity(way.q_end, velocity, spin)
         return velocity, centre
 
@@ -324,7 +295,8 @@ class Step:
         R = space.spin_matrix(way.q)
         half = space.carried(R, self.R)
         B = space.strain_operator(end, model.length)
-        E = torch.cat((B[..., :p], B[..., p:-space.spin] @ half[..., :-1, :, :], B[..., -space.spin:] @ half[..., 1:, :, :]), -1)
+        by_r, by_i, by_j = B.split((p, space.spin, space.spin), -1)
+        E = torch.cat((by_r, by_i @ half[..., :-1, :, :], by_j @ half[..., 1:, :, :]), -1)
         if model.rate is not None:
             E = E + 2 / dt * times(model.rate, E)
         rest = space.geometric_stiffness(middle, x.stress, model.length)
@@ -370,34 +342,17 @@ class Step:
         work, turn = start.work, space.to_frame(way.q, way.theta)
         if not isinstance(load, float):
             work = work + (load * torch.cat((self.h * way.velocity, turn), -1)).sum((-1, -2))
-        for k, given in enumerate(self.given):
-            made = torch.cat((self.dt[..., None] * way.velocity[..., given.node, :], turn[..., given.node, :]), -1)
+        for k, one in enumerate(self.given):
+            made = torch.cat((self.dt[..., None] * way.velocity[..., one.node, :], turn[..., one.node, :]), -1)
             work = work + (reaction[..., k, :] * made).sum(-1)
         if not self.given:  # what stands still has no velocity, whatever rounding has left
             velocity, spin = model.held.slide * velocity, model.held.turn * spin
         after = replace(
             start, position=start.position + 2 * x.u, rotation=way.q_end, velocity=velocity, spin=spin, stress=x.stress,
-            reaction=reaction, work=work, t=start.t + self.dt, frame=self.frame_end, internal=self._internal(self.nodes(x, way)),
-        )
-        return self._conserved(after) if self.conserve else after
+            reaction=reaction, work=work, t=start.t + self.dt, frame=self.frame_end,
+            internal=self._internal(self.nodes(x, way)))
+        return conserved(self.model, start, after, self.dt) if self.conserve else after
 
     def _internal(self, nodes: Nodes) -> Tensor | None:
         """The user loads' own states at the end."""
         return None if self.start.internal is None else external.advanced(self.model, nodes, self.t, self.inputs)
-
-    def _conserved(self, after: State) -> State:
-        """`after` with its velocities scaled by s, s^2 = 1 - defect/kinetic."""
-        model, start = self.model, self.start
-        kinetic = model.kinetic_energy(after.rotation, after.velocity, after.spin)
-        gain = (kinetic + model.strain_energy(after.position, after.rotation)
-                - model.kinetic_energy(start.rotation, start.velocity, start.spin)
-                - model.strain_energy(start.position, start.rotation))
-        defect = start.defect + gain - (after.work - start.work)
-        if model.rate is not None:
-            end = model.space.kinematics(after.position, after.rotation, model.length)
-            rise = (model.space.strains(end, model.length, model.reference) - self.strain)[..., None]
-            lost = (rise * times(model.C, times(model.rate, rise)))[..., 0]
-            defect = defect + (model.length * lost).sum((-1, -2)) / self.dt
-        change = (-defect / kinetic.clamp(min=torch.finfo(kinetic.dtype).tiny)).clamp(-MOST, MOST)
-        scale = (1 + change).sqrt()[..., None, None]
-        return replace(after, velocity=scale * after.velocity, spin=scale * after.spin, defect=defect + change * kinetic)

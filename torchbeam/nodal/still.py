@@ -31,8 +31,8 @@ class Still:
     """inertia + to_nodes(h B^T [F; M]) = share * loads and S [F; M] = strain; `share` (...) in [0, 1] steps the loads, the
     inertia of a moving frame, the strain that a beam takes by itself and the motion of its supports.
 
-    Steady motion with velocity v and angular velocity omega of frame a: with x the centres of mass and e their arms, the inertia
-    at a node is the force omega x M (v + omega x x) with the moment omega x R J R^T omega + e x force.
+    Steady motion with velocity v and angular velocity omega of frame a: with x the centres of mass and e their arms, the
+    inertia at a node is the force omega x M (v + omega x x) with the moment omega x R J R^T omega + e x force.
     """
 
     model: Model
@@ -116,7 +116,7 @@ class Still:
         if model.loads[0]:
             omega, by = self.frame[1], None
             if omega is not None:
-                by = Chain(space.tilde(omega), torch.zeros_like(B[..., :1, :1, :1]).expand(*B.shape[:-3], 1, space.spin, space.spin))
+                by = Chain(space.tilde(omega), torch.zeros_like(omega)[..., None] * omega[..., None, :])
             diagonal = diagonal - share * external.tangent(model, self.nodes(x), self.t, self.inputs, model.loads[0], by)
         if self.frame[1] is not None:
             tilde = space.tilde(self.frame[1])

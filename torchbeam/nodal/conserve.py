@@ -1,0 +1,33 @@
+"""What is left of the energy error of a step is taken out of its velocities."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from ..state import State
+from .model import Model, times
+
+MOST = 0.01  # of the kinetic energy, that one step may take or give
+
+
+def conserved(model: Model, start: State, after: State, dt: Tensor) -> State:
+    """`after` with its velocities scaled by s, s^2 = 1 - defect/kinetic: kinetic + strain energy then changes by the work of
+    the loads less what damping takes. What is more than `MOST` waits for a step with more kinetic energy.
+    """
+    kinetic = model.kinetic_energy(after.rotation, after.velocity, after.spin)
+    gain = (kinetic + model.strain_energy(after.position, after.rotation)
+            - model.kinetic_energy(start.rotation, start.velocity, start.spin)
+            - model.strain_energy(start.position, start.rotation))
+    defect = start.defect + gain - (after.work - start.work)
+    if model.rate is not None:
+        before, end = (model.space.strains(model.space.kinematics(s.position, s.rotation, model.length), model.length)
+                       for s in (start, after))
+        rise = (end - before)[..., None]
+        lost = (rise * times(model.C, times(model.rate, rise)))[..., 0]
+        defect = defect + (model.length * lost).sum((-1, -2)) / dt
+    change = (-defect / kinetic.clamp(min=torch.finfo(kinetic.dtype).tiny)).clamp(-MOST, MOST)
+    scale = (1 + change).sqrt()[..., None, None]
+    return replace(after, velocity=scale * after.velocity, spin=scale * after.spin, defect=defect + change * kinetic)
