@@ -40,13 +40,13 @@ def step_load(N: int, dt: float) -> tuple[Tensor, Tensor]:
     data = reference("dynamic_step_load")
     t, tip = torch.tensor(data["t"]), torch.tensor(data["tip"])
     strip = tb.Section.from_stiffness(EA=4e4, GA=1.4835e4, GJ=0.769, EI=1.0, mass=0.2, inertia=5e-6)
-    ours = tb.simulate(cantilever(N, tb.TipLoad(force=(0, 1.0, 0)), of=strip), t, step=dt).tip.position
+    ours = tb.simulate(cantilever(N, tb.TipLoad(force=(0, 1.0, 0)), of=strip, plane="xy"), t, step=dt).tip.position
     away, size = ((x.square().sum(-1).mean()).sqrt() for x in (ours - tip, tip - tip[0]))
     return away / size, torch.tensor(0.0)
 
 
 def semidiscrete() -> tuple[Tensor, Tensor]:
-    """The derivation's own element, N = 4: the tip to 0.2 s, under a ramped and a sudden load."""
+    """The derivation's own element, N = 4: the tip to 0.1 s, under a ramped and a sudden load."""
     stored = [reference("semidiscrete_trajectories")["values"][name] for name in ("ramp_planar_N4", "step_planar_N4")]
     compliance = torch.diag(1 / torch.tensor([1e3, 400, 400, 0.8, 1, 2]))
     mass = torch.diag(torch.tensor([1, 1, 1, 0.02, 0.01, 0.01]))
@@ -56,8 +56,8 @@ def semidiscrete() -> tuple[Tensor, Tensor]:
         return along(2, 3 * torch.stack((1 - (1 - s) ** 2 * (1 + 2 * s), torch.ones_like(t))))
 
     scene = cantilever(4, tb.TipLoad(force=force), of=tb.Section(compliance, mass))
-    sol = tb.simulate(scene, stored[0]["t"][:3], method="dopri8", form="minimal", rtol=1e-9, atol=1e-10)
-    return sol.tip.position - torch.tensor([1.0, 0, 0]), torch.tensor([s["tip_u"][:3] for s in stored]).transpose(0, 1)
+    sol = tb.simulate(scene, stored[0]["t"][:2], method="dopri8", form="minimal", rtol=1e-9, atol=1e-10)
+    return sol.tip.position - torch.tensor([1.0, 0, 0]), torch.tensor([s["tip_u"][:2] for s in stored]).transpose(0, 1)
 
 
 def case(name: str, source: str, quantity: str, mesh: str, solve: Callable, bound: float, why: str = ORDER,
@@ -75,6 +75,6 @@ CASES = [
          "mass coupled to neighbours by 1/12 makes it fourth order"),
     case("sudden tip load, 2 s", "two independent codes, 3e-4", "tip, RMS distance over RMS displacement",
          "16 elements, 5 ms", lambda: step_load(16, 0.005), 4.5e-3, "mesh and step: see the table of accuracy", 1.0),
-    case("the derivation's element, ramped and sudden load", "the same equations, 1e-8", "tip displacement to 0.2 s over L",
+    case("the derivation's element, ramped and sudden load", "the same equations, 1e-8", "tip displacement to 0.1 s over L",
          "4 elements, dopri8", semidiscrete, 1e-9, "time integration at 1e-9", 1.0),
 ]

@@ -37,8 +37,8 @@ def beck_frequency() -> tuple[Tensor, Tensor]:
 
 
 def damped_beck() -> tuple[Tensor, Tensor]:
-    follower = lambda P: cantilever(N, tb.TipLoad(force=along(0, -P), follower=True), tb.Damping(1e-3), of=planar())  # noqa: E731
-    return tb.critical_load(follower, 30.0).factor, torch.tensor(10.94)
+    follower = lambda P: cantilever(16, tb.TipLoad(force=along(0, -P), follower=True), tb.Damping(1e-3), of=planar())  # noqa: E731
+    return tb.critical_load(follower, 15.0, points=9).factor, torch.tensor(10.94)
 
 
 def sideways() -> tuple[Tensor, Tensor]:
@@ -103,8 +103,8 @@ CASES = [
          sideways, 9e-4),
     case("column, tangential load", "Beck 1952, 1e-6", "P L^2/EI of flutter", beck_load, 4.1e-3),
     case("column, tangential load", "Beck 1952, 1e-6", "frequency of flutter", beck_frequency, 3e-3),
-    case("column, tangential load, slight material damping", "Bolotin and Zhinzher 1969", "P L^2/EI of flutter", damped_beck,
-         1.8e-3, "damping of tau omega = 0.01 is not vanishing"),
+    Case("column, tangential load, slight material damping", "Bolotin and Zhinzher 1969", "P L^2/EI of flutter", "16 elements",
+         damped_beck, 6.5e-3, "the mesh's error and that of damping which is not vanishing"),
     case("buckled column, P to 4 times Euler's", "Timoshenko and Gere 1961, table 2.4", "tip x, y over L", buckled, 3.2e-3,
          "three digits; the mesh's critical load is 4e-4 high, and near it the tip moves 6 times as fast", 1.0),
     Case("deep arch, clamped and hinged, 215 degrees", "DaDeppo and Schmidt 1975", "P R^2/EI of snap-through", "64 elements",
