@@ -40,8 +40,8 @@ from .section import Section
 from .solution import Energy, Solution, Stats
 from .state import State, rest
 from .statics import equilibrium
-from .supports import Frame, RootMotion, Support
 from .stations import Stations, Table
+from .supports import Frame, RootMotion, Support
 
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy",
