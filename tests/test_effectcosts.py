@@ -5,7 +5,7 @@ import json
 import pytest
 import torch
 
-from torchbeam.effectcosts import main, scene, table
+from torchbeam.effectcosts import _batch, main, scene, table
 from torchbeam.integrate.stepper import Stepper
 from torchbeam.nodal.model import Model
 
@@ -55,3 +55,16 @@ def test_every_row_is_taken():
         except ValueError:
             refused.append(name)
     assert refused in ([], ["Drag, added mass"])
+
+
+def test_every_row_in_a_batch():
+    """Three copies of a state step as the one, with every effect, to the rounding of sums (1e-13 of velocities near 1)."""
+    with torch.no_grad():
+        for name, _, make in table(3):
+            if name == "Drag, added mass":
+                continue
+            stepper = Stepper(make(), 0.005)
+            state = stepper(stepper(stepper.rest()))
+            one, three = stepper(state), stepper(_batch(state, 3))
+            assert (three.position - one.position).abs().max() < 1e-13, name
+            assert (three.spin - one.spin).abs().max() < 1e-13, name
