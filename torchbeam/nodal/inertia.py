@@ -84,8 +84,10 @@ class Inertia:
             return pad(at, (0, s, 0, s)), None if between is None else pad(between, (0, s, 0, s))[..., None, :, :]
 
         def whole(block: Tensor, arm: Tensor, turn: Tensor) -> Tensor:
-            row = torch.cat((block, block @ turn), -1)
-            return torch.cat((row, arm.mT @ row), -2)
+            turned = block @ turn
+            row = torch.cat((block.expand(*turned.shape[:-2], *block.shape[-2:]), turned), -1)
+            pushed = arm.mT @ row
+            return torch.cat((row.expand(*pushed.shape[:-2], *row.shape[-2:]), pushed), -2)
 
         arm = self.space.arm(left)
         if between is None:
