@@ -10,7 +10,7 @@ import torchbeam as tb
 from torchbeam.trials import change, operations
 
 BEAM = tb.Beam.straight(1.0, 4, tb.Section.from_stiffness(EA=1e4, GA=(5.0, 4e3), GJ=1.0, EI=1.0, mass=0.2, inertia=1e-6))
-T = torch.linspace(0, 0.2, 6)
+T = torch.linspace(0, 0.12, 4)
 TIP = tb.sensors.TipPosition()
 
 
@@ -79,3 +79,19 @@ def test_change():
 def test_operations():
     x = torch.ones(3)
     assert operations(lambda: x + x * 2) == 2 and operations(lambda: None) == 0
+
+
+def test_unknowns():
+    """A load in the plane xy: 3D is not needed, rounding apart, and xz cannot be; a tip moved by half a length needs large
+    rotations.
+    """
+    beam = tb.Beam.straight(1.0, 4, tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=1.0, EI=1.0, mass=0.2, inertia=1e-4))
+    bent = tb.Scene(beam, [tb.TipLoad(force=(0, 2.0, 0))])
+    of = {t.what: t for t in tb.advise(bent, T, TIP, step=0.02, repeats=1, show=False).trials}
+    assert of["in the plane xy"].change < 1e-9 and not of["in the plane xy"].matters
+    assert of["in the plane xz"].matters and "out of the plane" in of["in the plane xz"].note
+    assert of["small displacements"].matters
+    flat = tb.simulate(tb.Scene(beam, bent.effects, small=True), T, step=0.02).tip.position
+    large = tb.simulate(bent, T, step=0.02).tip.position
+    want = ((flat - large).square().mean() / (large - large[0]).square().mean()).sqrt().item()
+    assert of["small displacements"].change == pytest.approx(want)
