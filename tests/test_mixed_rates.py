@@ -13,7 +13,21 @@ from torch.testing import assert_close
 
 from torchbeam import rotations as rot
 from torchbeam.beam import Beam
-from torchbeam.effects import Along, Damping, Drag, Gravity, Input, LineLoad, Load, MassDamping, RootSpring, Spring, TipLoad
+from torchbeam.effects import (
+    Actuation,
+    Along,
+    Damping,
+    Drag,
+    Gravity,
+    Input,
+    LineLoad,
+    Load,
+    MassDamping,
+    PointMass,
+    RootSpring,
+    Spring,
+    TipLoad,
+)
 from torchbeam.mixed import rates, residuals
 from torchbeam.mixed.block import block_rate
 from torchbeam.mixed.chain import Chain, check_times
@@ -235,7 +249,8 @@ def test_scenes_without_this_form_are_refused():
         Chain(Scene(beam, (Damping(0.1),)), "block_rate")
     with pytest.raises(ValueError, match="Gravity in a frame with an angular velocity"):
         Chain(Scene(beam, (Gravity((0, 0, -9.81)),), Frame(angular_velocity=(0.0, 0, 1))), "minimal")
-    for effect in (Spring(-1, 1.0, to=(0, 0, 0), damping=1.0), RootSpring((1.0, 1.0))):
+    for effect in (Spring(-1, 1.0, to=(0, 0, 0), damping=1.0), RootSpring((1.0, 1.0)), PointMass(1.0),
+                   Actuation((0, 0, 1.0))):
         with pytest.raises(ValueError, match=f"{type(effect).__name__} was given for form='block_rate', which has no place"):
             Chain(Scene(beam, (effect,)), "block_rate")
     with pytest.raises(ValueError, match="Drag in a frame with an angular velocity"):
