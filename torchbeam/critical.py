@@ -52,9 +52,9 @@ class _Spectrum(NamedTuple):
 class Critical:
     """The first loss of stability along a load path; leading axes are batch axes.
 
-    factor       (...) of the load; NaN where none was found. Differentiable
-    kind         (...) int: DIVERGENCE = 1, FLUTTER = 2; STABLE = 0 up to the highest factor; LOST = 3: no equilibrium was
-                 found from somewhere on, and none before it was unstable
+    factor       (...) of the load; NaN where it stays stable. Differentiable, but for LOST
+    kind         (...) int: DIVERGENCE = 1, FLUTTER = 2; STABLE = 0 up to the highest factor; LOST = 3: stable up to where the
+                 way up ends (a limit point, see `path`)
     frequency    (...) rad/s of the motion that begins: 0 of a divergence
     shape        (..., N+1, 6) of that motion (real part), displacement and spin, frame a; its largest entry is 1
     factors      (P, ...) the load path that was looked at;  eigenvalue (P, ..., count) complex, 1/s: along it, the slowest
@@ -87,7 +87,8 @@ def critical_load(scene: Factored | Scene, highest: float, *, lowest: float = 0.
     tolerance  relative, of the bracket; what is left after interpolation in it is about its square
     inputs     by name, (..., size): at factor 1
 
-    The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on. Dense, O(N^3) a factor.
+    The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on. At a limit point it ends, or
+    leaps; `path` finds those more quickly. Dense, O(N^3) a factor.
 
     Raises ValueError for what the nodal form does not take, a range that is empty, or a scene that is unstable at `lowest`.
     """
@@ -121,7 +122,7 @@ def critical_load(scene: Factored | Scene, highest: float, *, lowest: float = 0.
     frequency = leading.imag.abs() if path.damped else leading.real.neg().clamp(min=0).sqrt()
     slow = coarse.eigenvalue if path.damped else _root(coarse.eigenvalue)
     nan = torch.full_like(frequency, torch.nan)
-    return Critical(torch.where(found, factor, nan), kind, torch.where(found, frequency, nan), moves(model, v.real),
+    return Critical(torch.where(kind == STABLE, nan, factor), kind, torch.where(found, frequency, nan), moves(model, v.real),
                     factors, slow)
 
 
