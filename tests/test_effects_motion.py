@@ -236,3 +236,19 @@ def test_energy_balance(name):
         return ((energy.kinetic + energy.strain - energy.work).abs().max() / energy.strain.max()).item()
 
     assert drift(*effects) < max(3 * drift(), 1e-4)
+
+
+def test_gradient_by_parameters_of_effects():
+    """Three steps with a lag that follows the tip, drag, an elastic clamp and an offset mass, against central differences:
+    reverse and forward mode.
+    """
+    def moved(p):
+        load = tb.Load(lambda x, R, v, w, t, z: (z - 0.1 * v, None), internal=3, of=("position", "velocity"),
+                       rate=lambda z, x, R, v, w, t: (p[:3] - z) / p[3] - x)
+        effects = [load, tb.Drag(p[4], 0.2, tangential=0.1), tb.RootSpring((50.0, p[4]), damping=(1.0, 0.1)),
+                   tb.PointMass(p[3], offset=p[:3]), tb.MassDamping(p[3]), tb.Spring(1, p[4], to=p[:3], length=p[3])]
+        state = run(tb.Scene(cantilever(3, SOFT), effects), 0.05, 3, tolerance=1e-12)
+        return state.tip.position, state.internal
+
+    p = torch.tensor([0.1, 0.2, 0.3, 0.5, 5.0], requires_grad=True)
+    assert torch.autograd.gradcheck(moved, p, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True, fast_mode=True)
