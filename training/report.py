@@ -21,6 +21,7 @@ LABELS = {"zero": "no action", "static": "static feed-forward", "pd": "PD + stat
           "lqg": "LQG + static", "optimum": "open-loop optimum", "ppo": "PPO", "shac": "SHAC",
           "sb3-ppo": "PPO (stable-baselines3)", "sb3-sac": "SAC (stable-baselines3)"}
 T95 = (math.nan, 12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262)  # Student's t, 97.5 %, by degrees of freedom
+LEAST = 3  # seeds for a band; the curve of each is thin
 COLORS = {"ppo": "#e08214", "shac": "#1b6ca8", "sb3-ppo": "#b35806", "sb3-sac": "#7fbc41"}
 STYLES = {"zero": ":", "static": (0, (1, 3)), "pd": "--", "lqr": "-.", "lqg": (0, (5, 1)), "optimum": "-"}
 
@@ -147,7 +148,7 @@ def policies(out: Path, runs: list[Run]) -> None:
 
 def picture(out: Path, runs: list[Run]) -> None:
     """Cost (minus the return on held-out episodes) against steps and against training time, one row a task, logarithmic: the
-    geometric mean over seeds with its 95 % confidence band.
+    geometric mean over seeds with its 95 % confidence band, from three seeds on, and each seed.
     """
     import matplotlib.pyplot as plt
 
@@ -160,11 +161,13 @@ def picture(out: Path, runs: list[Run]) -> None:
         for name, pair in zip(names, axes, strict=True):
             here = sorted((run for run in runs if run["task"] == name), key=lambda run: list(LABELS).index(run["algorithm"]))
             for ax, axis, unit, label in ((pair[0], "steps", 1e3, "environment steps (thousands)"),
-                                          (pair[1], "seconds", 60, "training time, one thread (minutes)")):
+                                          (pair[1], "seconds", 1, "training time, one thread (s)")):
                 levels = _levels(ax, here)
                 levels += _curves(ax, out, here, axis, unit)
                 ax.set(xscale="log", yscale="log", xlabel=label, ylim=(min(levels) / 1.3, max(levels) * 1.3),
                        title=f"{name}: cost (- return) on held-out episodes")
+                ax.xaxis.set_minor_formatter("")
+                ax.xaxis.set_major_formatter("{x:g}")
             pair[1].legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
         figure.savefig(out / "curves.png", dpi=120)
         plt.close(figure)
@@ -182,7 +185,8 @@ def _curves(ax: Any, out: Path, runs: list[Run], axis: str, unit: float) -> list
         y = np.array([np.interp(x, one[axis], np.log(_cost(one["held_out_return"]))) for one in found])
         color, mean = COLORS[algorithm], y.mean(0)
         ax.plot(x / unit, np.exp(mean), color=color, lw=1.8, label=LABELS[algorithm])
-        if 1 < len(found) <= len(T95):
+        ax.plot(x / unit, np.exp(y).T, color=color, lw=0.6, alpha=0.6)
+        if LEAST <= len(found) <= len(T95):
             half = T95[len(found) - 1] * y.std(0, ddof=1) / math.sqrt(len(found))
             ax.fill_between(x / unit, np.exp(mean - half), np.exp(mean + half), color=color, alpha=0.18, lw=0)
         levels += [np.exp(y).min(), np.exp(y).max()]
