@@ -50,5 +50,5 @@ DEFAULT = ("reach", "track", "flutter")  # what the results table is made for un
 PPO: dict[str, dict[str, Any]] = {
     "reach": dict(num_envs=32, horizon=50), "flutter": dict(num_envs=32, horizon=50),
 }
-SHAC: dict[str, dict[str, Any]] = {"flutter": dict(rate=3e-3), "flutter-3d": dict(rate=3e-3)}
+SHAC: dict[str, dict[str, Any]] = {"flutter": dict(rate=5e-3), "flutter-3d": dict(rate=5e-3)}
 SB3: dict[str, dict[str, dict[str, Any]]] = {}
