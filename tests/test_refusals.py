@@ -14,6 +14,7 @@ SECTION = tb.Section.from_stiffness(**GOOD)
 BEAM = tb.Beam.straight(1.0, 2, SECTION)
 SCENE = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0))])
 DRIVEN = tb.Scene(BEAM, [tb.TipLoad(force=tb.Input("u", 3))])
+BATCH = tb.Scene(tb.Beam.straight(torch.ones(2), 2, SECTION), [tb.TipLoad(force=tb.Input("u", 3))])
 T = [0.0, 0.1]
 F32, F64 = torch.float32, torch.float64
 
@@ -131,6 +132,11 @@ CASES = {
         "size"),
     "load dtype": (lambda: tb.Scene(BEAM, [tb.TipLoad(force=torch.ones(3, dtype=F32))]),
         "TipLoad of dtype torch.float32 meets a beam of torch.float64"),
+    "half precision": (lambda: tb.Section(torch.eye(6).half(), torch.eye(6).half()),
+        "torch.float16 was given; torch.float32 or torch.float64 is wanted"),
+    "bfloat16 stiffness": (stiffness(EI=torch.ones((), dtype=torch.bfloat16)), "torch.bfloat16 was given"),
+    "complex stiffness": (stiffness(EI=torch.ones(2, dtype=torch.complex128)), "torch.complex128 was given"),
+    "half precision in a scene": (lambda: tb.Scene(replace(BEAM, nodes=BEAM.nodes.half())), "torch.float16 was given"),
     "load batch": (lambda: tb.Scene(tb.Beam.straight(torch.ones(2), 2, SECTION), [tb.TipLoad(force=torch.ones(3, 3))]),
         r"\(2,\).*\(3,\)"),
     "flat frame": (lambda: tb.Frame(velocity=(1.0, 0.0)), r"velocity of shape \(2,\)"),
@@ -146,6 +152,17 @@ CASES = {
     "unknown option": (simulate(rtol=1e-3), "the option 'rtol' was given; method 'midpoint' has step"),
     "unknown option of dopri5": (simulate(method="dopri5", step=0.1),
         "the option 'step' was given; method 'dopri5' has rtol"),
+    "unknown option of torchdiffeq": (simulate(method="rk4", options={"step": 0.1}),
+        "the option 'step' was given; torchdiffeq's 'rk4' has grid_constructor, interp, perturb, step_size"),
+    "options as a list": (simulate(method="rk4", options=[1]), "options of type list was given; a dictionary"),
+    "rtol as text": (simulate(method="dopri5", rtol="x"), "rtol = 'x' was given; a non-negative finite number"),
+    "negative atol": (simulate(form="minimal", atol=-1.0), "atol = -1.0 was given"),
+    "inputs as a list": (simulate(DRIVEN, inputs=[1]), "inputs of type list was given; a dictionary of values by name"),
+    "an input twice": (simulate(DRIVEN, inputs={"u": (0, 0, 1.0)}, u=(0, 0, 1.0)), "the input 'u' was given twice"),
+    "input's axes": (simulate(BATCH, inputs={"u": lambda t: torch.ones(3, 3)}),
+        r"a scene and inputs with the batch axes \(2,\) and \(3,\) were given; axes that broadcast"),
+    "input's axes in the minimal form": (simulate(BATCH, inputs={"u": torch.ones(3, 3)}, form="minimal"), r"\(2,\) and \(3,\)"),
+    "initial's axes": (simulate(tb.Scene(BATCH.beam), initial=tb.rest(SCENE, (3,))), "a scene and an initial state with"),
     "initial of another kind": (simulate(initial=1.0), "initial of type float"),
     "initial of another mesh": (simulate(initial=tb.rest(tb.Scene(tb.Beam.straight(1.0, 3, SECTION)))),
         "initial with 4 nodes was given; the beam has 3"),
@@ -155,6 +172,11 @@ CASES = {
         simulate(initial=tb.consistent_state(tb.Scene(tb.Beam.straight(1.0, 3, SECTION))), form="minimal"),
         "initial with 3 elements was given; the beam has 2"),
     "missing input": (simulate(DRIVEN), "input 'u' is missing"),
+    "supports in a mixed form": (
+        simulate(tb.Scene(BEAM, supports=(tb.Support(0), tb.Support(-1, rotation=""))), form="minimal"),
+        "supports other than a clamp at node 0 alone were given for form='minimal'"),
+    "free in a mixed form": (simulate(tb.Scene(BEAM, supports=()), form="block_rate"), "supports other than a clamp at node 0"),
+    "small in a mixed form": (simulate(tb.Scene(BEAM, small=True), form="minimal"), "small=True was given for form='minimal'"),
     "unknown input": (simulate(inputs={"w": (0, 0, 1.0)}), "input 'w' was given; the scene has none"),
     "input's shape": (simulate(DRIVEN, inputs={"u": (0, 1.0)}), r"input 'u' of shape \(2,\)"),
     "scene of another kind": (simulate(BEAM), "scene of type Beam was given; a torchbeam.Scene"),
@@ -173,6 +195,13 @@ CASES = {
     "stepper's scene": (lambda: tb.Stepper(BEAM, 0.1), "scene of type Beam was given; a torchbeam.Scene"),
     "no iterations": (simulate(iterations=0), "iterations = 0 was given; a whole number of at least 1"),
     "negative halvings": (simulate(halvings=-1), "halvings = -1 was given"),
+    "tolerance as text": (lambda: tb.Stepper(SCENE, 0.1, tolerance="x"), "tolerance = 'x' was given; a positive finite number"),
+    "negative tolerance": (lambda: tb.equilibrium(SCENE, tolerance=-1.0), "tolerance = -1.0 was given"),
+    "tolerance of a path": (lambda: tb.path(SCENE, tolerance="x"), "tolerance = 'x' was given"),
+    "rho_inf as text": (lambda: tb.Stepper(SCENE, 0.1, "generalized_alpha", rho_inf="x"), "rho_inf = 'x' was given"),
+    "stepper's input axes": (lambda: tb.Stepper(DRIVEN, 0.1)(tb.rest(DRIVEN, (2,)), u=torch.ones(3, 3)),
+        r"a scene, a state and inputs with the batch axes \(2,\) and \(3,\) were given"),
+    "static input's axes": (lambda: tb.equilibrium(BATCH, u=torch.ones(3, 3)), r"\(2,\) and \(3,\)"),
     "stepper's input missing": (step(), "input 'u' is missing; the scene wants u"),
     "stepper's unknown input": (step(u=(0, 0, 1.0), w=(0, 0, 1.0)), "input 'w' was given; the scene has u"),
     "stepper's input shape": (step(u=1.0), r"input 'u' of shape \(\)"),

@@ -1,5 +1,7 @@
 """Scene: what it finds in its effects, batches, inputs. Bad input: test_refusals."""
 
+from dataclasses import replace
+
 import torch
 from torch.testing import assert_close
 
@@ -7,6 +9,8 @@ import torchbeam as tb
 
 SECTION = tb.Section.from_stiffness(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
 BEAM = tb.Beam.straight(1.0, 2, SECTION)
+RK4 = dict(method="rk4", options={"step_size": 0.01})
+FORMS = {"nodal": dict(step=0.01), "minimal": RK4, "block_rate": RK4}
 
 
 def test_effects_are_sorted_by_hook():
@@ -47,6 +51,57 @@ def test_an_input_is_the_load_it_stands_for():
     assert_close(tb.equilibrium(driven, u=force).position, tb.equilibrium(fixed).position, rtol=0, atol=0)
     one, other = tb.Stepper(fixed, 0.1), tb.Stepper(driven, 0.1)
     assert_close(other(other.rest(), u=force).position, one(one.rest()).position, rtol=0, atol=0)
+
+
+def test_inputs_go_by_keyword_or_by_name():
+    """Everywhere: the same bits either way; a name that is a keyword of the function itself goes by name."""
+    force = torch.tensor([0.1, 0.2, 0.3])
+    t = torch.tensor([0.0, 0.02])
+
+    def ends(scene, **given):
+        stepper = tb.Stepper(scene, 0.1)
+        yield stepper(stepper.rest(), **given)
+        yield tb.equilibrium(scene, **given)
+        for form, how in FORMS.items():
+            yield tb.simulate(scene, t, form=form, **how, **given).state[-1]
+
+    for name in ("u", "dt"):
+        scene = tb.Scene(BEAM, [tb.TipLoad(force=tb.Input(name, 3))])
+        by_name = [s.position for s in ends(scene, inputs={name: force})]
+        assert all(position[-1, 1] > 0 for position in by_name)
+        if name == "u":
+            for state, position in zip(ends(scene, u=force), by_name, strict=True):
+                assert_close(state.position, position, rtol=0, atol=0)
+
+
+def test_replace_finds_the_supports_afresh():
+    """A root spring frees a clamp that nobody asked for, and gives it back; a root's motion goes and changes with the root."""
+    clamped = tb.Scene(BEAM)
+    spring = tb.RootSpring((torch.full((3,), 1e3), torch.full((3,), 10.0)))
+    sprung = replace(clamped, effects=[spring])
+    assert clamped.supports == (tb.Support(0),) == replace(sprung, effects=[]).supports and sprung.supports == ()
+    moved, other = tb.RootMotion(displacement=lambda t: t.expand(3)), tb.RootMotion(displacement=lambda t: -t.expand(3))
+    scene = replace(clamped, root=moved)
+    assert scene.supports[0].displacement is moved.displacement
+    assert replace(scene, root=other).supports[0].displacement is other.displacement
+    assert replace(scene, root=None).supports == clamped.supports
+    propped = tb.Scene(BEAM, supports=(tb.Support(0), tb.Support(-1, rotation="")))
+    longer = replace(propped, beam=tb.Beam.straight(2.0, 5, SECTION))
+    assert [s.node for s in propped.supports] == [0, 2] and [s.node for s in longer.supports] == [0, 5]
+    assert replace(propped, plane="xz", small=False).supports == propped.supports
+
+
+def test_a_clamp_moves_in_every_form():
+    """A motion given by the clamp itself is that of the same `RootMotion`, in the mixed forms too."""
+    def place(t):
+        return torch.stack((torch.zeros_like(t), torch.zeros_like(t), t * t))
+
+    t = torch.tensor([0.0, 0.02])
+    for form, how in FORMS.items():
+        ends = [tb.simulate(tb.Scene(BEAM, **held), t, form=form, **how).state[-1].position for held in (
+            dict(root=tb.RootMotion(displacement=place)), dict(supports=tb.Support(0, displacement=place)))]
+        assert_close(ends[1], ends[0], rtol=0, atol=0)
+        assert_close(ends[0][0, 2], t[-1] ** 2, rtol=0, atol=1e-12)
 
 
 def test_numbers_take_the_dtype_of_the_beam():

@@ -140,6 +140,15 @@ def test_auto_finds_the_plane():
         assert not isinstance(Model.of(tb.Scene(beam, effects, plane="auto")).space, Plane)
 
 
+def test_a_plane_in_single_precision():
+    """A float32 beam in a frame whose numbers came in the default dtype."""
+    of = tb.Section.from_stiffness(EA=torch.tensor(100.0, dtype=torch.float32), GA=50.0, GJ=0.8, EI=1.0, mass=0.2)
+    frame = tb.Frame(velocity=(0.2, 0, 0), angular_velocity=(0, 0.5, 0))
+    stepper = tb.Stepper(tb.Scene(tb.Beam.straight(1.0, 2, of), frame=frame, plane="xz"), 0.01)
+    state = stepper(stepper.rest())
+    assert state.position.dtype == torch.float32 and state.status == 0
+
+
 def test_coupled_section_has_no_plane():
     """Bending-torsion coupling leaves the plane, and is refused with a sentence."""
     K = torch.eye(6)

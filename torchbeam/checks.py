@@ -16,18 +16,26 @@ Value = Any  # a tensor, a Python number or a (nested) sequence of them
 def common_dtype(*values: Value) -> tuple[torch.dtype, torch.device]:
     """dtype and device of the floating tensors among `values`; the default dtype on the CPU if there is none.
 
-    Raises ValueError where tensors of different floating dtypes or devices meet.
+    Raises ValueError where tensors of different floating dtypes or devices meet, and for other than single and double
+    precision.
     """
     dtype, device = None, None
     for tensor in _tensors(values):
-        if tensor.is_floating_point():
+        if tensor.is_floating_point() or tensor.is_complex():
             if dtype not in (None, tensor.dtype):
                 raise ValueError(f"tensors of dtype {dtype} and {tensor.dtype} were given; one dtype is wanted")
             dtype = tensor.dtype
         if device not in (None, tensor.device):
             raise ValueError(f"tensors on {device} and {tensor.device} were given; one device is wanted")
         device = tensor.device
-    return dtype or torch.get_default_dtype(), device or torch.device("cpu")
+    return precision(dtype or torch.get_default_dtype()), device or torch.device("cpu")
+
+
+def precision(dtype: torch.dtype) -> torch.dtype:
+    """`dtype` if it is float32 or float64; ValueError otherwise."""
+    if dtype not in (torch.float32, torch.float64):
+        raise ValueError(f"{dtype} was given; torch.float32 or torch.float64 is wanted")
+    return dtype
 
 
 def as_tensor(value: Value, dtype: torch.dtype, device: torch.device | None = None) -> Tensor:
@@ -69,9 +77,13 @@ def broadcast(what: str, *shapes: torch.Size) -> torch.Size:
         raise ValueError(f"{what} with the batch axes {given} were given; axes that broadcast are wanted") from None
 
 
-def options(name: str, given: dict[str, Any], *takers: Any) -> None:
-    """ValueError where an option is not a keyword of one of the functions that take them."""
-    known = [p.name for f in takers for p in inspect.signature(f).parameters.values() if p.kind is p.KEYWORD_ONLY]
+def keywords(*takers: Any) -> list[str]:
+    """Keywords of the functions that are nothing but keywords."""
+    return [p.name for f in takers for p in inspect.signature(f).parameters.values() if p.kind is p.KEYWORD_ONLY]
+
+
+def options(name: str, given: dict[str, Any], known: list[str]) -> None:
+    """ValueError where an option is not a known one."""
     for option in given:
         if option not in known:
             raise ValueError(f"the option {option!r} was given; {name} has {', '.join(known)}")
@@ -120,6 +132,15 @@ def increasing(name: str, value: Tensor) -> Tensor:
         raise ValueError(
             f"{name} goes from {value[k].item():g} to {value[k + 1].item():g}; strictly increasing instants are wanted"
         )
+    return value
+
+
+def tolerance(name: str, value: Any, *, zero: bool = False) -> Any:
+    """`value` if it is a positive finite number (or zero, where allowed), or a tensor of such; ValueError otherwise."""
+    if isinstance(value, Tensor):
+        return positive(name, value, zero=zero)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not (0 < value < math.inf or (zero and value == 0)):
+        raise ValueError(f"{name} = {value!r} was given; a {'non-negative' if zero else 'positive'} finite number is wanted")
     return value
 
 

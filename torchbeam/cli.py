@@ -13,9 +13,11 @@ from __future__ import annotations
 
 import argparse
 import platform
+import runpy
 import sys
 from collections.abc import Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+from pathlib import Path
 
 import torch
 
@@ -34,6 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         description="Batched, differentiable, geometrically exact beam dynamics.",
         epilog=_listing(found) if set(argv) & {"-h", "--help"} or not argv else None,
     )
+    parser.add_argument("--version", action="version", version=f"torchbeam {versions('torchbeam')['torchbeam']}")
     parser.add_argument("command", choices=sorted(found), help="what to do; `COMMAND --help` says more")
     if not argv:
         parser.print_help()
@@ -49,8 +52,13 @@ def commands() -> dict[str, EntryPoint]:
 
 
 def info(argv: Sequence[str]) -> None:
-    """Versions, precision and threads: what a bug report should say."""
-    argparse.ArgumentParser(prog="python -m torchbeam info", description=info.__doc__).parse_args(argv)
+    """Versions, precision and threads: what a bug report should say; or what a scene has and needs."""
+    parser = argparse.ArgumentParser(prog="python -m torchbeam info", description=info.__doc__)
+    parser.add_argument("scene", nargs="?", metavar="SCENE.py",
+                        help="a Python file: its `scene` is described, or else each Scene in it")
+    given = parser.parse_args(argv).scene
+    if given is not None:
+        return _describe(given, parser)
     facts = {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
     facts |= versions(*PACKAGES)
     facts |= {"default dtype": torch.get_default_dtype(), "threads": torch.get_num_threads(),
@@ -58,6 +66,24 @@ def info(argv: Sequence[str]) -> None:
     width = max(map(len, facts))
     for name, value in facts.items():
         print(f"{name:<{width}}  {value}")
+
+
+def _describe(path: str, parser: argparse.ArgumentParser) -> None:
+    """Print what is to be said of the scenes in a Python file."""
+    from .scene import Scene
+
+    if not Path(path).is_file():
+        parser.error(f"{path} was given; a Python file with a torchbeam.Scene in it is wanted")
+    scenes = {name: value for name, value in runpy.run_path(path).items() if isinstance(value, Scene)}
+    if not scenes:
+        parser.error(f"{path} without a torchbeam.Scene was given; one called `scene` is wanted, or some of other names")
+    if "scene" in scenes:
+        scenes = {"scene": scenes["scene"]}
+    for name, scene in scenes.items():
+        try:
+            print(f"{name}:\n{scene.describe()}\n")
+        except ValueError as error:
+            parser.error(f"{name}: {error}")
 
 
 def versions(*packages: str) -> dict[str, str]:

@@ -157,7 +157,7 @@ class _Path:
         scene, inputs = self.scene(factor)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of unstable branches: they are what is looked for
-            state = equilibrium(scene, t=self.t, throw=False, **inputs)
+            state = equilibrium(scene, t=self.t, throw=False, inputs=inputs)
         model = Model.of(scene, self.lumped)
         M, D, K = matrices(model, state, torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device), inputs)
         return model, state, (M, None if D is None or not D.detach().any() else D, K)

@@ -70,7 +70,7 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     count      pairs of eigenvalues, the slowest first; an overdamped pair counts as two
     normalize  of the shapes: "largest", their largest entry is 1; "mass", v^H M v = 1 kg m^2, their largest entry real
     lumped     as in `Stepper`: the mass of the explicit form
-    inputs     by name, (..., size)
+    inputs     by name, (..., size): by keyword, or all in a dictionary inputs={...}
 
     Follower loads are in K: flutter is a positive real part, divergence a positive eigenvalue without frequency. Sections
     without rotary inertia are taken as they are. An infinite stiffness is a very large one here: its own modes, far above

@@ -22,6 +22,7 @@ from torch import Tensor
 
 from .bordered import Bordered, Loaded, Place, load_slope, where
 from .checks import count as check_count
+from .checks import tolerance as check_tolerance
 from .newton import DIVERGED, newton, no_derivatives
 from .nodal.model import Model
 from .nodal.still import Shape, Still
@@ -149,6 +150,7 @@ class _Walk:
     def of(cls, scene, highest, lowest, load, step, control, target, branch, t, tolerance, inputs) -> _Walk:
         model = Model.of(scene)
         given = scene.tensors(inputs)
+        tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
         if load is not None and load not in given:
             raise ValueError(f"load = {load!r} was given; the scene's inputs are {', '.join(given) or 'none'}")
         if (control is None) != (target is None):

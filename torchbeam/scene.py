@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
 from .beam import Beam
-from .checks import as_tensor, axis_last, broadcast
+from .checks import as_tensor, axis_last, broadcast, precision
 from .effects import Damping, Effect, Input, Inputs
 from .supports import Frame, RootMotion, Support
+
+if TYPE_CHECKING:
+    from .describe import Description
 
 PLANES = (None, "xy", "xz", "auto")
 HOOKS = ("load", "strain", "inertia", "eigenstrain")
@@ -55,6 +58,7 @@ class Scene:
     def __post_init__(self) -> None:
         if not isinstance(self.beam, Beam):
             raise ValueError(f"a beam of type {type(self.beam).__name__} was given; a torchbeam.Beam is wanted")
+        precision(self.beam.nodes.dtype)
         effects = tuple(self.effects) if isinstance(self.effects, Iterable) else (self.effects,)
         for effect in effects:
             if isinstance(effect, type) or getattr(effect, "hook", None) not in HOOKS:
@@ -87,7 +91,8 @@ class Scene:
     def _supported(self) -> tuple[Support, ...]:
         """The supports by node, nodes counted from the root; the root's motion in that of node 0."""
         freed = any(getattr(e, "frees_root", False) for e in self.effects)
-        given = (() if freed else (Support(0),)) if self.supports is None else self.supports
+        asked = self.supports.given if isinstance(self.supports, _Found) else self.supports
+        given = (() if freed else (Support(0),)) if asked is None else asked
         given = (given,) if isinstance(given, Support) else tuple(given)
         count, found = self.beam.count + 1, {}
         for support in given:
@@ -103,7 +108,9 @@ class Scene:
                 raise ValueError("root was given for a node 0 that is not clamped or has a motion of its own; one clamp with "
                                  "one motion is wanted")
             found[0] = replace(found[0], displacement=self.root.displacement, turn=self.root.rotation)
-        return tuple(replace(found[node], node=node) for node in sorted(found))
+        supports = _Found(replace(found[node], node=node) for node in sorted(found))
+        supports.given = None if asked is None else given
+        return supports
 
     def _check_node(self, effect: Effect) -> None:
         node, N = getattr(effect, "node", None), self.beam.count
@@ -132,13 +139,44 @@ class Scene:
         taus = [] if self.damping is None else [self.damping.tau.shape[:-1] if self.damping.six else self.damping.tau.shape]
         return broadcast("a beam and loads", self.beam.batch_shape, *loads, *taus)
 
+    def describe(self) -> Description:
+        """What is on, the unknowns that it takes, the plane in which it lies, and the forms and methods that take it or why
+        they do not. Print it, or see `torchbeam.describe.Description`. Raises ValueError for what the nodal form does not take.
+        """
+        from .describe import describe  # which knows every form
+
+        return describe(self)
+
     def tensors(self, given: dict[str, Any]) -> Inputs:
-        """Inputs by name as tensors; ValueError where one is missing, unknown or of the wrong size."""
+        """Inputs as tensors, by keyword or in a dictionary inputs={...}, which has room for names that are keywords of a
+        function. Raises ValueError where one is missing, unknown, of the wrong size, or of axes that do not broadcast.
+        """
+        if isinstance(given.get("inputs"), dict):
+            given = named(given["inputs"], {name: value for name, value in given.items() if name != "inputs"})
         for name in given:
             if name not in self.inputs:
                 raise ValueError(f"the input {name!r} was given; the scene has {', '.join(self.inputs) or 'none'}")
         for name in self.inputs:
             if name not in given:
                 raise ValueError(f"the input {name!r} is missing; the scene wants {', '.join(self.inputs)}")
-        return {name: axis_last(f"input {name!r}", as_tensor(value, self.dtype, self.device), self.inputs[name])
-                for name, value in given.items()}
+        found = {name: axis_last(f"input {name!r}", as_tensor(value, self.dtype, self.device), self.inputs[name])
+                 for name, value in given.items()}
+        if found:
+            broadcast("a scene and inputs", self.batch_shape, *(value.shape[:-1] for value in found.values()))
+        return found
+
+
+class _Found(tuple):
+    """Supports by node; `given` is what they were found from, so that `dataclasses.replace` finds them afresh."""
+
+    given: Iterable[Support] | None = None
+
+
+def named(inputs: Any, more: dict[str, Any]) -> dict[str, Any]:
+    """A scene's inputs by name, and more of them. Raises ValueError where there are no names, or a name comes twice."""
+    if not isinstance(inputs, dict):
+        raise ValueError(f"inputs of type {type(inputs).__name__} was given; a dictionary of values by name is wanted")
+    for name in more:
+        if name in inputs:
+            raise ValueError(f"the input {name!r} was given twice; once is wanted")
+    return {**inputs, **more}

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from . import quaternions as quat
+from .checks import broadcast
 from .motion import GAP, INCREMENT, Carrying
 
 
@@ -79,6 +80,9 @@ class Instant(TensorFields):
         return Reaction(self.reaction[..., :3], self.reaction[..., 3:])
 
 
+OWN_AXES = dict(work=0, defect=0, t=0, status=0, frame=1, internal=1)  # of a state's fields, behind the batch's; 2 elsewhere
+
+
 @dataclass(frozen=True)
 class State(Instant):
     """The beam at one instant. Leading axes are batch axes (time first in a trajectory).
@@ -143,9 +147,8 @@ class State(Instant):
     def level(self) -> State:
         """The same with the batch axes of all in every field, whichever field was given more of them."""
         shape = self.batch_shape
-        own = dict(work=0, defect=0, t=0, status=0, frame=1, internal=1)  # axes of a field; 2 elsewhere
         values = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) is not None}
-        return replace(self, **{n: x.expand((*shape, *x.shape[x.ndim - own.get(n, 2):])) for n, x in values.items()})
+        return replace(self, **{n: x.expand((*shape, *x.shape[x.ndim - OWN_AXES.get(n, 2):])) for n, x in values.items()})
 
 
 def fitting(state: Any, scene: Any) -> State:
@@ -156,6 +159,7 @@ def fitting(state: Any, scene: Any) -> State:
         raise ValueError(f"initial with {state.position.shape[-2]} nodes was given; the beam has {scene.beam.count + 1}")
     if state.position.dtype != scene.dtype:
         raise ValueError(f"initial of {state.position.dtype} meets a scene of {scene.dtype}; one dtype is wanted")
+    broadcast("a scene and an initial state", scene.batch_shape, state.batch_shape)
     return state
 
 

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from .bordered import where
+from .checks import tolerance as check_tolerance
 from .newton import DIVERGED, STATUS, attach, dependencies, newton, no_derivatives, wants_gradient
 from .nodal.balance import Linearisation
 from .nodal.model import Model
@@ -40,7 +41,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     throw      raise where a sample has no equilibrium; otherwise its `status` says so and it holds the last shape on the way
     branch     "first": the one that the way up leads to; "stable": a sample that is unstable there is followed again from no
                load on, by arc length (see `path`), along the branches that bifurcate, to the side to which it leans
-    inputs     by name, (..., size)
+    inputs     by name, (..., size): by keyword, or all in a dictionary inputs={...}
 
     The load is raised in steps, per sample, where Newton's method needs it: a step in which it fails, or a node turns by more
     than 1 rad, is halved. Infinite stiffness is taken as it is. Differentiable by the implicit function theorem.
@@ -56,6 +57,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     if branch not in ("first", "stable"):
         raise ValueError(f"branch = {branch!r} was given; 'first' or 'stable' is wanted")
     model = Model.of(scene)
+    tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
     given = scene.tensors(inputs)
     start = rest(scene) if initial is None else fitting(initial, scene)
     time = torch.as_tensor(t, dtype=scene.dtype, device=scene.device)

@@ -21,7 +21,8 @@ class PointMass:
     """A rigid body at a node.
 
     mass     (...) kg; or its 6x6 mass matrix (..., 6, 6) about the node, [velocity; spin], section axes: then it is the whole
-    inertia  (..., 3) principal or (..., 3, 3) moments about its own centre, kg m^2, section axes; None = a point
+    inertia  (..., 3) principal or (..., 3, 3) moments about its own centre, kg m^2, section axes; None = a point. A shape that
+             ends in (3, 3) is that of matrices: a batch of three bodies' principal moments goes by `torch.diag_embed`
     offset   (..., 3) m of its centre from the node, section axes; None = at the node
     node     counts from the root, -1 is the tip
 

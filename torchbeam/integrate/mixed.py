@@ -67,7 +67,7 @@ def simulate_mixed(
                          "see consistent_state")
     if initial is not None and initial.u.shape[-2] != scene.beam.count:
         raise ValueError(f"initial with {initial.u.shape[-2]} elements was given; the beam has {scene.beam.count}")
-    chain = Chain(scene, form, dict(inputs or {}))
+    chain = Chain(scene, form, {} if inputs is None else inputs)
     t = increasing("t", as_tensor(t, scene.dtype, scene.device))
     check_times(chain, t)
     problem = (_BlockRate if form == "block_rate" else _Minimal)(chain, project, solver)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import itertools
 import warnings
 from collections.abc import Callable
@@ -13,7 +14,8 @@ from torchdiffeq import odeint, odeint_adjoint
 from torchdiffeq._impl.odeint import SOLVERS  # torchdiffeq's own table of names; it has no public one
 from torchdiffeq._impl.solvers import AdaptiveStepsizeODESolver
 
-from ..checks import increasing
+from ..checks import increasing, tolerance
+from ..checks import options as check_options
 from ..newton import FAILED
 
 METHODS = tuple(SOLVERS)
@@ -56,13 +58,18 @@ def integrate(
     nothing. A failed sample keeps its last good output, and the others are solved as if it were not there. evaluations:
     calls of rhs.
 
-    Raises ValueError for an unknown method or a t that does not increase; RuntimeError where every sample failed, or
+    Raises ValueError for an unknown method or option or a t that does not increase; RuntimeError where every sample failed, or
     where the sample that stopped the solver cannot be found. Warns (RuntimeWarning) about samples that failed,
     and (UserWarning) where the adjoint cannot be trusted.
     """
     if method not in SOLVERS:
         raise ValueError(f"method = {method!r} was given; torchdiffeq has {', '.join(METHODS)}")
     increasing("t", t)
+    if options is not None and not isinstance(options, dict):
+        raise ValueError(f"options of type {type(options).__name__} was given; a dictionary of torchdiffeq's is wanted")
+    check_options(f"torchdiffeq's {method!r}", options or {}, known_options(method))
+    for name, value in dict(rtol=rtol, atol=atol).items():
+        tolerance(name, value, zero=True)
     if method == "scipy_solver" and not adjoint and torch.is_grad_enabled():
         if any(p.requires_grad for p in (y0, *parameters)):
             raise ValueError("scipy_solver leaves torch and has no gradient; adjoint=True or another method has one")
@@ -92,6 +99,13 @@ def integrate(
     if adjoint:
         _check_reconstruction(solve, ys, t)
     return ys, solve.dead * FAILED, solve.evaluations
+
+
+def known_options(method: str) -> list[str]:
+    """Names that torchdiffeq's solver takes in `options`; any other it would only warn of."""
+    inits = [vars(kind)["__init__"] for kind in SOLVERS[method].__mro__[:-1] if "__init__" in vars(kind)]
+    names = {p.name for init in inits for p in inspect.signature(init).parameters.values() if p.kind is not p.VAR_KEYWORD}
+    return sorted(names - {"self", "func", "y0", "rtol", "atol"})
 
 
 def status_at(ys: Tensor, status: Tensor) -> Tensor:

@@ -11,12 +11,12 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint as recompute
 
-from ..checks import as_tensor, increasing, step_size
+from ..checks import as_tensor, increasing, keywords, step_size
 from ..checks import options as check_options
 from ..newton import FAILED, STATUS
 from ..nodal.model import Model
 from ..nodal.rates import Rates
-from ..scene import Scene
+from ..scene import Scene, named
 from ..solution import Energy, Solution, Stats
 from ..state import State, completed, fitting, rest
 from .mixed import simulate_mixed
@@ -56,7 +56,7 @@ def simulate(
              forms also take project=, solver=, see `torchbeam.integrate.mixed.simulate_mixed`
     form     "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the index-reduced derivation)
     inputs   by name: (..., size) held throughout, or a function of t: "midpoint" of the nodal form takes it at mid step,
-             "generalized_alpha" at its end
+             "generalized_alpha" at its end. One that has no option's name may be given by keyword instead
     throw    raise RuntimeError where a sample fails; otherwise `sol.status` and a warning say so, and the sample keeps its
              last good state
 
@@ -74,17 +74,14 @@ def simulate(
     if not isinstance(scene, Scene):
         raise ValueError(f"a scene of type {type(scene).__name__} was given; a torchbeam.Scene is wanted")
     t = increasing("t", as_tensor(t, scene.dtype, scene.device))
-    inputs = inputs or {}
-    if form != "nodal":
-        check_options(f"form {form!r}", options, simulate_mixed)
-        solution = simulate_mixed(scene, t, form, initial, method, inputs=inputs, **options)
-    elif method in IMPLICIT_METHODS:
-        check_options(f"method {method!r}", options, _implicit, Stepper)
-        solution = _implicit(scene, t, initial, method, inputs, **options)
-    else:
-        check_options(f"method {method!r}", options, _explicit)
-        solution = _explicit(scene, t, initial, method, inputs, **options)
-    return _judged(solution, throw)
+    mixed, implicit = form != "nodal", method in IMPLICIT_METHODS
+    known = keywords(*((simulate_mixed,) if mixed else (_implicit, Stepper) if implicit else (_explicit,)))
+    inputs = named({} if inputs is None else inputs, {name: options.pop(name) for name in [*options]
+                                                      if name in scene.inputs and name not in known})
+    check_options(f"form {form!r}" if mixed else f"method {method!r}", options, known)
+    if mixed:
+        return _judged(simulate_mixed(scene, t, form, initial, method, inputs=inputs, **options), throw)
+    return _judged((_implicit if implicit else _explicit)(scene, t, initial, method, inputs, **options), throw)
 
 
 def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -96,8 +93,8 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     counts = [max(1, math.ceil(gap / step - rounding)) for gap in intervals.tolist()]
     plan = [(k, i, count) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it, of how many
     stepper = Stepper(scene, step, method, **options)
-    first_inputs = _held(inputs, t[0])
-    states, iterations = [stepper.begin(_begin(scene, initial, t[0]), (t[1] - t[0]) / counts[0], **first_inputs)], []
+    first = _held(inputs, t[0])
+    states, iterations = [stepper.begin(_begin(scene, initial, t[0]), (t[1] - t[0]) / counts[0], inputs=first)], []
     names, instant = tuple(vars(states[0])), stepper.method.INSTANT
 
     def kind(*values: Any) -> State:
@@ -108,7 +105,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
         state, wanted, counted = kind(*fields), [], []
         for k, i, count in part:
             dt = (t[k + 1] - t[k]) / count
-            state = stepper(state, dt=dt, **_held(inputs, t[k] + (i + instant) * dt))
+            state = stepper(state, dt=dt, inputs=_held(inputs, t[k] + (i + instant) * dt))
             counted.append(stepper.iterations)
             if i == count - 1:
                 wanted.append(state)

@@ -11,12 +11,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..checks import count, step_size
+from ..checks import broadcast, count, step_size
+from ..checks import tolerance as check_tolerance
 from ..effects import Inputs
 from ..newton import DIVERGED, LIMIT, SUCCESS, attach, dependencies, newton, wants_gradient
 from ..nodal.alpha import Alpha, AlphaState
 from ..nodal.model import Model
 from ..nodal.step import Step
+from ..rows import Rows, Whole
 from ..scene import Scene
 from ..state import State, completed, rest
 
@@ -52,7 +54,7 @@ class Stepper:
             if conserve:
                 raise ValueError("conserve was given; generalized_alpha loses energy by design ('midpoint' takes it)")
             own = dict(rho_inf=0.8 if rho_inf is None else rho_inf)
-            if not 0 <= own["rho_inf"] <= 1:
+            if not isinstance(own["rho_inf"], (int, float)) or not 0 <= own["rho_inf"] <= 1:
                 raise ValueError(f"rho_inf = {rho_inf!r} was given; a number from 0 to 1 is wanted")
         elif rho_inf is not None:
             raise ValueError(f"rho_inf was given; {method!r} has none (generalized_alpha has)")
@@ -69,7 +71,8 @@ class Stepper:
                 if given:
                     raise ValueError(f"{what} was given to generalized_alpha; 'midpoint' takes it")
         self.dt = torch.as_tensor(step_size("dt", dt), dtype=scene.dtype, device=scene.device)
-        self.tolerance, self.limit = tolerance, count("iterations", iterations)
+        self.tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
+        self.limit = count("iterations", iterations)
         self.halvings = count("halvings", halvings, least=0)
         self.iterations: Tensor | None = None  # (...) of the last step
 
@@ -83,7 +86,7 @@ class Stepper:
 
         active  (...) bool: samples that are to move; the others, and those with a status other than 0, stay as they are
         dt      0-dim, another length for this step
-        inputs  by name, (..., size): held over the step
+        inputs  by name, (..., size): held over the step; by keyword, or all in a dictionary inputs={...}
 
         Loads that are functions of time are taken at mid step of the latest sample. Where Newton's method fails, or a node
         turns by more than 1.2 rad, the step of that sample is made again in 2, 4, ... smaller ones. If that fails too it keeps
@@ -91,29 +94,56 @@ class Stepper:
         """
         dt = self.dt if dt is None else torch.as_tensor(dt).to(self.dt)
         given = self.scene.tensors(inputs)
+        broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
+                  *(value.shape[:-1] for value in given.values()))
         state = state if state.velocity.ndim == state.position.ndim else state.level()
-        state = self.model.space.enter(completed(self.begin(state, dt, **inputs), self.scene))
+        state = self.model.space.enter(completed(self.begin(state, dt, inputs=given), self.scene))
         moving = state.status == SUCCESS
         if active is not None:
             moving = moving & torch.as_tensor(active, dtype=torch.bool, device=moving.device)
         t = state.t.detach().amax()
-        after, status, self.iterations = self._attempt(state, dt, t + self.method.INSTANT * dt, given, moving)
+        after, status, self.iterations = self._attempt(self.model, state, dt, t + self.method.INSTANT * dt, given, moving)
         failed = moving & (status == DIVERGED)
+        if failed.any() and self.halvings:
+            rows = Rows.few(failed)
+            model, start, held = self.model, state, given
+            try:
+                if rows is not None:
+                    model, start, held = rows.of(model), rows.of(start), rows.of(held, 1)
+            except Whole:
+                rows = None
+            if rows is None:
+                again, well, more = self._parts(model, start, dt, t, held, failed)
+                after = again.where(well, after)
+            else:
+                again, well, more = self._parts(model, start, dt, t, held, rows.of(failed, 0))
+                after = rows.put(after, again)
+                well, more = (rows.put(torch.zeros_like(status), x.to(status), 0) for x in (well, more))
+            status = torch.where(well > 0, SUCCESS, status)
+            self.iterations = self.iterations + more
+        return self.model.space.leave(replace(after, status=torch.where(moving, status, state.status)))
+
+    def _parts(self, model: Model, start: State, dt: Tensor, t: Tensor, inputs: Inputs, failed: Tensor
+               ) -> tuple[State, Tensor, Tensor]:
+        """The step from time t of samples that have failed in one go, in 2, 4, ... parts: (state after, or before where that
+        fails too; whether it went well; iterations).
+        """
+        after, counted = start, torch.zeros_like(failed, dtype=torch.long)
+        left = failed
         for level in range(1, self.halvings + 1):
-            if not failed.any():
-                break
-            parts, trial, left = 2**level, state, failed
+            parts, trial, good = 2**level, start, left
             for k in range(parts):
                 now = t + (k + self.method.INSTANT) * dt / parts
-                trial, again, iterations = self._attempt(trial, dt / parts, now, given, left)
-                self.iterations = self.iterations + torch.where(left, iterations, 0)
-                left = left & (again == SUCCESS)
-                if not left.any():
+                trial, status, iterations = self._attempt(model, trial, dt / parts, now, inputs, good)
+                counted = counted + torch.where(good, iterations, 0)
+                good = good & (status == SUCCESS)
+                if not good.any():
                     break
-            after = trial.where(left, after)
-            status = torch.where(left, SUCCESS, status)
-            failed = failed & ~left
-        return self.model.space.leave(replace(after, status=torch.where(moving, status, state.status)))
+            after = trial.where(good, after)
+            left = left & ~good
+            if not left.any():
+                break
+        return after, failed & ~left, counted
 
     def begin(self, state: State, dt: float | Tensor | None = None, **inputs: Any) -> State:
         """`state` with what the method remembers beside it, and no more: the mean rates of a trial step by "midpoint"."""
@@ -130,9 +160,10 @@ class Stepper:
         return AlphaState.between(state, *self.model.space.motion(after.velocity - state.velocity, after.spin - state.spin),
                                   rise, dt)
 
-    def _attempt(self, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor) -> tuple[State, Tensor, Tensor]:
+    def _attempt(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor
+                 ) -> tuple[State, Tensor, Tensor]:
         """One Newton solve: (state after, of a failed sample before; status; iterations)."""
-        problem = self._step(self.model, state, dt, t, inputs)
+        problem = self._step(model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(problem, problem.guess(), moving, self.tolerance, self.limit)
         turned = self.model.space.cosine(x.m).amin(-1) < math.cos(TURN * problem.PART / 2)
         status = torch.where((status == SUCCESS) & turned, DIVERGED, status)

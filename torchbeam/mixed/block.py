@@ -90,7 +90,7 @@ def block_rate(
 
     Raises ValueError where the scene has no block rate form, or for a vector of another length.
     """
-    chain = Chain(scene, "block_rate", dict(inputs or {}))
+    chain = Chain(scene, "block_rate", {} if inputs is None else inputs)
     t = torch.as_tensor(t, dtype=scene.dtype, device=scene.device)
     if isinstance(state, MixedState):
         return BlockRate(chain, t, state.fields)

@@ -11,7 +11,7 @@ from torch import Tensor
 from .. import quaternions as quat
 from .. import rotations as rot
 from ..effects import POSITION, ROTATION, SPIN, VELOCITY, Input, Site, of_time, value_at
-from ..scene import Scene
+from ..scene import Scene, named
 from .algebra import mv
 
 IMPLICIT = "the implicit method 'midpoint' of the nodal form takes it"
@@ -41,8 +41,8 @@ class Chain:
     S, K (..., N or 1, 6, 6) compliance and its inverse;  Mass, Mass_inverse likewise
     inputs: the scene's inputs by name, each held (its rate is zero) or a function of t
 
-    Raises ValueError where S or Mass is singular, for gravity in a frame that turns, for damping in the block rate form,
-    and for missing or unknown inputs.
+    Raises ValueError where S or Mass is singular, for supports other than a clamp at node 0, for small rotations, for gravity
+    in a frame that turns, for damping in the block rate form, and for missing or unknown inputs.
     """
 
     scene: Scene
@@ -63,7 +63,7 @@ class Chain:
 
     def __post_init__(self) -> None:
         _refuse(self.scene, self.form)
-        beam, moving = self.scene.beam, {n: v for n, v in self.inputs.items() if callable(v)}
+        beam, moving = self.scene.beam, {n: v for n, v in named(self.inputs, {}).items() if callable(v)}
         sizes = {n: beam.nodes.new_zeros(self.scene.inputs.get(n, 0)) for n in moving}
         held = self.scene.tensors({**self.inputs, **sizes})
         chord = beam.nodes.diff(dim=-2)
@@ -102,15 +102,13 @@ class Chain:
 
     def root(self, t: Tensor) -> tuple[Tensor, Tensor]:
         """u^_1, theta^_1 (..., 3): prescribed."""
-        motion, zero = self.scene.root, self.nodes.new_zeros(3)
-        if motion is None:
-            return zero, zero
-        u, phi = (zero if v is None else value_at(v, t, {}, zero) for v in (motion.displacement, motion.rotation))
-        return u, zero if motion.rotation is None else rot.from_rotation_vector(phi)
+        clamp, zero = self.scene.supports[0], self.nodes.new_zeros(3)
+        u, phi = (zero if v is None else value_at(v, t, {}, zero) for v in (clamp.displacement, clamp.turn))
+        return u, zero if clamp.turn is None else rot.from_rotation_vector(phi)
 
     def root_rates(self, t: Tensor) -> tuple[Tensor, Tensor]:
         """u^_1_dot, theta^_1_dot."""
-        return self.root(t) if self.scene.root is None else _jvp(self.root, t)[1]  # (a root at rest: zeros)
+        return _jvp(self.root, t)[1] if self.scene.supports[0].moves else self.root(t)  # (a root at rest: zeros)
 
     def node_axes(self, theta: Tensor) -> Tensor:
         """R (..., N+1, 3, 3) of the nodes with the parameters theta (..., N+1, 3)."""
@@ -170,6 +168,11 @@ def _refuse(scene: Scene, form: str) -> None:
         if more or (effect.hook == "load" and effect.node is not None and effect.reads(beam) & {VELOCITY, SPIN}):
             raise ValueError(f"{type(effect).__name__} was given for form={form!r}, which has no place for it; form='nodal' "
                              "takes it")
+    held = [(s.node, s.clamp) for s in scene.supports]
+    if held != [(0, True)]:
+        raise ValueError(f"supports other than a clamp at node 0 alone were given for form={form!r}; form='nodal' takes them")
+    if scene.small:
+        raise ValueError(f"small=True was given for form={form!r}, whose rotations are large; form='nodal' takes it")
     if any(beam.rigid):
         names = ", ".join(name for name, rigid in zip(STRAINS, beam.rigid, strict=True) if rigid)
         raise ValueError(f"the compliance S must not be singular for form={form!r}, but is rigid in {names}; {IMPLICIT}")
@@ -202,8 +205,7 @@ def check_times(chain: Chain, t: Tensor) -> None:
     if chain.form == "block_rate":
         functions += [(type(e).__name__, of_time(v, chain.s)) for e in scene.loads for v in e.values]
         functions += [(f"the input {name!r}", v) for name, v in chain.inputs.items()]
-    if scene.root is not None:
-        functions += [(f"RootMotion's {n}", getattr(scene.root, n)) for n in ("displacement", "rotation")]
+    functions += [(f"the root's {name}", getattr(scene.supports[0], name)) for name in ("displacement", "turn")]
     for name, function in ((n, f) for n, f in functions if callable(f)):
         instants = t[0] + (t[-1] - t[0]) * torch.linspace(0, 1, 13, dtype=t.dtype, device=t.device)
         pairs = [_jvp(lambda s, f=function: torch.as_tensor(f(s), dtype=t.dtype, device=t.device), at) for at in instants]

@@ -96,7 +96,7 @@ def consistent_state(
 
     Raises ValueError for a wrong shape or a scene that the form does not take.
     """
-    chain = Chain(scene, form, dict(inputs or {}))
+    chain = Chain(scene, form, {} if inputs is None else inputs)
     t = torch.as_tensor(t, dtype=scene.dtype, device=scene.device)
     rest = at_rest(chain, t)
     given = []

@@ -61,8 +61,10 @@ def check_plane(model: Model, whole: Model) -> None:
             _refuse(space, "PointMass", e, space.part_of_offset(e) @ space.section[:, :2].mT)
     v, omega = (None, None) if scene.frame is None else (scene.frame.velocity, scene.frame.angular_velocity)
     if isinstance(v, Tensor):
+        v = v.to(still)
         _refuse(space, "a frame with a velocity", v, space.part_of_vector(v) @ space.basis[:, :2].mT)
     if isinstance(omega, Tensor):
+        omega = omega.to(still)
         _refuse(space, "a frame that turns", omega, space.part_of_spin(omega) @ space.basis[:, 2:].mT)
 
 
