@@ -1,4 +1,4 @@
-"""What accuracy costs in time: the common dynamic case over mesh, step, method and batch."""
+"""What accuracy costs in time: the common dynamic case over mesh, step, batch, in 3D and in its plane."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Sequence
 from importlib import resources
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -40,11 +41,11 @@ class Case(NamedTuple):
         data = json.loads(text)
         return cls(torch.tensor(data["t"], dtype=dtype), torch.tensor(data["tip"], dtype=dtype))
 
-    def scene(self, elements: int) -> Scene:
+    def scene(self, elements: int, plane: str | None = None) -> Scene:
         number = self.t.new_tensor
         section = Section.from_stiffness(EA=number(4e4), GA=number(1.4835e4), GJ=number(0.769), EI=number(1.0),
                                          mass=number(0.2), inertia=number(5e-6))
-        return Scene(Beam.straight(number(1.0), elements, section), [TipLoad(force=(0.0, 1.0, 0.0))])
+        return Scene(Beam.straight(number(1.0), elements, section), [TipLoad(force=(0.0, 1.0, 0.0))], plane=plane)
 
     def error(self, solution: Solution) -> float:
         """RMS |tip - reference| / RMS |reference - reference(0)| at the solution's instants, which are the reference's."""
@@ -56,6 +57,7 @@ class Case(NamedTuple):
 
 
 class Row(NamedTuple):
+    space: str
     elements: int
     step_ms: float
     batch: int
@@ -65,12 +67,14 @@ class Row(NamedTuple):
     iterations: float
 
 
-FIELDS = ("elements", "step, ms", "batch", "relative RMS error", "CPU s for 2 s", "simulated s per CPU s", "Newton iterations")
+SPACES = {"3D": None, "plane": "xy"}
+FIELDS = ("space", "elements", "step, ms", "batch", "relative RMS error", "CPU s for 2 s", "simulated s per CPU s",
+          "Newton iterations")
 
 
-def measure(case: Case, elements: int, step: float, batch: int, duration: float, repeats: int) -> Row:
+def measure(case: Case, space: str, elements: int, step: float, batch: int, duration: float, repeats: int) -> Row:
     """Best of `repeats` after one warm-up; the error is that of the whole 2 s at batch 1, the time that of `duration`."""
-    scene = case.scene(elements)
+    scene = case.scene(elements, SPACES[space])
     with torch.no_grad():
         every = max(1, round(step / 0.01))
         whole = simulate(scene, case.t[::every], step=step)
@@ -81,7 +85,7 @@ def measure(case: Case, elements: int, step: float, batch: int, duration: float,
             begun = time.process_time()
             run = simulate(scene, t, initial=start, step=step)
             best = min(best, time.process_time() - begun) if k else best
-    return Row(elements, 1e3 * step, batch, case.error(whole), best * 2 / duration, batch * duration / best,
+    return Row(space, elements, 1e3 * step, batch, case.error(whole), best * 2 / duration, batch * duration / best,
                run.stats.iterations.double().mean().item())
 
 
@@ -122,19 +126,24 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _rows(quick: bool):
     case = Case.load()
     elements, steps = ((8, 16), (0.01,)) if quick else ((4, 8, 16, 32), (0.0025, 0.005, 0.01, 0.02))
-    for batch in (1, 256):
-        for N in elements:
-            for step in steps:
-                duration = step * (4 if quick or batch > 1 else 40)
-                row = measure(case, N, step, batch, duration, 1 if quick else 3)
-                print(f"N = {N:2d}, step {1e3 * step:4.1f} ms, batch {batch:3d}: {100 * row.error:6.3f} %", file=sys.stderr)
-                yield row
+    for space, batch, N, step in product(SPACES, (1, 256), elements, steps):
+        duration = step * (4 if quick or batch > 1 else 40)
+        row = measure(case, space, N, step, batch, duration, 1 if quick else 3)
+        print(f"{space}, N = {N:2d}, step {1e3 * step:4.1f} ms, batch {batch:3d}: {100 * row.error:6.3f} %", file=sys.stderr)
+        yield row
 
 
 def _markdown(rows: list[Row]) -> str:
-    lines = ["| " + " | ".join(FIELDS) + " |", "|" + "---:|" * len(FIELDS)]
-    lines += [f"| {r.elements} | {r.step_ms:g} | {r.batch} | {100 * r.error:.2f} % | {r.cpu_s:.2f} | {r.rate:.1f} "
-              f"| {r.iterations:.1f} |" for r in rows]
+    """One line a mesh and step; the plane has the error of 3D."""
+    found = {(r.space, r.batch, r.elements, r.step_ms): r for r in rows}
+    small, large = sorted({r.batch for r in rows})
+    heads = ("elements", "step, ms", "relative RMS error", f"3D, batch {small}: CPU s for 2 s", "plane",
+             f"3D, batch {large}: simulated s per CPU s", "plane", "Newton iterations")
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---:|" * len(heads)]
+    for N, step in dict.fromkeys((r.elements, r.step_ms) for r in rows):
+        one, many = ([found[space, batch, N, step] for space in SPACES] for batch in (small, large))
+        lines.append(f"| {N} | {step:g} | {100 * one[0].error:.2f} % | {one[0].cpu_s:.2f} | {one[1].cpu_s:.2f} "
+                     f"| {many[0].rate:.1f} | {many[1].rate:.1f} | {one[0].iterations:.1f} |")
     return "\n".join(lines)
 
 
@@ -148,19 +157,20 @@ def _picture(rows: list[Row], path: Path) -> None:
     from matplotlib import pyplot as plt
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-    batches = sorted({r.batch for r in rows})
-    figure, axes = plt.subplots(1, len(batches), figsize=(5 * len(batches), 4), sharey=True, squeeze=False,
-                                layout="constrained")
-    for axis, batch in zip(axes[0], batches, strict=True):
+    panels = sorted({(r.batch, r.space) for r in rows})
+    size = 3.6 * len(panels), 3.6
+    figure, axes = plt.subplots(1, len(panels), figsize=size, sharey=True, squeeze=False, layout="constrained")
+    for axis, (batch, space) in zip(axes[0], panels, strict=True):
         for N in sorted({r.elements for r in rows}):
-            line = sorted((r.cpu_s / batch, 100 * r.error) for r in rows if (r.elements, r.batch) == (N, batch))
+            line = sorted((r.cpu_s / batch, 100 * r.error) for r in rows if (r.batch, r.space, r.elements) == (batch, space, N))
             axis.loglog(*zip(*line, strict=True), "o-", label=f"{N} elements")
-        axis.set(title=f"batch {batch}", xlabel="CPU s for one sample's 2 s", ylabel="relative RMS error of the tip, %")
+        axis.set(title=f"batch {batch}, {space}", xlabel="CPU s for one sample's 2 s")
         for ticks in (axis.xaxis, axis.yaxis):
             ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
             ticks.set_major_formatter(StrMethodFormatter("{x:g}"))
             ticks.set_minor_formatter(NullFormatter())
         axis.grid(True, which="both", alpha=0.3)
+    axes[0][0].set_ylabel("relative RMS error of the tip, %")
     axes[0][0].legend()
     figure.savefig(path, dpi=150)
     plt.close(figure)
