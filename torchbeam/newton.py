@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from .rows import Rows, Whole
+
 TOLERANCE = {torch.float64: 1e-8, torch.float32: 1e-4}  # of the scaled residual after the last update
 LIMIT = 25  # iterations
 QUADRATIC = 0.01  # a residual that falls by this factor falls quadratically
@@ -33,33 +35,67 @@ class Outcome(NamedTuple):
 
 def newton(problem: Any, x: Any, active: Tensor | None = None, tolerance: float | None = None, limit: int = LIMIT) -> Outcome:
     """Solve problem.residual(x) = 0. Samples that have converged stop changing, so that none depends on its neighbours;
-    those outside of `active` (...) never start.
+    those outside of `active` (...) never start. Once few are left, those alone go on (see `Rows.few`), to the same bits.
 
     A sample has converged once its scaled residual is below `tolerance`, or sure to be after the update that is at hand:
     from r to s, the next is s (s/r)^2 where convergence is quadratic, and this is trusted once s < r/100. The update is made
     either way. A sample whose residual stops being finite has failed and is left alone.
     """
-    tolerance = tolerance or TOLERANCE[problem.model.S.dtype]
     with no_derivatives():
-        for k in range(limit):
-            residual, *about = problem.residual(x)
-            size = residual.measure()
-            *change, root = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
-            moved = problem.moved(x, *change)
-            if k == 0:
-                done = torch.zeros_like(size, dtype=torch.bool) if active is None else ~active.expand(size.shape)
-                status = torch.where(torch.isfinite(size), DIVERGED, BROKEN)
-                reaction, iterations, before = root, torch.zeros_like(status), torch.zeros_like(size)
-            keep = done[..., None, None]
-            x = type(x)(*(torch.where(keep, old, new) for old, new in zip(x, moved, strict=True)))
-            reaction = torch.where(keep, reaction, root)
-            iterations = iterations + ~done
-            drop = size / before
-            done = done | (size <= tolerance) | ((drop < QUADRATIC) & (size * drop**2 <= tolerance))
-            before = size
-            if (done | ~torch.isfinite(size)).all():
-                break
-        return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
+        return _iterate(problem, x, active, None, tolerance or TOLERANCE[problem.model.S.dtype], limit)
+
+
+def _iterate(problem: Any, x: Any, active: Tensor | None, before: Tensor | None, tolerance: float, limit: int) -> Outcome:
+    """`before` (...): the scaled residual of the iteration before; None = there was none."""
+    first = before is None
+    for k in range(limit):
+        residual, *about = problem.residual(x)
+        size = residual.measure()
+        if k == 0:
+            over = torch.zeros_like(size, dtype=torch.bool) if active is None else ~active.expand(size.shape)
+            done = over
+            status = torch.where(torch.isfinite(size) | (not first), DIVERGED, BROKEN)
+            iterations = torch.zeros_like(status)
+            before = torch.zeros_like(size) if first else before
+            reaction = size.new_zeros(*size.shape, *problem.model.held.fixed.shape)
+            x = type(x)(*(v.expand(*size.shape, *v.shape[-2:]) for v in x))
+            rows = None if active is None else Rows.few(~over)
+            part = None if rows is None else _part(problem, rows)
+            if part is not None:
+                rest = _iterate(part, rows.of(x, 2), None, None, tolerance, limit)
+                return _joined(rows, Outcome(x, reaction, torch.where(over, SUCCESS, status), iterations), rest)
+        *change, root = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
+        keep = over[..., None, None]
+        x = type(x)(*(torch.where(keep, a, b) for a, b in zip(x, problem.moved(x, *change), strict=True)))
+        reaction = torch.where(keep, reaction, root)
+        iterations = iterations + ~over
+        drop = size / before
+        done = done | (~over & ((size <= tolerance) | ((drop < QUADRATIC) & (size * drop**2 <= tolerance))))
+        over = done | ~torch.isfinite(size)
+        before = size
+        if over.all():
+            break
+        rows = Rows.few(~over) if k < limit - 1 else None
+        part = None if rows is None else _part(problem, rows)
+        if part is not None:
+            rest = _iterate(part, rows.of(x, 2), None, rows.of(before, 0), tolerance, limit - 1 - k)
+            return _joined(rows, Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations), rest)
+    return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
+
+
+def _part(problem: Any, rows: Rows) -> Any:
+    """The problem of some samples alone; None where it cannot be told."""
+    try:
+        return rows.of(problem)
+    except Whole:
+        return None
+
+
+def _joined(rows: Rows, whole: Outcome, rest: Outcome) -> Outcome:
+    """The outcome of all, where some went on by themselves."""
+    x = type(whole.x)(*(rows.put(a, b, 2) for a, b in zip(whole.x, rest.x, strict=True)))
+    return Outcome(x, rows.put(whole.reaction, rest.reaction, 2), rows.put(whole.status, rest.status, 0),
+                   whole.iterations.index_add(0, rows.index, rest.iterations))
 
 
 def attach(problem: Any, x: Any, good: Tensor) -> tuple[Any, Tensor]:
