@@ -10,6 +10,7 @@ from torch import Tensor
 from ..effects import Inputs
 from ..motion import GAP, INCREMENT
 from ..scene import Scene
+from ..solve import level
 from ..state import State
 from .external import Nodes, advanced_rates
 from .model import Model, times
@@ -128,9 +129,9 @@ class Rates:
             by_spin = by_spin + A.mT @ coupling
             torque = torque - (A.mT @ (m * bias)[..., None])[..., 0]
         force = force - m * bias
-        top, bottom = (torch.cat(torch.broadcast_tensors(*row) if p == space.spin else _level(*row), -1)
+        top, bottom = (torch.cat(level(*row), -1)
                        for row in ((by_v, coupling), (coupling.mT, by_spin)))
-        block = torch.cat(_level(top, bottom), -2)
+        block = torch.cat(level(top, bottom), -2)
         right = torch.cat((force, torque), -1)
         free = model.held.free
         if free is not None:
@@ -177,18 +178,31 @@ class Rates:
                 now, omega = self._momentum(t), omega[..., 0, :]
                 turned = space.tilde(omega) @ now[..., :p, None], space.hat(omega) @ now[..., p:, None]
                 rate = rate + torch.cat(turned, -2)[..., 0]
+            if model.inertia.offset is not None:
+                p = model.space.position
+                lever = self._clamp(t)[-1].mT @ rate[..., :p, None]
+                rate = torch.cat((rate[..., :p], rate[..., p:] + lever[..., 0]), -1)
             found[0] = found[0] + rate
         return torch.stack(torch.broadcast_tensors(*found), -2)
 
     def _momentum(self, t: Tensor) -> Tensor:
-        """[m v; R J Omega] (..., w) of a clamp at node 0, whose own mass lies on it."""
+        """[m v_c; R J Omega] (..., w) of a clamp at node 0."""
+        inertia, space = self.model.inertia, self.model.space
+        q, v, spin, arm = self._clamp(t)
+        if arm is not None:
+            v = v + (arm @ space.to_frame(q, spin)[..., None])[..., 0]
+        p = inertia.mass[..., 0, :, None] * v[..., None]
+        H = space.to_frame(q, (inertia.inertia[..., 0, :, :] @ spin[..., None])[..., 0])
+        return torch.cat(level(p, H[..., None]), -2)[..., 0]
+
+    def _clamp(self, t: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor | None]:
+        """Of a clamp at node 0: rotation, velocity, spin (section axes), how a spin moves its centre of mass (..., p, s)."""
         model, space = self.model, self.model.space
-        support = model.scene.supports[0]
+        support, offset = model.scene.supports[0], model.inertia.offset
         _, q = space.pose(*model.carrying.pose(support, t), 0)
-        v, spin = space.motion(*model.carrying.absolute(support, t, torch.full_like(t, GAP / INCREMENT)))
-        H = (model.inertia.inertia[..., 0, :, :] @ spin[..., None])[..., 0]
-        return torch.cat(torch.broadcast_tensors(model.inertia.mass[..., 0, :] * v, space.to_frame(q, H))
-                         if space.position == space.spin else (model.inertia.mass[..., 0, :] * v, space.to_frame(q, H)), -1)
+        motion = space.motion(*model.carrying.absolute(support, t, torch.full_like(t, GAP / INCREMENT)))
+        arm = None if offset is None else space.arm((space.matrix(q) @ offset[..., 0, :, None])[..., 0])
+        return q, *motion, arm
 
     def state(self, t: Tensor, y: Tensor, status: Tensor) -> State:
         """The state at time t; stress and reaction are those of the instant."""
@@ -198,8 +212,3 @@ class Rates:
         return self.model.space.leave(State(
             *nodes[:3], spin, self.stress(nodes, t), self.reaction(t, nodes, net), work, torch.zeros_like(work),
             t.expand(work.shape), status, frame=nodes.frame, internal=nodes.internal))
-
-
-def _level(*blocks: Tensor) -> list[Tensor]:
-    shape = torch.broadcast_shapes(*(b.shape[:-2] for b in blocks))
-    return [b.expand(*shape, *b.shape[-2:]) for b in blocks]
