@@ -55,8 +55,10 @@ def matrix(q: Tensor) -> Tensor:
 
 def rotate(q: Tensor, v: Tensor) -> Tensor:
     """R(q) v."""
-    qv = q[..., 1:].expand(*torch.broadcast_shapes(q.shape[:-1], v.shape[:-1]), 3)
-    t = 2 * torch.linalg.cross(qv, v.expand_as(qv))
+    qv = q[..., 1:]
+    if qv.shape != v.shape:
+        qv, v = torch.broadcast_tensors(qv, v)
+    t = 2 * torch.linalg.cross(qv, v)
     return v + q[..., :1] * t + torch.linalg.cross(qv, t)
 
 

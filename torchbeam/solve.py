@@ -34,8 +34,16 @@ def block_tridiagonal(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
 
 def _solve(A: Tensor, *right: Tensor) -> Tensor:
     """A^-1 [right ...]"""
-    shape = torch.broadcast_shapes(A.shape[:-2], *(r.shape[:-2] for r in right))
-    return torch.linalg.solve_ex(A, torch.cat([r.expand(*shape, *r.shape[-2:]) for r in right], -1))[0]
+    A, *right = level(A, *right)
+    return torch.linalg.solve_ex(A, torch.cat(right, -1) if len(right) > 1 else right[0])[0]
+
+
+def level(*blocks: Tensor) -> tuple[Tensor, ...]:
+    """Matrices with the same leading axes."""
+    if len({b.shape[:-2] for b in blocks}) == 1:  # asked for first: broadcasting is slow beside a small solve
+        return blocks
+    shape = torch.broadcast_shapes(*(b.shape[:-2] for b in blocks))
+    return tuple(b.expand(*shape, *b.shape[-2:]) for b in blocks)
 
 
 def pivots(D: Tensor, L: Tensor, U: Tensor) -> Tensor:
@@ -52,6 +60,11 @@ def positive_definite(D: Tensor, L: Tensor, U: Tensor) -> Tensor:
     """
     blocks = pivots(D, L, U)
     return (torch.linalg.cholesky_ex(blocks + blocks.mT).info == 0).all(-1)
+
+
+def recorded() -> bool:
+    """Whether derivatives are being recorded at all, backward or forward."""
+    return torch.is_grad_enabled() or torch._C._is_fwd_grad_enabled()
 
 
 class ChainSolve(torch.autograd.Function):

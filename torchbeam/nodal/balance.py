@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..solve import ChainSolve
+from ..solve import ChainSolve, block_tridiagonal, recorded
 from .held import Held
 from .model import Model, times
 from .space import Space
@@ -81,7 +81,8 @@ class Linearisation(NamedTuple):
         balances after it, the reactions (..., K, w).
         """
         pushed = g + self.space.to_nodes((self.hB.mT @ times(self.C, g_strain[..., None]))[..., 0])
-        free = ChainSolve.apply(self.D, self.L, self.U, self.held.unknown(-pushed))
+        solve = ChainSolve.apply if recorded() else block_tridiagonal
+        free = solve(self.D, self.L, self.U, self.held.unknown(-pushed))
         move = pad(free, (0, 0, self.held.first, 0))
         dstress = times(self.C, g_strain[..., None] + self.E @ self.space.to_elements(move)[..., None])[..., 0]
         return move, dstress, self.held.reaction(self.rows, pushed, move)

@@ -19,6 +19,7 @@ from torch.nn.functional import pad
 
 from .. import quaternions as quat
 from ..scene import Scene
+from ..solve import level
 from ..state import State
 from .space import Space
 
@@ -72,7 +73,7 @@ def strain_operator(kin: Kinematics, length: Tensor) -> Tensor:
     h = length[..., None]
     by_r = kin.R.mT / h
     by_spin = -(kin.R.mT @ kin.Jd[..., None]) / 2
-    by_r, by_i, by_j = _level(by_r, by_spin, by_spin)
+    by_r, by_i, by_j = level(by_r, by_spin, by_spin)
     last = torch.tensor((0.0, 0, -1, 1), dtype=by_r.dtype, device=by_r.device) / h
     return torch.cat((torch.cat((by_r, by_i, by_j), -1), last.expand(*by_r.shape[:-2], 1, 4)), -2)
 
@@ -107,11 +108,6 @@ def matrix(q: Tensor) -> Tensor:
 
 def _dot(x: Tensor, y: Tensor) -> Tensor:
     return (x * y) @ torch.ones(2, 1, dtype=x.dtype, device=x.device)
-
-
-def _level(*blocks: Tensor) -> list[Tensor]:
-    shape = torch.broadcast_shapes(*(b.shape[:-2] for b in blocks))
-    return [b.expand(*shape, *b.shape[-2:]) for b in blocks]
 
 
 @dataclass(frozen=True)
