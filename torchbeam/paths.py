@@ -238,7 +238,7 @@ class _Walk:
             start = where(leap, start._replace(position=there.position, rotation=there.rotation, way=way), start)
             move, by_factor = where(leap, (mode, zero), (move, by_factor))
         row, by_factor = where(final, (torch.zeros_like(move), zero + 1), (self.size * move, by_factor))
-        bound = torch.where(now.by_factor < 0, self.span[0], self.span[1])
+        bound = torch.where(now.by_factor < 0, self.span[0], self.span[1]).to(now.factor)  # of two numbers: the default dtype
         goal = torch.where(final, bound - now.factor, step)
         return Bordered(self.model, self.loaded, row, by_factor, now.factor, goal, goal.abs()), start
 

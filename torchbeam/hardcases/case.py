@@ -42,13 +42,12 @@ class Case:
     size      steps (or turns) in full, and reduced (for tests)
     long      steps that only --long runs, without batch and gradient
     fails     variant -> why: what is known to fail. Strict: it has to;  later: at the full size alone;  last: at `long`
-    needs     what is missing for the case to be built at all
     """
 
     name: str
     hard: str
-    check: str = ""
-    solve: Callable[[Tensor, int], Answer] | None = None
+    check: str
+    solve: Callable[[Tensor, int], Answer]
     bound: float = 1e-2
     single: float = 1e-3
     gradient: float = 1e-5
@@ -57,7 +56,6 @@ class Case:
     fails: dict[str, str] = field(default_factory=dict)
     later: dict[str, str] = field(default_factory=dict)
     last: dict[str, str] = field(default_factory=dict)
-    needs: str = ""
 
 
 @dataclass
@@ -85,8 +83,6 @@ class Result:
 
 def run(case: Case, quick: bool = False, long: bool = False) -> list[Result]:
     """Every variant of a case; `quick`: at the reduced size of the tests; `long`: at its largest, in both precisions alone."""
-    if case.solve is None:
-        return []
     long = long and case.long is not None
     size = case.long if long else case.size[quick]
     known = {**case.fails, **(case.last if long else {} if quick else case.later)}

@@ -37,8 +37,7 @@ def main(argv: Sequence[str]) -> int:
         (args.out / "hardcases.json").write_text(json.dumps({
             "versions": versions("torchbeam", "torch"), "machine": f"{platform.system()} {platform.machine()}",
             "threads": torch.get_num_threads(), "quick": args.quick, "batch": BATCH[args.quick],
-            "results": [asdict(r) for r in results], "not available": {c.name: c.needs for c in chosen if c.needs},
-            "float32": precision}, indent=1))
+            "results": [asdict(r) for r in results], "float32": precision}, indent=1))
     return 0 if all(r.expected for r in results) else 1
 
 
@@ -51,7 +50,7 @@ def _progress(cases: list[Case]) -> Iterable[Case]:
 
 
 def markdown(cases: list[Case], results: list[Result], precision: list[dict], batch: int) -> str:
-    """The tables: one row a case, then what fails and why, what cannot be built, and single precision."""
+    """The tables: one row a case, then what fails and why, and single precision."""
     lines = []
     if cases:
         lines += ["`error` is what the case checks, in float64. float32: distance from float64. Batch "
@@ -64,10 +63,6 @@ def markdown(cases: list[Case], results: list[Result], precision: list[dict], ba
         lines += ["", "### What fails", ""]
         lines += _table(("case", "in", "status", "what happens", "why"), (
             (r.case, r.variant, str(r.status), r.reason or "it passes", r.known or "NOT EXPECTED") for r in failed))
-    missing = [case for case in cases if case.needs]
-    if missing:
-        lines += ["", "### Not available", ""]
-        lines += _table(("case", "what makes it hard", "needs"), ((c.name, c.hard, c.needs) for c in missing))
     if precision:
         lines += ["", "### float32 against float64", "",
                   "Distance of the tips over the distance the tip has moved; P L^2/EI = 4 in statics, 1 in motion.", ""]
@@ -78,8 +73,6 @@ def markdown(cases: list[Case], results: list[Result], precision: list[dict], ba
 
 
 def _row(case: Case, results: list[Result]) -> tuple[str, ...]:
-    if not results:
-        return (case.name, case.hard, "not available", *[""] * 6)
     of = {r.variant: r for r in results}
     cells = [_cell(of[v], of[v].error if v == "float64" else of[v].difference) if v in of else "" for v in VARIANTS]
     iterations = of["float64"].iterations

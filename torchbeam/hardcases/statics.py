@@ -8,8 +8,9 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
+from torchbeam.paths import LIMIT_POINT
 
-from .build import cantilever, held, moved, tip_force, tip_moment, vector
+from .build import cantilever, held, moved, section, tip_force, tip_moment, vector
 from .case import Answer, Case
 
 INF = math.inf
@@ -88,6 +89,22 @@ def stiffness_ratio(p: Tensor, size: int) -> Answer:
     return held(state, ((state.root.moment + lever).norm(dim=-1) / lever.norm(dim=-1)).detach())
 
 
+def snap_along_path(p: Tensor, each: int) -> Answer:
+    """Lee's frame: a column and a beam of 120, hinged at both ends, pushed down at 24 from the corner. Lee, Manuel and Rossow
+    (1968): it snaps at 1.8552 EI/L^2; the path falls, turns round and rises to twice that. Checked: the highest load before.
+    """
+    s = torch.linspace(0, 120, each + 1, dtype=p.dtype)
+    corner = torch.stack((torch.cat((0 * s, s[1:])), torch.cat((s, 0 * s[1:] + 120)), torch.zeros(2 * each + 1).to(s)), -1)
+    frame = tb.Beam.from_nodes(corner, section(p, EA=4320.0, EI=1440.0, GJ=1e3))
+    node, hinges = each + each // 5, [tb.Support(i, "xyz", "xy") for i in (0, -1)]
+    push = tb.PointLoad(node, force=vector(p, 0, -4.0, 0))
+    path = tb.path(tb.Scene(frame, [push], supports=hinges, plane="xy"), step=0.1, steps=80)
+    before = (path.kind == LIMIT_POINT).cumsum(0) == 0
+    top = torch.where(before, path.factor, 0.0).amax(0) * 4 * p.detach()
+    error = torch.where(path.reached, (top / 1.8552 - 1).abs(), torch.inf)
+    return held(path.state[-1], error)._replace(value=path.state.position[-1, :, node])
+
+
 CASES = [
     Case("rotation of exactly pi", "the tip points back: rotation vectors have their cut here",
          "tip from the circle's", end_moment(0.5, 16), bound=2e-3),
@@ -102,6 +119,8 @@ CASES = [
     Case("dead load past Euler's, statics", "P = 5 EI/L^2, twice the critical load, imperfection 1e-6: the straight beam is "
          "an equilibrium too", "deflection from the elastica's", buckled(5.0, 1e-6), bound=2e-2,
          fails={"float32": "single precision loses 1e-6 of the load, and with it the plane in which a round column buckles"}),
+    Case("snap-through by `path`", "the load turns back twice on the way", "load at which Lee's frame snaps", snap_along_path,
+         bound=2e-2, size=(20, 10), fails={"gradient": "`path` has no derivatives; `equilibrium` has"}),
     Case("bending stiffness ratio 1e6", "EI about y and z", "root moment less load and lever", stiffness_ratio, bound=1e-6,
          gradient=1e-4),
 ]
