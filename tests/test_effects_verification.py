@@ -199,7 +199,7 @@ def test_energy_grows_by_the_power_of_what_acts(name):
 FORMS = {
     "gravity": lambda: dict(effects=[tb.Gravity((1.0, -2.0, -9.81))]),
     "follower load": lambda: CASES["follower load"](turns()[0]),
-    "damping": lambda: dict(effects=[tb.Damping(torch.tensor([0.0, 0, 0, 0.1, 0.1, 0.1]))]),
+    "damping": lambda: dict(effects=[tb.Damping(torch.tensor([0.0, 0, 0, 0, 0.08, 0.08]))]),
     "frame that turns": lambda: dict(frame=tb.Frame(angular_velocity=lambda t: 3 * wave(t))),
     "frame that accelerates": lambda: dict(frame=tb.Frame(velocity=lambda t: 3 * t * t * wave(t))),
     "root motion": lambda: dict(root=tb.RootMotion(displacement=lambda t: t * t * wave(t), rotation=lambda t: t * t * wave(t))),
