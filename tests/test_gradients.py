@@ -176,3 +176,39 @@ def test_jacobians_by_vmap_and_no_second_derivative(solve):
     for second in (torch.func.hessian, lambda f: torch.func.grad(torch.func.grad(f))):
         with pytest.raises(NotImplementedError, match="first ones only"):
             second(function)(EI.detach())
+
+
+def run(**numbers):
+    return tb.simulate(scene(**numbers), [0.0, 0.1], step=0.05, **EXACT).tip.position[-1]
+
+
+@pytest.mark.parametrize("solve", [still, run])
+@pytest.mark.parametrize("name, values", [("EI", [1.0, 0.5, 2.0]), ("load", [1.0, -1.0, 10.0])])
+def test_vmap_over_scenes(solve, name, values):
+    """vmap over what a scene is built from, and over its derivatives, is what the samples are one by one: the same sums, in
+    another layout (1e-12; Newton's last residual is 1e-12 too).
+    """
+    def function(x):
+        return solve(**{name: x})
+    values = torch.tensor(values)
+    for f in (function, torch.func.jacrev(function), torch.func.jacfwd(function)):
+        assert_close(torch.func.vmap(f)(values), torch.stack([f(v) for v in values]), rtol=1e-9, atol=1e-12)
+
+
+def test_vmap_keeps_failures_apart():
+    """Inside vmap too a sample fails by itself, sub-steps are made, and refusals say what was given."""
+    def moved(load):
+        stepper = tb.Stepper(tb.Scene(scene().beam, [tb.TipLoad(force=tb.Input("u", 3))]), 0.1, halvings=3)
+        state = stepper(stepper.rest(), u=load * torch.tensor([0.2, 1.0, 0.5]))
+        return state.status, state.tip.position, stepper.iterations
+
+    loads = torch.tensor([1.0, math.nan, 30.0, 1e30])
+    status, tip, iterations = torch.func.vmap(moved)(loads)
+    alone = [moved(load) for load in loads]
+    assert status.tolist() == [s.item() for s, *_ in alone] == [0, 2, 0, 1] and iterations[2] > 25
+    assert_close(tip, torch.stack([t for _, t, _ in alone]), rtol=1e-9, atol=1e-12)
+    with pytest.raises(ValueError, match="EI = -1 was given"):
+        torch.func.vmap(lambda EI: still(EI=EI))(torch.tensor([1.0, -1.0]))
+    with pytest.raises(RuntimeError, match="sample 1 of"):
+        torch.func.vmap(lambda M: tb.equilibrium(tb.Scene(scene().beam, [tb.TipLoad(moment=M * torch.eye(3)[2])])).t)(
+            torch.tensor([1.0, 100.0]))

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from . import quaternions as quat
-from .checks import Value, as_tensor, axis_last, common_dtype, count, finite, positive
+from .checks import Value, as_tensor, axis_last, common_dtype, concrete, count, finite, positive
 from .section import Section
 from .stations import Stations, of_elements
 
@@ -130,7 +130,7 @@ class Beam:
             k = as_tensor(curvature, length.dtype, length.device)
             k = finite("curvature", axis_last("curvature", k, 3))[..., None, :]
         turn = h[..., None] * k
-        if (torch.linalg.vector_norm(turn, dim=-1) >= math.pi).any():
+        if concrete(torch.linalg.vector_norm(turn, dim=-1) >= math.pi).any():
             raise ValueError(f"a curvature that turns one of {N} elements by pi or more was given; more elements are wanted")
         each, step = quat.exponential(turn), h[..., None] * _advance(turn)
         frames, nodes = [quat.from_matrix(axes)], [root]
@@ -167,9 +167,9 @@ class Beam:
             frames = finite("frames", as_tensor(frames, dtype, device))
             if frames.shape[-3:] != (N, 3, 3):
                 raise ValueError(f"frames of shape {tuple(frames.shape)} were given; (..., {N}, 3, 3) is wanted")
-            if ((frames[..., :, 0] - chord / length[..., None]).abs() > 1e-5).any():
+            if concrete((frames[..., :, 0] - chord / length[..., None]).abs() > 1e-5).any():
                 raise ValueError("frames whose first column leaves the chord were given; it runs from node to node")
-            if ((frames.mT @ frames - torch.eye(3, dtype=dtype, device=device)).abs() > 1e-5).any():
+            if concrete((frames.mT @ frames - torch.eye(3, dtype=dtype, device=device)).abs() > 1e-5).any():
                 raise ValueError("frames that are not orthonormal were given; rotation matrices are wanted")
         return cls._chain(section, nodes, quat.from_matrix(frames), length)
 
@@ -258,7 +258,7 @@ def axes_along(direction: Tensor, up: Tensor) -> Tensor:
     x = direction / length
     across = up - (up * x).sum(-1, keepdim=True) * x
     size = torch.linalg.vector_norm(across, dim=-1, keepdim=True)
-    if (size <= 1e-6 * torch.linalg.vector_norm(up, dim=-1, keepdim=True)).any():
+    if concrete(size <= 1e-6 * torch.linalg.vector_norm(up, dim=-1, keepdim=True)).any():
         raise ValueError("an up vector parallel to the beam's direction was given; one that leaves it is wanted")
     z = across / size
     return torch.stack((x, torch.linalg.cross(z, x), z), -1)

@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch._C import _functorch as functorch
 
 Value = Any  # a tensor, a Python number or a (nested) sequence of them
 
@@ -89,6 +90,13 @@ def options(name: str, given: dict[str, Any], known: list[str]) -> None:
             raise ValueError(f"the option {option!r} was given; {name} has {', '.join(known)}")
 
 
+def concrete(x: Tensor) -> Tensor:
+    """The numbers in x, to decide by: those of every sample, where torch.func.vmap shows one at a time."""
+    while functorch.is_functorch_wrapped_tensor(x):
+        x = functorch.get_unwrapped(x)
+    return x
+
+
 def axis_last(name: str, value: Any, size: int) -> Any:
     """`value` if its last axis has `size` entries; ValueError otherwise."""
     if value.ndim == 0 or value.shape[-1] != size:
@@ -101,16 +109,18 @@ def positive(name: str, value: Tensor, *, infinite: bool = False, zero: bool = F
     bad = ~(value >= 0) if zero else ~(value > 0)
     if not infinite:
         bad = bad | torch.isinf(value)
+    bad = concrete(bad)
     if bad.any():
         wanted = ("a non-negative" if zero else "a positive") + (" or infinite" if infinite else " finite") + " number"
-        raise ValueError(f"{name} = {value[bad].flatten()[0].item():g} was given; {wanted} is wanted")
+        raise ValueError(f"{name} = {concrete(value)[bad].flatten()[0].item():g} was given; {wanted} is wanted")
     return value
 
 
 def finite(name: str, value: Tensor) -> Tensor:
     """`value` if every entry is finite; ValueError otherwise."""
-    if not torch.isfinite(value).all():
-        raise ValueError(f"{name} holds {value[~torch.isfinite(value)].flatten()[0].item()}; finite numbers are wanted")
+    numbers = concrete(value)
+    if not torch.isfinite(numbers).all():
+        raise ValueError(f"{name} holds {numbers[~torch.isfinite(numbers)].flatten()[0].item()}; finite numbers are wanted")
     return value
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from .checks import concrete
 from .rows import Rows, Whole
 
 TOLERANCE = {torch.float64: 1e-8, torch.float32: 1e-4}  # of the scaled residual after the last update
@@ -73,7 +74,7 @@ def _iterate(problem: Any, x: Any, active: Tensor | None, before: Tensor | None,
         done = done | (~over & ((size <= tolerance) | ((drop < QUADRATIC) & (size * drop**2 <= tolerance))))
         over = done | ~torch.isfinite(size)
         before = size
-        if over.all():
+        if concrete(over).all():
             break
         rows = Rows.few(~over) if k < limit - 1 else None
         part = None if rows is None else _part(problem, rows)

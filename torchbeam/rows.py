@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from .beam import Beam
+from .checks import concrete
 from .effects import (
     Actuation,
     Along,
@@ -81,7 +82,9 @@ class Rows:
     @classmethod
     def few(cls, going: Tensor) -> Rows | None:
         """Those that are `going` (...), where a batch of them alone is faster; else None."""
-        if going.ndim != 1 or len(going) < LEAST or not 0 < int(going.sum()) <= SHARE * len(going):
+        if going.ndim != 1 or len(going) < LEAST or going is not concrete(going):
+            return None
+        if not 0 < int(going.sum()) <= SHARE * len(going):
             return None
         return cls(going.nonzero()[:, 0], len(going))
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from .checks import Value, as_tensor, axis_last, broadcast, common_dtype, finite, positive
+from .checks import Value, as_tensor, axis_last, broadcast, common_dtype, concrete, finite, positive
 from .quaternions import hat
 
 SHEAR_FACTOR_RECTANGLE = 5 / 6  # Timoshenko's, Poisson's ratio neglected
@@ -48,16 +48,15 @@ class Section:
         positive("rotary inertia", mass.diagonal(dim1=-2, dim2=-1)[..., 3:], zero=True)
         for name, matrix in (("compliance", S), ("mass", mass)):
             least, largest = torch.linalg.eigvalsh(matrix.detach()).aminmax(dim=-1)
-            if (least < -1e-6 * largest.abs()).any():
-                raise ValueError(f"{name} with the eigenvalue {least.min().item():g} was given; none may be negative")
-        zero = (S_diagonal == 0).flatten(0, -2) if S.ndim > 2 else (S_diagonal == 0)[None]
+            if concrete(least < -1e-6 * largest.abs()).any():
+                raise ValueError(f"{name} with the eigenvalue {concrete(least).min().item():g} was given; none may be negative")
         set_ = object.__setattr__  # the dataclass is frozen
         set_(self, "compliance", S)
         set_(self, "mass", mass)
-        set_(self, "rigid", tuple(zero.any(0).tolist()))
-        set_(self, "coupled", bool((S != torch.diag_embed(S_diagonal)).any()))
-        set_(self, "offset", bool((mass[..., :3, 3:] != 0).any()))
-        set_(self, "rotary", bool((mass[..., 3:, 3:] != 0).any()))
+        set_(self, "rigid", tuple(bool(concrete(c == 0).any()) for c in S_diagonal.unbind(-1)))
+        set_(self, "coupled", bool(concrete(S != torch.diag_embed(S_diagonal)).any()))
+        set_(self, "offset", bool(concrete(mass[..., :3, 3:] != 0).any()))
+        set_(self, "rotary", bool(concrete(mass[..., 3:, 3:] != 0).any()))
 
     @property
     def batch_shape(self) -> torch.Size:
@@ -174,7 +173,7 @@ def _positive_all(nu: Value, **values: Value) -> list[Tensor]:
     dtype, device = common_dtype(nu, *values.values())
     values = {name: positive(name, as_tensor(value, dtype, device)) for name, value in values.items()}
     nu = finite("nu", as_tensor(nu, dtype, device))
-    if not ((nu > -1) & (nu <= 0.5)).all():
+    if not concrete((nu > -1) & (nu <= 0.5)).all():
         raise ValueError(f"nu = {nu.flatten()[0].item():g} was given; Poisson's ratio lies above -1 and up to 0.5")
     *before, rho = values.values()
     return [*before, nu, rho]
@@ -209,6 +208,6 @@ def _symmetric(name: str, matrix: Tensor) -> Tensor:
     if matrix.ndim < 2 or matrix.shape[-2:] != (6, 6):
         raise ValueError(f"a {name} of shape {tuple(matrix.shape)} was given; (..., 6, 6) is wanted")
     finite(name, matrix)
-    if not torch.allclose(matrix, matrix.mT, rtol=1e-6, atol=0.0):
+    if concrete((matrix - matrix.mT).abs() > 1e-6 * matrix.abs()).any():
         raise ValueError(f"a {name} that is not symmetric was given; a symmetric one is wanted")
     return axis_last(name, matrix, 6)

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from .bordered import where
+from .checks import concrete
 from .checks import tolerance as check_tolerance
 from .newton import DIVERGED, STATUS, attach, dependencies, newton, no_derivatives, wants_gradient
 from .nodal.balance import Linearisation
@@ -69,17 +70,17 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     conservative = all(load.conservative for load in scene.loads) and not turning(scene)
     if branch == "stable":
         unstable = good & _unstable(problem, x, start)
-        if unstable.any():
+        if concrete(unstable).any():
             with no_derivatives():
                 loaded = partial(Still, model, time, given)
                 *stable, found = stable_branch(model, loaded, start, unstable, tolerance)
             x, reaction = where(found, tuple(stable), (x, reaction))
     if wants_gradient(*dependencies(problem, x), *start):
         limit, fork = _singular(problem, x, start, good)
-        if throw and limit.any():
+        if throw and concrete(limit).any():
             raise RuntimeError(f"{_which(limit)} is at a limit point: the equilibrium has no derivative by the load there "
                                "(`path` goes through it)")
-        if fork.any():
+        if concrete(fork).any():
             warnings.warn(f"{_which(fork)} is at a point of bifurcation: derivatives by what pushes it off its path do not "
                           "exist", RuntimeWarning, stacklevel=2)
         good = good & ~limit
@@ -87,18 +88,20 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
         problem = replace(problem, inputs=held)
         x, reaction = _attached(problem, x, reaction, start, good)
     failed = status != 0
-    if throw and failed.any():
+    if throw and concrete(failed).any():
+        failed, status = concrete(failed), concrete(status)
         which = f"sample {_first(failed)} of {tuple(failed.shape)}" if failed.ndim else "the scene"
         raise RuntimeError(f"{which} has no equilibrium: {REASON[int(status[failed][0])]}")
     if conservative:
         unstable = ~failed & _unstable(problem, x, start)
-        if unstable.any():
+        if concrete(unstable).any():
             warnings.warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to "
                           "another (branch='stable' looks for it)", RuntimeWarning, stacklevel=2)
     return problem.state(x, reaction, status)
 
 
 def _which(mask: Tensor) -> str:
+    mask = concrete(mask)
     return f"sample {_first(mask)} ({int(mask.sum())} of {mask.numel()})" if mask.ndim else "the beam (1 of 1)"
 
 
@@ -116,7 +119,7 @@ def _unstable(problem: Still, x: Shape, start: Shape) -> Tensor:
     with no_derivatives():
         tangent = _tangent(problem, x)
         doubtful = ~positive_definite(tangent.D, tangent.L, tangent.U)
-        if not doubtful.any():
+        if not concrete(doubtful).any():
             return doubtful
         unloaded = _tangent(problem, start)
         here, usual = (torch.linalg.eigvalsh(p + p.mT).amin((-1, -2)) for p in
@@ -156,7 +159,7 @@ def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Shape, toleran
         status = torch.zeros(shape, dtype=torch.long, device=t.device)
         while True:
             climbing = (reached < 1) & (status == 0)
-            if not climbing.any():
+            if not concrete(climbing).any():
                 return x, reaction, status
             share = torch.where(climbing, (reached + step).clamp(max=1), reached)
             problem = Still(model, t, inputs, share)

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..checks import Value, axis_last, finite, positive
+from ..checks import Value, axis_last, concrete, finite, positive
 from ..quaternions import hat
 from .loads import whole_node
 from .values import like, plain
@@ -78,11 +78,12 @@ class PointMass:
 def _check_inertia(J: Tensor) -> None:
     finite("PointMass's inertia", J)
     size = J.abs().amax((-1, -2), keepdim=True)
-    if ((J - J.mT).abs() > ROUNDING * size).any():
+    if concrete((J - J.mT).abs() > ROUNDING * size).any():
         raise ValueError("a PointMass's inertia that is not symmetric was given; moments of inertia are symmetric")
     least = torch.linalg.eigvalsh(J)[..., 0]
-    if (least < -ROUNDING * size[..., 0, 0]).any():
-        raise ValueError(f"a PointMass's inertia with the principal moment {least.min().item():g} was given; none is negative")
+    if concrete(least < -ROUNDING * size[..., 0, 0]).any():
+        raise ValueError(f"a PointMass's inertia with the principal moment {concrete(least).min().item():g} was given; none is "
+                         "negative")
 
 
 def _rigid_body(matrix: Tensor | np.ndarray) -> tuple:
@@ -96,6 +97,6 @@ def _rigid_body(matrix: Tensor | np.ndarray) -> tuple:
     c = torch.stack((mc[..., 2, 1], mc[..., 0, 2], mc[..., 1, 0]), -1) / torch.where(m > 0, m, torch.ones_like(m))[..., None]
     J = M[..., 3:, 3:] + m[..., None, None] * hat(c) @ hat(c)
     body = torch.cat((torch.cat((m[..., None, None] * eye, -mc), -1), torch.cat((mc, M[..., 3:, 3:]), -1)), -2)
-    if ((body - M).abs() > ROUNDING * size).any():
+    if concrete((body - M).abs() > ROUNDING * size).any():
         raise ValueError("a PointMass's 6x6 mass that no rigid body has was given; [[m I, -m ~c], [m ~c, J]] is wanted")
     return (m, J, c) if isinstance(matrix, Tensor) else (m.numpy(), J.numpy(), c.numpy())

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint as recompute
 
-from ..checks import as_tensor, increasing, keywords, step_size
+from ..checks import as_tensor, concrete, increasing, keywords, step_size
 from ..checks import options as check_options
 from ..newton import FAILED, STATUS
 from ..nodal.model import Model
@@ -171,11 +171,11 @@ def _energies(model: Model, states: State) -> tuple[Tensor, Tensor]:
 
 def _judged(solution: Solution, throw: bool) -> Solution:
     """The solution, with a sentence on every kind of failure in its stats; raised, or warned of unless the solver has."""
-    status = solution.status
+    status, steps = (concrete(x) for x in (solution.status, (solution.state.status == 0).sum(0)))
     for code in sorted(set(status.flatten().tolist()) - {0}):
         failed = (status == code).nonzero().tolist()
         which = f"sample {failed[0][0] if len(failed[0]) == 1 else tuple(failed[0])}" if failed[0] else "the sample"
-        moved = (solution.state.status == 0).sum(0).flatten()[(status == code).flatten().nonzero()[0, 0]]
+        moved = steps.flatten()[(status == code).flatten().nonzero()[0, 0]]
         when = solution.t[max(int(moved) - 1, 0)].item()
         told = solution.stats.reason.get(code)
         sentence = f"{which} ({len(failed)} of {status.numel()}) stopped after t = {when:.6g} s: {told or STATUS[code]}"

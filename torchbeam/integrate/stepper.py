@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..checks import broadcast, count, step_size
+from ..checks import broadcast, concrete, count, step_size
 from ..checks import tolerance as check_tolerance
 from ..effects import Inputs
 from ..newton import DIVERGED, LIMIT, SUCCESS, attach, dependencies, newton, wants_gradient
@@ -104,7 +104,7 @@ class Stepper:
         t = state.t.detach().amax()
         after, status, self.iterations = self._attempt(self.model, state, dt, t + self.method.INSTANT * dt, given, moving)
         failed = moving & (status == DIVERGED)
-        if failed.any() and self.halvings:
+        if concrete(failed).any() and self.halvings:
             rows = Rows.few(failed)
             model, start, held = self.model, state, given
             try:
@@ -137,11 +137,11 @@ class Stepper:
                 trial, status, iterations = self._attempt(model, trial, dt / parts, now, inputs, good)
                 counted = counted + torch.where(good, iterations, 0)
                 good = good & (status == SUCCESS)
-                if not good.any():
+                if not concrete(good).any():
                     break
             after = trial.where(good, after)
             left = left & ~good
-            if not left.any():
+            if not concrete(left).any():
                 break
         return after, failed & ~left, counted
 
@@ -171,9 +171,9 @@ class Stepper:
         problem = replace(problem)  # what it had cached carries no gradient
         if wants_gradient(*dependencies(replace(problem), x)):
             x = type(x)(*(torch.where(good[..., None, None], a, b) for a, b in zip(x, problem.still(), strict=True)))
-            if not good.all():  # nothing that failed samples hold reaches a derivative
+            if not concrete(good).all():  # nothing that failed samples hold reaches a derivative
                 held = {name: torch.where(good[..., None], v, v.detach()) for name, v in inputs.items()}
                 problem = replace(problem, start=state.where(good, state.detach()), inputs=held)
             x, reaction = attach(problem, x, good)
         after = problem.finish(x, reaction)
-        return (after if good.all() else after.where(good, state)), status, iterations
+        return (after if concrete(good).all() else after.where(good, state)), status, iterations

@@ -18,6 +18,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from .. import quaternions as quat
+from ..checks import concrete
 from ..quaternions import hat
 from ..scene import Scene
 from .space import Space
@@ -130,10 +131,11 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
 def _mass(mass: Tensor, offset: bool) -> Tensor:
     """m (..., 1) of a section's mass matrix, which must be that of a rigid body."""
     m = mass[..., :1, 0]
-    if not torch.allclose(mass[..., :3, :3], m[..., None] * torch.eye(3, dtype=m.dtype, device=m.device), rtol=1e-6):
+    eye = torch.eye(3, dtype=m.dtype, device=m.device)
+    if concrete((mass[..., :3, :3] - m[..., None] * eye).abs() > 1e-6 * m[..., None]).any():
         raise ValueError("a mass per length that depends on the direction was given; M11 = m I is wanted")
     M21 = mass[..., 3:, :3]
-    if offset and not torch.allclose(M21, -M21.mT, rtol=1e-6, atol=1e-9 * M21.detach().abs().max().item()):
+    if offset and concrete((M21 + M21.mT).abs() > 1e-6 * M21.abs().amax((-1, -2), keepdim=True)).any():
         raise ValueError("a section mass that couples V and Omega otherwise than an offset centre of mass was given; M21 = m "
                          "~e is wanted")
     return m
