@@ -13,7 +13,7 @@ from torchbeam.nodal.alpha import Alpha, AlphaState
 from torchbeam.nodal.model import Model
 
 CASES = [dict(damping="one"), dict(damping="six"), dict(), dict(effects=()), dict(rotary=False),
-         dict(coupled=False, damping="six")]
+         dict(coupled=False, damping="six"), dict(effects=[tb.Drag(1.2, 0.4, added_mass=0.8)])]
 
 
 def problem_of(case, batch=(3,)):

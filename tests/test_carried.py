@@ -37,6 +37,8 @@ EXTRA = {
     "user load": lambda: dict(extra=[tb.Load(user), tb.Load(user, node=None)]),
     "lag": lambda: dict(extra=[tb.Load(lagging, internal=3, rate=lambda z, r, R, v, w, t: -2 * z + v)]),
     "drag, mass damping": lambda: dict(extra=[tb.Drag(1.2, 0.4, tangential=0.1), tb.MassDamping(0.3)]),
+    "added mass": lambda: dict(extra=[tb.Drag(1.2, 0.4, added_mass=0.8)]),
+    "added mass in a frame": lambda: dict(frame=TURNING, extra=[tb.Drag(1.2, 0.4, added_mass=0.8)]),
     "springs": lambda: dict(extra=[tb.Spring(3, 2.0, (1.0, 2, 3), length=0.5, damping=0.1)]),
     "root spring": lambda: dict(extra=[tb.RootSpring((torch.tensor([5.0, 6, 7]), torch.tensor([2.0, 3, 4])), (0.1, 0.2))]),
     "frame": lambda: dict(frame=TURNING),

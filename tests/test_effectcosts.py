@@ -47,22 +47,19 @@ def test_numbers(written):
 
 
 def test_every_row_is_taken():
-    """But those that no form takes yet."""
     refused = []
     for name, _, make in table(4):
         try:
             Model.of(make())
         except ValueError:
             refused.append(name)
-    assert refused in ([], ["Drag, added mass"])
+    assert not refused
 
 
 def test_every_row_in_a_batch():
     """Three copies of a state step as the one, with every effect, to the rounding of sums (1e-13 of velocities near 1)."""
     with torch.no_grad():
         for name, _, make in table(3):
-            if name == "Drag, added mass":
-                continue
             stepper = Stepper(make(), 0.005)
             state = stepper(stepper(stepper.rest()))
             one, three = stepper(state), stepper(_batch(state, 3))

@@ -52,6 +52,41 @@ def test_along_a_stream():
     assert_close(state.velocity, want, rtol=0, atol=1e-4 * U)
 
 
+@pytest.mark.parametrize("method", ["midpoint", "generalized_alpha", "rk4"])
+@pytest.mark.parametrize("options", [{}, {"plane": "xz"}, {"small": True}])
+def test_added_mass_of_a_rigid_motion(method, options):
+    """A free beam at 30 degrees to its weight, in a fluid without drag: across a = m g/(m + m_a), along a = g, m_a = C_a rho pi
+    d^2/4. It does not turn, so that every method is exact; the weight's work is the beam's energy and the fluid's, m_a v^2/2.
+    """
+    c, s = math.cos(math.pi / 6), math.sin(math.pi / 6)
+    added, g, T = 0.8 * 40.0 * math.pi * 0.1**2 / 4, 9.81, 0.2
+    beam = cantilever(3, SOFT, direction=(c, 0.0, s), up=(-s, 0.0, c))
+    scene = tb.Scene(beam, [tb.Gravity((0, 0, -g)), tb.Drag(40.0, 0.1, normal=0.0, added_mass=0.8)], supports=(), **options)
+    how = dict(options={"step_size": 0.02}) if method == "rk4" else dict(step=0.02, tolerance=1e-12)
+    solution = tb.simulate(scene, [0.0, T], method=method, **how)
+    along, across = -g * s, -g * c / (1 + added)
+    moved = (solution.nodes[-1] - beam.nodes) / (T**2 / 2)
+    assert_close(moved, torch.tensor([along * c - across * s, 0.0, along * s + across * c]).expand(4, 3), rtol=0, atol=1e-9)
+    kinetic = ((along * T) ** 2 + (across * T) ** 2) / 2
+    assert_close(solution.energy.kinetic[-1].item(), kinetic, rtol=1e-9, atol=0)
+    assert_close(solution.energy.work[-1].item(), kinetic, rtol=1e-9, atol=0)
+
+
+def test_wet_frequencies():
+    """Bending in water: dry frequencies times sqrt(m/(m + m_a)), with lumped masses and no rotary inertia exactly; stretching
+    stays, at 2 c/h sin(h k/2) of a chain of masses, k = pi/2L.
+    """
+    of = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=0.8, EI=(1.0, 1.5), mass=0.4)
+    water = tb.Drag(1000.0, 0.03, added_mass=1.0)
+    ratio = (0.4 / (0.4 + 1000.0 * math.pi * 0.03**2 / 4)) ** 0.5
+    dry, wet = (tb.Scene(cantilever(6, of), effects) for effects in ([], [water]))
+    still = tb.rest(dry)
+    a, b = (tb.modes(scene, still, count=18, lumped=True).frequency for scene in (dry, wet))
+    bending, axial = a[:4] * ratio, 2 * (1e3 / 0.4) ** 0.5 * 6 * math.sin(math.pi / 24)
+    assert ((b[:, None] - bending).abs().amin(0) < 1e-7 * bending).all()
+    assert (a - axial).abs().min() < 1e-6 * axial and (b - axial).abs().min() < 1e-6 * axial
+
+
 def test_turning_in_a_fluid():
     """A stiff rod spins about a hinge: I w' = -rho d C_n/2 (sum x^3 dx) w^2, so 1/w = 1/w0 + K t, with I and the sum of the
     mesh: trapezoidal, I less the coupled mass' part. w from the angular momentum, which bending does not shake; midpoint steps

@@ -16,15 +16,15 @@ N = 3
 T = torch.tensor(0.3)
 
 
-def section():
+def section(offset=(0.0, 0.05, -0.03)):
     """Stiffnesses of one size, each coupled to every other; the centre of mass off the axis."""
     torch.manual_seed(2)
-    K, e = 8 * spd(), quat.hat(torch.tensor([0.0, 0.05, -0.03]))
+    K, e = 8 * spd(), quat.hat(torch.tensor(offset))
     J = torch.diag(torch.tensor([0.06, 0.03, 0.04])) + e.mT @ e
     return tb.Section(torch.linalg.inv(K), torch.cat((torch.cat((torch.eye(3), -e), -1), torch.cat((e, J), -1))))
 
 
-COUPLED = section()
+COUPLED, CENTRED = section(), section((0.0, 0.0, 0.0))
 
 
 def wave(t):
@@ -84,6 +84,9 @@ CASES = {
     "mass damping": with_effects(lambda q: tb.MassDamping(0.7)),
     "drag": with_effects(lambda q: tb.Drag(20.0, 0.2, tangential=0.1, flow=q((0.5, -0.3, 1.0)))),
     "drag in a flow": with_effects(lambda q: tb.Drag(20.0, 0.2, tangential=0.1, flow=q.field(stream))),
+    "added mass": with_effects(lambda q: tb.Drag(2.0, 0.5, added_mass=1.0)),
+    "added mass in a frame": lambda q: dict(effects=[tb.Drag(2.0, 0.5, added_mass=1.0)],
+                                            frame=tb.Frame(velocity=q((0.3, -0.2, 0.5)), angular_velocity=q.of(wave))),
     "spring": with_effects(lambda q: tb.Spring(-1, 20.0, to=q((0.8, 0.3, 0.5)), length=0.2, damping=0.5)),
     "root spring": with_effects(lambda q: tb.RootSpring((torch.tensor([50.0, 60, 70]), torch.tensor([5.0, 6, 7])), (1.0, 0.1))),
     "point mass": with_effects(lambda q: tb.PointMass(0.4, inertia=(0.02, 0.03, 0.04), offset=(0.1, -0.2, 0.1), node=2),
@@ -104,7 +107,7 @@ CASES = {
 
 def case(name, turn):
     placed = dict(direction=turn((1.0, 0.2, 0.1)), up=turn((0.0, 0.3, 1.0)), root=turn((0.2, 0.1, -0.1)))
-    beam = tb.Beam.straight(1.0, N, COUPLED, **placed)
+    beam = tb.Beam.straight(1.0, N, CENTRED if "added mass" in name else COUPLED, **placed)
     more = CASES[name](turn)
     effects = [tb.TipLoad(force=turn((0.5, 3.0, 2.0))), *more.pop("effects", ())]
     return tb.Scene(beam, effects, **more)
@@ -180,7 +183,12 @@ def test_energy_grows_by_the_power_of_what_acts(name):
     y_rate = rates(T, y)
     _, (gained, strain_rate) = torch.func.jvp(energies, (T, y), (torch.ones_like(T), y_rate))
     nodes = rates.unpack(T, y)[0]
-    net, loads = rates.balance(T, nodes)
+    net, _ = rates.balance(T, nodes)
+    found, omega = rates.accelerations(T, nodes, rates.unpack(T, y)[1], net)[0], model.frame(T)[1]
+    if nodes.acceleration is not None:  # what an added mass is multiplied by, of free nodes too
+        found = found if omega is None else found + torch.linalg.cross(*torch.broadcast_tensors(omega, nodes.velocity[1:]))
+        nodes = nodes._replace(acceleration=torch.cat((nodes.acceleration[:1], found)))
+    loads = model.external(nodes, T, {})
     motion = torch.cat((nodes.velocity, nodes.spin), -1)
     each = (loads * motion).sum(-1)
     power = each.sum()

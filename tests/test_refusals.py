@@ -177,6 +177,11 @@ CASES = {
         "supports other than a clamp at node 0 alone were given for form='minimal'"),
     "free in a mixed form": (simulate(tb.Scene(BEAM, supports=()), form="block_rate"), "supports other than a clamp at node 0"),
     "small in a mixed form": (simulate(tb.Scene(BEAM, small=True), form="minimal"), "small=True was given for form='minimal'"),
+    "added mass in a mixed form": (simulate(tb.Scene(BEAM, [tb.Drag(1.0, 0.1, added_mass=1.0)]), form="minimal"),
+        "added mass was given for form='minimal'"),
+    "added mass beside a mass off its node": (
+        lambda: tb.Stepper(tb.Scene(BEAM, [tb.Drag(1.0, 0.1, added_mass=1.0), tb.PointMass(1.0, offset=(0, 0, 0.1))]), 0.1),
+        "added mass on a beam with a mass off its node was given"),
     "unknown input": (simulate(inputs={"w": (0, 0, 1.0)}), "input 'w' was given; the scene has none"),
     "input's shape": (simulate(DRIVEN, inputs={"u": (0, 1.0)}), r"input 'u' of shape \(2,\)"),
     "scene of another kind": (simulate(BEAM), "scene of type Beam was given; a torchbeam.Scene"),

@@ -16,12 +16,13 @@ from .gravity import Gravity
 from .loads import LineLoad, PointLoad, TipLoad
 from .mass import PointMass
 from .records import Accelerogram, History
-from .site import POSITION, ROTATION, SPIN, VELOCITY, Acting, Effect, Pose, Site, Wrench, jacobians, together
+from .site import ACCELERATION, POSITION, ROTATION, SPIN, VELOCITY, Acting, Effect, Pose, Site, Wrench, jacobians, together
 from .springs import RootSpring, Spring
 from .user import Load
 from .values import Along, Input, Inputs, LoadValue, PerElement, of_time, plain, value_along, value_at
 
 __all__ = [
+    "ACCELERATION",
     "POSITION",
     "ROTATION",
     "SPIN",

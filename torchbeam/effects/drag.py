@@ -1,4 +1,4 @@
-"""Drag of a slender body in a fluid."""
+"""Drag and added mass of a slender body in a fluid."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..checks import Value
 from ..quaternions import hat
-from .site import POSITION, ROTATION, VELOCITY, Acting, Site, Wrench, jacobians
+from .site import ACCELERATION, POSITION, ROTATION, VELOCITY, Acting, Site, Wrench, jacobians
 from .values import Inputs, LoadValue, like, load_value, parameter, present
 
 
@@ -19,13 +19,18 @@ from .values import Inputs, LoadValue, like, load_value, parameter, present
 class Drag(Acting):
     """Quadratic drag per unit length (Morison et al. 1950; across and along the axis after Taylor 1952):
 
-        f = -1/2 rho d (C_n |v_n| v_n + pi C_t |v_t| v_t),    v = velocity - flow,  v_t along the deformed axis, v_n across
+        f = -1/2 rho d (C_n |v_n| v_n + pi C_t |v_t| v_t) - C_a rho pi d^2/4 a_n,    v = velocity - flow
+
+    with v_t along the deformed axis and v_n across it, and a_n across it of the acceleration: the flow is uniform and steady
+    where there is an added mass
 
     density   (...) kg/m^3 of the fluid;  diameter (...) m: width across the flow, pi d the wetted circumference
     normal, tangential  (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and 0.4 above the drag crisis
     flow      m/s: (..., 3) in inertial axes, as Gravity's g; or function(position, t) -> (..., sites, 3), both in frame a;
               None = still
-    added_mass  C_a of the fluid that moves along, C_a rho pi d^2/4 per length across the axis, see `added`
+    added_mass  (...) C_a of the fluid that moves along; a circular cylinder in potential flow has 1
+
+    The fluid's inertia is a load: its work is in `energy.work`, and `energy.kinetic` is the beam's alone.
 
     Raises ValueError for a negative density, diameter or coefficient.
     """
@@ -44,18 +49,12 @@ class Drag(Acting):
             object.__setattr__(self, name, parameter(f"Drag's {name}", getattr(self, name)))
         if self.flow is not None and not callable(self.flow):
             object.__setattr__(self, "flow", load_value("Drag's flow", self.flow))
-        if self.carries:
-            raise ValueError("Drag with an added mass was given; no form of the beam takes it yet")
-
-    @property
-    def carries(self) -> bool:
-        """Whether there is an added mass."""
-        return present(self.added_mass)
+        object.__setattr__(self, "carries", present(self.added_mass))
 
     def added(self, other: Tensor) -> Tensor:
-        """(...) kg/m, mass of fluid that moves with the beam across its axis; dtype and device of `other`."""
+        """(..., 1, 1) kg/m, mass of fluid that moves with the beam across its axis; dtype and device of `other`."""
         C, rho, d = (like(v, other) for v in (self.added_mass, self.density, self.diameter))
-        return C * rho * d**2 * (math.pi / 4)
+        return (C * rho * d**2 * (math.pi / 4))[..., None, None]
 
     @property
     def wants_axes(self) -> bool:
@@ -63,7 +62,8 @@ class Drag(Acting):
 
     @property
     def depends(self) -> frozenset[str]:
-        return frozenset({ROTATION, VELOCITY, *({POSITION} if callable(self.flow) else ())})
+        more = {POSITION: callable(self.flow), ACCELERATION: self.carries}
+        return frozenset({ROTATION, VELOCITY, *(name for name, read in more.items() if read)})
 
     @property
     def values(self) -> tuple[LoadValue, ...]:
@@ -74,13 +74,18 @@ class Drag(Acting):
     def wrench(self, site: Site, t: Tensor, inputs: Inputs) -> Wrench:
         axis, u, across = self._parts(site, t, inputs)
         normal, tangential = self._factors(site)
-        return normal * norm(across) * across + tangential * u.abs() * u * axis, None
+        force = normal * norm(across) * across + tangential * u.abs() * u * axis
+        if site.acceleration is None or not self.carries:
+            return force, None
+        a = site.acceleration
+        return force - self.added(site.R) * (a - (a * axis).sum(-1, keepdim=True) * axis), None
 
     def tangent(self, site: Site, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """With e the axis, P = e e^T and u = v.e:
 
             d(|v_n| v_n) = (|v_n| I + v_n v_n^T/|v_n|) d(v_n),    d(v_n) = (I - P) dv - (e v^T + u I) de
             d(|u| u e) = 2 |u| P dv + |u| (2 e v^T + u I) de,    de = spin x e
+            d(a_n) = (I - P) da - (e a^T + (a.e) I) de
         """
         axis, u, across = self._parts(site, t, inputs)
         normal, tangential = (c[..., None] for c in self._factors(site))
@@ -94,6 +99,12 @@ class Drag(Acting):
         P = outer(axis, axis)
         by_velocity = grow @ (eye - P) + along * P
         found = {ROTATION: turn, VELOCITY: by_velocity}
+        if self.carries:
+            added, a = self.added(site.R)[..., None], site.acceleration
+            found[ACCELERATION] = -added * (eye - P)
+            if a is not None:
+                along_a = (a * axis).sum(-1, keepdim=True)[..., None]
+                found[ROTATION] = turn + added * (outer(axis, a) + along_a * eye) @ -hat(axis)
         if callable(self.flow):
             at = site.position.expand(*torch.broadcast_shapes(site.position.shape, axis.shape))
             (slope,) = jacobians(lambda x: like(self.flow(x, t), site.R).expand_as(x), at)

@@ -36,6 +36,8 @@ class Site:
     mass      (..., 6, 6) mass per length about the site, point masses included, section axes; only along the beam
     position  (..., 3) m;  velocity (..., 3) m/s absolute;  spin (..., 3) rad/s absolute angular velocity, frame a's axes:
               None unless the effect reads them
+    acceleration  (..., 3) m/s^2 absolute, likewise; None also where it is not known: an explicit form takes the derivative
+              by it as a mass
     s         (..., sites) m, arclength of the sites from the root; only along the beam
     axes      (..., 3, 3) inertial axes -> frame a at this instant; None = they coincide
     support   node 0's prescribed pose, for effects that want it (`wants_support`)
@@ -53,6 +55,7 @@ class Site:
     support: Pose | None = None
     internal: Tensor | None = None
     dt: Tensor | None = None
+    acceleration: Tensor | None = None
 
     def turn(self, v: Tensor) -> Tensor:
         """Section axes -> frame a."""
@@ -64,6 +67,7 @@ class Site:
 
 
 ROTATION, POSITION, VELOCITY, SPIN = READS = ("rotation", "position", "velocity", "spin")
+ACCELERATION = "acceleration"  # read by loads that write their own tangent
 
 
 class Acting:
@@ -85,7 +89,7 @@ class Acting:
         return tuple(v for v in held if isinstance(v, Tensor))
 
     def reads(self, beam: Beam) -> frozenset[str]:
-        """Names among "rotation", "position", "velocity", "spin": what the wrench depends on; empty = a dead load."""
+        """Names among `READS` and "acceleration": what the wrench depends on; empty = a dead load."""
         return self.depends
 
     def moves(self, beam: Beam) -> bool:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from .. import quaternions as quat
 from .. import rotations as rot
-from ..effects import POSITION, ROTATION, SPIN, VELOCITY, Input, Site, of_time, value_at
+from ..effects import ACCELERATION, POSITION, ROTATION, SPIN, VELOCITY, Input, Site, of_time, value_at
 from ..scene import Scene, named
 from .algebra import mv
 
@@ -168,6 +168,8 @@ def _refuse(scene: Scene, form: str) -> None:
         if more or (effect.hook == "load" and effect.node is not None and effect.reads(beam) & {VELOCITY, SPIN}):
             raise ValueError(f"{type(effect).__name__} was given for form={form!r}, which has no place for it; form='nodal' "
                              "takes it")
+    if any(ACCELERATION in effect.reads(beam) for effect in scene.loads):
+        raise ValueError(f"added mass was given for form={form!r}, whose loads know no acceleration; form='nodal' takes it")
     held = [(s.node, s.clamp) for s in scene.supports]
     if held != [(0, True)]:
         raise ValueError(f"supports other than a clamp at node 0 alone were given for form={form!r}; form='nodal' takes them")

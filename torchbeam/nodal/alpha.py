@@ -129,10 +129,11 @@ class Alpha(Step):
         space = self.model.space
         return space.normalize(space.multiply(self.start.rotation, x.m))
 
-    def at_end(self, x: End, q: Tensor, motion: Tensor) -> Nodes:
+    def at_end(self, x: End, q: Tensor, motion: Tensor, true: Tensor) -> Nodes:
         """What loads see."""
         p, space = self.model.space.position, self.model.space
-        return Nodes(self.start.position + x.u, q, motion[..., :p], space.to_frame(q, motion[..., p:]))
+        return Nodes(self.start.position + x.u, q, motion[..., :p], space.to_frame(q, motion[..., p:]),
+                     acceleration=true[..., :p])
 
     def load(self, nodes: Nodes) -> Tensor | float:
         moving = self.model.loads[0]
@@ -152,7 +153,7 @@ class Alpha(Step):
             torque = space.to_frame(q, self._torque(v, true)[0])
         inertia = torch.cat((change, torque), -1)
         element = space.forces(end, x.stress, h)
-        load = self.load(self.at_end(x, q, v))
+        load = self.load(self.at_end(x, q, v, true))
         strain_end = space.strains(end, h, model.reference)
         followed = strain_end - self.own_strain
         if model.rate is not None:
@@ -189,12 +190,12 @@ class Alpha(Step):
             turned = (R @ torque[..., None])[..., 0]
             diagonal = diagonal + pad(R @ by_spin @ by_psi @ R.mT - space.hat(turned), (p, 0, p, 0))
         if model.loads[0]:
-            by, nodes = None, self.at_end(x, q, v)
+            by, nodes = None, self.at_end(x, q, v, true)
             if self._read:
                 rate = gamma / beta / self.h[..., None]
                 spin = rate * R @ by_psi @ R.mT - space.hat(nodes.spin) if SPINS & self._read else rate * torch.eye(
                     space.spin, dtype=q.dtype, device=q.device)
-                by = Chain(rate * eye, spin)
+                by = Chain(rate * eye, spin, by_a * eye)
             diagonal = diagonal - external.tangent(model, nodes, self.t, self.inputs, model.loads[0], by)
         rest = space.geometric_stiffness(end, x.stress, model.length)
         return Linearisation.condense(model, rest, diagonal, h * B, self.C, E, coupling)
@@ -207,10 +208,10 @@ class Alpha(Step):
         v, true, a = self.motion(x)
         p = space.position
         work, turn = self.start.work, space.to_frame(q, space.logarithm(x.m))
-        load = self.load(self.at_end(x, q, v))
+        load = self.load(self.at_end(x, q, v, true))
         if not isinstance(load, float):
             before = Nodes(self.start.position, self.start.rotation, self.start.velocity,
-                           space.to_frame(self.start.rotation, self.start.spin))
+                           space.to_frame(self.start.rotation, self.start.spin), acceleration=self.start.acceleration[..., :p])
             first = model.external(before, self.t - self.dt, self.inputs)
             work = work + ((first + load) / 2 * torch.cat((x.u, turn), -1)).sum((-1, -2))
         for k, given in enumerate(self.given):

@@ -11,7 +11,7 @@ from torch.nn.functional import pad
 
 from .. import quaternions as quat
 from ..effects import Inputs, Site
-from ..effects.site import POSITION, ROTATION, SPIN, VELOCITY
+from ..effects.site import ACCELERATION, POSITION, ROTATION, SPIN, VELOCITY
 
 if TYPE_CHECKING:
     from .model import Model
@@ -24,6 +24,7 @@ class Nodes(NamedTuple):
     in frame a
     frame     (..., ...) frame a -> inertial axes; None = it does not turn
     internal  (..., z) of user loads; dt (...) s of the step in whose middle this is; None without
+    acceleration  (..., N+1, p) m/s^2, absolute, frame a; None = not known, or read by no load
     """
 
     position: Tensor
@@ -33,18 +34,20 @@ class Nodes(NamedTuple):
     frame: Tensor | None = None
     internal: Tensor | None = None
     dt: Tensor | None = None
+    acceleration: Tensor | None = None
 
 
 STEADY = 1e9  # s: so long a step takes internal states to where they rest
 
 
 class Chain(NamedTuple):
-    """Derivatives of velocity and spin by the move (displacement, spin) that the tangent is taken by: (..., N+1, p, p) and
-    (..., N+1, s, s), frame a.
+    """Derivatives of velocity, spin and acceleration by the move (displacement, spin) that the tangent is taken by:
+    (..., N+1, p, p), (..., N+1, s, s) and (..., N+1, p, p), frame a; None = the acceleration stays.
     """
 
     velocity: Tensor
     spin: Tensor
+    acceleration: Tensor | None = None
 
 
 def external(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[Any, ...]) -> Tensor | float:
@@ -57,27 +60,40 @@ def external(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple
 
 def tangent(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[Any, ...], by: Chain | None = None
             ) -> Tensor | float:
-    """Derivative of `external` by the nodes' moves, (..., N+1, w, w); 0.0 where there is none. Without `by`, velocity and spin
-    stay as they are.
+    """Derivative of `external` by the nodes' moves, (..., N+1, w, w); 0.0 where there is none. Without `by`, velocity, spin
+    and acceleration stay as they are.
     """
     total, p, s = 0.0, model.space.position, model.space.spin
+    chain = {} if by is None else {VELOCITY: by.velocity, SPIN: by.spin, ACCELERATION: by.acceleration}
     for load, site in _sites(model, nodes, t, loads):
         for name, block in load.tangent(site, t, inputs).items():
-            if (name in (VELOCITY, SPIN) and by is None) or (name == ROTATION and not model.space.turns):
+            moved = chain.get(name)
+            if (name in (VELOCITY, SPIN, ACCELERATION) and moved is None) or (name == ROTATION and not model.space.turns):
                 continue
-            block = pad(block, (3, 0) if name in (ROTATION, SPIN) else (0, 3))
-            block = model.space.part_of_map(block)
-            if load.node is None:
-                block = model.share[..., None] * block
-            else:
-                at, last = load.node % (model.count + 1), model.count
-                block = pad(block[..., None, :, :], (0, 0, 0, 0, at, last - at))
-            if name == VELOCITY:
-                block = pad(block[..., :p] @ by.velocity, (0, s))
+            block = _placed(model, load, name, block)
             if name == SPIN:
-                block = pad(block[..., p:] @ by.spin, (p, 0))
+                block = pad(block[..., p:] @ moved, (p, 0))
+            elif moved is not None:
+                block = pad(block[..., :p] @ moved, (0, s))
             total = total + block
     return total
+
+
+def added_mass(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor | float:
+    """Mass (..., N+1, w, w) that loads add by their derivative by the acceleration; 0.0 where there is none."""
+    total, loads = 0.0, tuple(load for load in model.scene.loads if ACCELERATION in model.reads(load))
+    for load, site in _sites(model, nodes, t, loads):
+        total = total - _placed(model, load, ACCELERATION, load.tangent(site, t, inputs)[ACCELERATION])
+    return total
+
+
+def _placed(model: Model, load: Any, name: str, block: Tensor) -> Tensor:
+    """A load's derivative (..., 6, 3) at its sites -> (..., N+1, w, w)."""
+    block = model.space.part_of_map(pad(block, (3, 0) if name in (ROTATION, SPIN) else (0, 3)))
+    if load.node is None:
+        return model.share[..., None] * block
+    at, last = load.node % (model.count + 1), model.count
+    return pad(block[..., None, :, :], (0, 0, 0, 0, at, last - at))
 
 
 def internal(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, shape: tuple[int, ...]) -> Tensor | None:
@@ -133,6 +149,9 @@ def _sites(model: Model, nodes: Nodes, t: Tensor, loads: tuple[Any, ...]) -> Ite
             spin = torch.zeros_like(place.position[..., :space.spin]) if place.spin is None else place.spin
             moving = space.site(place.position, still if place.velocity is None else place.velocity, spin)
             own = {name: x for name, x in zip((POSITION, VELOCITY, SPIN), moving, strict=True) if name in reads}
+            if ACCELERATION in reads and nodes.acceleration is not None:
+                a = nodes.acceleration if load.node is None else nodes.acceleration[..., load.node, :]
+                own[ACCELERATION] = space.site(place.position, a, spin)[1]
         R = space.axes(nodes.rotation, load.node)
         if size:
             first = starts[id(load)]

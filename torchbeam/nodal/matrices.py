@@ -62,11 +62,14 @@ def chains(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -> 
     moving = model.loads[0]
     if moving:
         nodes = problem.nodes(x)
-        still = Chain(torch.zeros_like(eye) if omega is None else tilde, torch.zeros_like(eye[:space.spin, :space.spin]))
+        tilde = torch.zeros_like(eye) if omega is None else tilde
+        still = Chain(tilde, torch.zeros_like(eye[:space.spin, :space.spin]), tilde @ tilde)
+        if model.adds_mass:
+            M = _add(M, external.added_mass(model, nodes, t, inputs))
         at = external.tangent(model, nodes, t, inputs, moving, still)
         K = _add(K, -at)
         if any(model.reads(load) & {"velocity", "spin"} for load in moving):
-            moved = Chain(still.velocity + eye, torch.eye(space.spin, dtype=B.dtype, device=B.device))
+            moved = Chain(tilde + eye, torch.eye(space.spin, dtype=B.dtype, device=B.device), tilde @ tilde + 2 * tilde)
             drag = at - external.tangent(model, nodes, t, inputs, moving, moved)
             D = (drag, None, None) if D is None else _add(D, drag)
     return M, D, K

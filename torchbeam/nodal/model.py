@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..effects import Gravity, Inputs
+from ..effects import ACCELERATION, Gravity, Inputs
 from ..motion import Carrying
 from ..scene import Scene
 from ..state import turning
@@ -71,6 +71,8 @@ class Model:
             S=_slim(beam.compliance, beam, space), C=_slim(_stiffness(beam), beam, space), rate=_rate(scene, space),
             section_mass=section_mass, share=share,
         )
+        if inertia.offset is not None and model.adds_mass:
+            raise ValueError("added mass on a beam with a mass off its node was given; one of them is wanted")
         if isinstance(space, Plane):
             check_plane(model, cls.of(replace(scene, plane=None), lumped))
         return model
@@ -117,6 +119,11 @@ class Model:
         """What a load's wrench depends on; an offset point mass makes weight turn, too."""
         own = load.reads(self.scene.beam)
         return own | {"rotation"} if isinstance(load, Gravity) and self.inertia.offset is not None else own
+
+    @cached_property
+    def adds_mass(self) -> bool:
+        """Whether a load depends on the acceleration."""
+        return any(ACCELERATION in self.reads(load) for load in self.scene.loads)
 
     @cached_property
     def loads(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:

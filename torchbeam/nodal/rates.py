@@ -11,8 +11,8 @@ from ..effects import Inputs
 from ..motion import GAP, INCREMENT
 from ..scene import Scene
 from ..solve import level
-from ..state import State
-from .external import Nodes, advanced_rates
+from ..state import State, put
+from .external import Nodes, added_mass, advanced_rates
 from .model import Model, times
 
 
@@ -86,7 +86,12 @@ class Rates:
                 motion = torch.zeros_like(pose[0]), torch.zeros_like(pose[0][..., :space.spin])
             r, q, v, spin = (torch.cat((first[..., None, :].expand(*x.shape[:-2], 1, x.shape[-1]), x), -2)
                              for first, x in zip((pose[0], pose[1], *motion), (r, q, v, spin), strict=True))
-        return Nodes(r, q, v, space.to_frame(q, spin), frame, internal, None), spin, raw
+        a = None
+        if model.adds_mass:  # of a clamp that moves; of what is free it is to be found
+            a = torch.zeros_like(v)
+            if model.scene.carried and model.held.first:
+                a = put(a, 0, self._clamp_acceleration(t))
+        return Nodes(r, q, v, space.to_frame(q, spin), frame, internal, None, a), spin, raw
 
     def stress(self, nodes: Nodes, t: Tensor) -> Tensor:
         """[F; M] (..., N, k) of the strain and, where there is damping, of its rate."""
@@ -114,7 +119,7 @@ class Rates:
         J, m = inertia.inertia[..., first:, :, :], inertia.mass[..., first:, :]
         bias = torch.zeros_like(v) if omega is None else (space.tilde(omega) @ v[..., None])[..., 0]
         gyroscopic = (space.hat(spin) @ (J @ spin[..., None]))[..., 0]
-        if inertia.offset is None and model.held.free is None:
+        if inertia.offset is None and model.held.free is None and not model.adds_mass:
             torque = space.to_section(q, net[..., p:]) - gyroscopic
             return net[..., :p] / m - bias, torch.linalg.solve(J, torque[..., None])[..., 0]
         R = space.spin_matrix(q)
@@ -128,7 +133,9 @@ class Rates:
             coupling = m[..., None] * A
             by_spin = by_spin + A.mT @ coupling
             torque = torque - (A.mT @ (m * bias)[..., None])[..., 0]
-        force = force - m * bias
+        if model.adds_mass:
+            by_v = by_v + added_mass(model, nodes, t, self.inputs)[..., first:, :p, :p]
+        force = force - (by_v @ bias[..., None])[..., 0]
         top, bottom = (torch.cat(level(*row), -1)
                        for row in ((by_v, coupling), (coupling.mT, by_spin)))
         block = torch.cat(level(top, bottom), -2)
@@ -158,6 +165,11 @@ class Rates:
         if nodes.internal is not None:
             parts.append(advanced_rates(model, nodes, t, self.inputs))
         power = (loads * torch.cat((nodes.velocity, nodes.spin), -1)).sum((-1, -2))
+        if model.adds_mass:
+            a = acceleration if omega is None else acceleration + (
+                space.tilde(omega) @ nodes.velocity[..., first:, :, None])[..., 0]
+            fluid = added_mass(model, nodes, t, self.inputs)[..., first:, :space.position, :space.position] @ a[..., None]
+            power = power - (fluid[..., 0] * nodes.velocity[..., first:, :]).sum((-1, -2))
         if model.scene.carried and model.held.first:
             moving = torch.cat((nodes.velocity, nodes.spin), -1)[..., 0, :]
             power = power + (self.reaction(t, nodes, net)[..., 0, :] * moving).sum(-1)
@@ -194,6 +206,12 @@ class Rates:
         p = inertia.mass[..., 0, :, None] * v[..., None]
         H = space.to_frame(q, (inertia.inertia[..., 0, :, :] @ spin[..., None])[..., 0])
         return torch.cat(level(p, H[..., None]), -2)[..., 0]
+
+    def _clamp_acceleration(self, t: Tensor) -> Tensor:
+        """(..., p) of a clamp at node 0, absolute, frame a."""
+        rate = (self._clamp(t + GAP)[1] - self._clamp(t - GAP)[1]) / (2 * GAP)
+        tilde = None if self.model.frame(t)[1] is None else self.model.space.tilde(self.model.frame(t)[1][..., 0, :])
+        return rate if tilde is None else rate + (tilde @ self._clamp(t)[1][..., None])[..., 0]
 
     def _clamp(self, t: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor | None]:
         """Of a clamp at node 0: rotation, velocity, spin (section axes), how a spin moves its centre of mass (..., p, s)."""

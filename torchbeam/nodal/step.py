@@ -37,6 +37,7 @@ from .given import Given, given
 from .model import Model, times
 
 SPINS = frozenset({"spin"})
+MOTIONS = frozenset({"velocity", "acceleration", *SPINS})
 
 
 class Middle(NamedTuple):
@@ -261,7 +262,16 @@ class Step:
     def nodes(self, x: Middle, way: Way) -> Nodes:
         """What loads see: the middle of the step, velocities its mean."""
         spin = self.model.space.to_frame(way.q, way.theta) / self.h
-        return Nodes(self.start.position + x.u, way.q, way.velocity, spin, self._frame_middle, self.start.internal, self.dt)
+        return Nodes(self.start.position + x.u, way.q, way.velocity, spin, self._frame_middle, self.start.internal, self.dt,
+                     self.acceleration(way) if self.model.adds_mass else None)
+
+    def acceleration(self, way: Way) -> Tensor:
+        """Mean over the step, absolute, frame a."""
+        after, omega = self.velocity_end(way, self.spin_end(way))[0], self.frame[1]
+        mean = (after - self.start.velocity) / self.h
+        if omega is None:
+            return mean
+        return mean + (self.model.space.tilde(omega) @ (after + self.start.velocity)[..., None])[..., 0] / 2
 
     def external(self, x: Middle, way: Way) -> Tensor | float:
         """Loads at the nodes (..., N+1, w)."""
@@ -321,7 +331,7 @@ class Step:
                 eye = torch.eye(p, dtype=R.dtype, device=R.device)
                 velocity = 2 / dt * eye if omega is None else 2 / dt * eye + space.tilde(omega)
                 spin = R @ by_theta - space.hat(space.to_frame(way.q, way.theta)) if SPINS & self._read else half
-                by = Chain(velocity, spin / dt)
+                by = Chain(velocity, spin / dt, self._Z)
             diagonal = diagonal - external.tangent(model, self.nodes(x, way), self.t, self.inputs, model.loads[0], by)
         hB = h * space.strain_operator(middle, model.length)
         return Linearisation.condense(model, rest, diagonal, hB, self.C, E, coupling)
@@ -329,7 +339,7 @@ class Step:
     @cached_property
     def _read(self) -> frozenset[str]:
         """Motions that loads read."""
-        return frozenset().union(*(self.model.reads(load) for load in self.model.loads[0])) & {"velocity", *SPINS}
+        return frozenset().union(*(self.model.reads(load) for load in self.model.loads[0])) & MOTIONS
 
     def finish(self, x: Middle, reaction: Tensor) -> State:
         """The state at the end of the step."""

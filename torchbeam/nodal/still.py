@@ -59,6 +59,8 @@ class Still:
     def nodes(self, x: Shape) -> Nodes:
         velocity, spin = self.velocity(x)
         nodes, sizes = Nodes(x.position, x.rotation, velocity, spin), self.model.internal_states
+        if self.frame[1] is not None:
+            nodes = nodes._replace(acceleration=(self.model.space.tilde(self.frame[1]) @ velocity[..., None])[..., 0])
         if not sizes:
             return nodes
         start = x.position.new_zeros(*x.position.shape[:-2], sizes)
@@ -116,7 +118,8 @@ class Still:
         if model.loads[0]:
             omega, by = self.frame[1], None
             if omega is not None:
-                by = Chain(space.tilde(omega), torch.zeros_like(omega)[..., None] * omega[..., None, :])
+                tilde = space.tilde(omega)
+                by = Chain(tilde, torch.zeros_like(omega)[..., None] * omega[..., None, :], tilde @ tilde)
             diagonal = diagonal - share * external.tangent(model, self.nodes(x), self.t, self.inputs, model.loads[0], by)
         if self.frame[1] is not None:
             tilde = space.tilde(self.frame[1])

@@ -11,7 +11,7 @@ from torch.nn.functional import pad
 
 from .. import quaternions as quat
 from ..motion import GAP, INCREMENT
-from ..nodal.external import Nodes
+from ..nodal.external import Nodes, added_mass
 from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene import Scene
@@ -94,6 +94,8 @@ class NodeAcceleration(_OfNode):
             pull = inertia.momentum((turning @ (turning @ e[..., None]))[..., 0])
             gyroscopic = space.to_frame(q, (space.hat(spin) @ (inertia.inertia @ spin[..., None]))[..., 0])
             right = right - torch.cat((pull, (A.mT @ pull[..., None])[..., 0] + gyroscopic), -1)
+        if model.adds_mass:
+            at = at + added_mass(model, nodes, t, self.rates.inputs)
         between = torch.zeros_like(at[..., 1:, None, :, :]) if between is None else between
         U, L = between[..., 0, :, :], between[..., -1, :, :]
         free = moving.to(right)
