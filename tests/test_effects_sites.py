@@ -298,8 +298,32 @@ def test_rayleigh():
         assert_close(mass.alpha / (2 * w) + strain.tau * w / 2, torch.full((2,), z), rtol=1e-6, atol=0)
 
 
+def test_rayleigh_of_numbers_takes_any_dtype():
+    of = tb.Section.from_stiffness(EA=torch.tensor(1.0, dtype=torch.float32), GA=1.0, GJ=1.0, EI=1.0, mass=1.0)
+    assert tb.Scene(tb.Beam.straight(1.0, 2, of), tb.rayleigh((3.0, 20.0), (0.02, 0.03))).dtype == torch.float32
+
+
+def test_rayleigh_of_modes():
+    """The modes of a damped beam have the ratios wanted (to 1e-8 by lumped masses, as the dampings have them); of three ratios
+    the fit is the nearest: what is left is orthogonal to what alpha and tau can do. Torsion has a tau of its own.
+    """
+    of = tb.Section.from_stiffness(EA=1e5, GA=1e5, GJ=0.8, EI=(1.0, 2.0), mass=0.2, inertia=1e-4)
+    beam = tb.Beam.straight(1.0, 6, of)
+    w = tb.modes(tb.Scene(beam), count=3, lumped=True).frequency
+    for n, ratio in ((2, (0.02, 0.02)), (3, (0.02, 0.01, 0.04))):
+        found = tb.modes(tb.Scene(beam, tb.rayleigh(w[:n], ratio)), count=3, lumped=True).damping_ratio[:n]
+        left = found - torch.tensor(ratio)
+        assert_close(left @ torch.stack((1 / w[:n], w[:n]), -1), torch.zeros(2), rtol=0, atol=1e-6)
+        assert (left.abs().max() < 1e-8) == (n == 2)
+    twist = 2 * (0.8 / 2e-4) ** 0.5 * 6 * math.sin(math.pi / 24)  # a chain of 6: 2 c/h sin(h k/2), k = pi/2L
+    damped = tb.modes(tb.Scene(beam, tb.Damping((0, 0, 0, 2 * 0.03 / twist, 0, 0))), count=12, lumped=True)
+    nearest = (damped.frequency - twist).abs().argmin()
+    assert_close(damped.damping_ratio[nearest].item(), 0.03, rtol=1e-3, atol=0)
+
+
 REFUSED = {
-    "rayleigh with two equal": lambda: fx.rayleigh((3.0, 3.0), (0.02, 0.03)),
+    "rayleigh with equal frequencies": lambda: fx.rayleigh((3.0, 3.0), (0.02, 0.03)),
+    "rayleigh with frequencies of shape (3,) and ratios of shape (2,)": lambda: fx.rayleigh((3.0, 4.0, 5.0), (0.02, 0.03)),
     "take a negative coefficient": lambda: fx.rayleigh((3.0, 4.0), (0.01, 0.1)),
     "alpha = -1": lambda: fx.MassDamping(-1.0),
     "tau = -0.1": lambda: tb.Damping(-0.1),

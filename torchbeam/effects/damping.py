@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -79,20 +80,36 @@ class MassDamping(Acting):
         return -like(self.alpha, site.R)[..., None, None, None] * (both @ site.mass @ both.mT)
 
 
-def rayleigh(frequency: tuple[Value, Value], ratio: tuple[Value, Value]) -> tuple[MassDamping, Damping]:
-    """The two dampings that give two modes the damping ratios wanted: ratio = alpha/(2 w) + tau w/2 (Rayleigh 1877).
+def rayleigh(frequency: Sequence[Value] | Tensor, ratio: Sequence[Value] | Tensor) -> tuple[MassDamping, Damping]:
+    """The two dampings that give two modes the damping ratios wanted: ratio = alpha/(2 w) + tau w/2 (Rayleigh 1877); to more
+    than two, the nearest in the sum of squares.
 
-    frequency  two different w, rad/s, (...) each
-    ratio      of either mode; 1 = critical. Modes between them are damped less, modes beyond them more.
+    frequency  two or more w, rad/s, (...) each; or (..., n), as in `modes(scene).frequency`
+    ratio      of each mode, likewise; 1 = critical. A mode between two is damped less than they are, modes beyond them more
 
-    Raises ValueError where that takes a negative coefficient: the ratios are then too different for the frequencies.
+    Which modal damping a beam can have: this one, whatever the way it moves; and, for kinds of motion that strain it in
+    different ways, a tau of their own: `Damping` of six values damps stretching, shear, torsion and bending about y and z by
+    tau w/2 each, with w the frequency of the mode meant. A damping matrix made of the modes themselves would tie every node
+    to every other, and would hold for small motions about one shape alone.
+
+    Raises ValueError for fewer than two different frequencies, and where the fit takes a negative coefficient: the ratios are
+    then too different for the frequencies.
     """
-    (w1, w2), (z1, z2) = (tuple(torch.as_tensor(plain(v)) for v in pair) for pair in (frequency, ratio))
-    if (w1 == w2).any():
-        raise ValueError("rayleigh with two equal frequencies was given; two different ones are wanted")
-    tau = 2 * (z2 * w2 - z1 * w1) / (w2**2 - w1**2)
-    alpha = 2 * z1 * w1 - tau * w1**2
+    plainly = not any(isinstance(x, Tensor) for given in (frequency, ratio) for x in (given, *given))
+    w, z = (v if isinstance(v, Tensor) else torch.stack(torch.broadcast_tensors(*(torch.as_tensor(plain(x)) for x in v)), -1)
+            for v in (frequency, ratio))
+    if w.ndim == 0 or w.shape[-1] < 2 or z.ndim == 0 or z.shape[-1] != w.shape[-1]:
+        raise ValueError(f"rayleigh with frequencies of shape {tuple(w.shape)} and ratios of shape {tuple(z.shape)} was given; "
+                         "(..., n) of both is wanted, n = 2 or more")
+    if not (w > 0).all() or (w == w[..., :1]).all(-1).any():
+        raise ValueError("rayleigh with equal frequencies, or with one that is not positive, was given; positive ones that "
+                         "differ are wanted")
+    scale = w.mean(-1, keepdim=True)
+    shares = torch.stack((scale / (2 * w), w / (2 * scale)), -1)
+    alpha, tau = (torch.linalg.pinv(shares) @ z.to(w)[..., None])[..., 0].unbind(-1)
     if (tau < 0).any() or (alpha < 0).any():
         raise ValueError("rayleigh with ratios that take a negative coefficient was given; ratios nearer to each other are "
                          "wanted")
+    found = alpha * scale[..., 0], tau / scale[..., 0]
+    alpha, tau = (x.numpy() for x in found) if plainly else found  # numbers have no dtype of their own
     return MassDamping(alpha), Damping(tau, six=False)
