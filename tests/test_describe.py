@@ -1,4 +1,4 @@
-"""What a scene says of itself, and the command that prints it."""
+"""What a scene says of itself, and the command line that prints it."""
 
 import math
 
@@ -101,3 +101,9 @@ def test_version(capsys):
         main(["--version"])
     assert caught.value.code == 0 and capsys.readouterr().out.startswith("torchbeam ")
 
+
+@pytest.mark.parametrize("command", ["hardcases", "verify"])
+def test_filter_that_leaves_nothing(command, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main([command, "--filter", "nosuch"])
+    assert caught.value.code == 2 and "--filter 'nosuch' was given; no case has that" in capsys.readouterr().err

@@ -27,6 +27,8 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--float32", action="store_true", help="only the table of single against double precision")
     args = parser.parse_args(argv)
     chosen = [] if args.float32 else [case for case in CASES if args.filter in case.name]
+    if not (chosen or args.float32):
+        parser.error(f"--filter {args.filter!r} was given; no case has that in its name")
     results = [r for case in _progress(chosen) for r in run(case, args.quick, args.long)]
     precision = precision_rows() if args.float32 or not args.filter else []
     text = markdown(chosen, results, precision, BATCH[args.quick])

@@ -25,7 +25,10 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--out", type=Path, help="folder for verify.json, verify.csv and verify.md")
     parser.add_argument("--filter", default="", metavar="TEXT", help="only cases whose name, source or quantity holds TEXT")
     args = parser.parse_args(argv)
-    results = [run(case) for case in CASES if args.filter in f"{case.name} {case.source} {case.quantity}"]
+    chosen = [case for case in CASES if args.filter in f"{case.name} {case.source} {case.quantity}"]
+    if not chosen:
+        parser.error(f"--filter {args.filter!r} was given; no case has that in its name, source or quantity")
+    results = [run(case) for case in chosen]
     text = markdown(results)
     print(text)
     if args.out:
