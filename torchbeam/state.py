@@ -140,6 +140,12 @@ class State(Instant):
         load = self.reaction[..., support, :]
         return Reaction(load[..., :3], load[..., 3:])
 
+    def where(self, mask: Tensor, other: State) -> State:
+        """Fields of this one where mask (...) holds, of `other` elsewhere, whichever fields have the batch axes."""
+        held = {f.name: (getattr(self, f.name), getattr(other, f.name)) for f in fields(self)}
+        return replace(self, **{name: torch.where(mask[(...,) + (None,) * OWN_AXES.get(name, 2)], *both)
+                                for name, both in held.items() if both[0] is not None})
+
     @property
     def batch_shape(self) -> torch.Size:
         return torch.broadcast_shapes(*(getattr(self, n).shape[:-2] for n in ("position", "rotation", "velocity", "spin")))
@@ -186,7 +192,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float = 0.0)
         frame=orientation(scene, shape),
         internal=zero.expand(*shape, sum(sizes)) if sizes else None,
     )
-    return _carried(state, Carrying(scene)) if scene.carried else state
+    return _carried(state, Carrying(scene)).level() if scene.carried else state
 
 
 def turning(scene: Any) -> bool:

@@ -1,0 +1,43 @@
+"""States whose batch axes come from outside: inputs, or the motion of a support."""
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+
+SECTION = tb.Section.from_stiffness(EA=1e4, GA=1e4, GJ=10.0, EI=(10.0, 12.0), mass=1.0, inertia=0.01)
+
+
+def beam():
+    return tb.Beam.straight(1.0, 3, SECTION)
+
+
+@pytest.mark.parametrize("frame", [None, tb.Frame(angular_velocity=(0, 0, 1.0))])
+def test_a_failed_sample_of_batched_inputs_on_a_state_without_a_batch(frame):
+    """The batch comes with the inputs, the state (and the frame's orientation) has none: samples are told apart all the same,
+    in the step and in its derivative. As many samples as a quaternion or a beam has numbers, lest axes are mistaken."""
+    scene = tb.Scene(beam(), [tb.TipLoad(force=tb.Input("f", 3))], frame=frame)
+    stepper = tb.Stepper(scene, 0.05, halvings=0)
+    f = torch.tensor([[0, 1e9, 0], [0, 0.3, 0], [0, 0, 0.3], [0, 0.1, 0]], requires_grad=True)
+    after = stepper(stepper.rest(), f=f)
+    assert after.status.tolist() == [1, 0, 0, 0]
+    alone = [tb.Stepper(scene, 0.05)(stepper.rest(), f=row) for row in f[1:]]
+    for name in ("position", "rotation", "velocity", *(() if frame is None else ("frame",))):
+        assert_close(getattr(after, name)[1:], torch.stack([getattr(one, name) for one in alone]), rtol=0, atol=1e-12)
+    if frame is not None:
+        assert_close(after.frame[0], stepper.rest().frame, rtol=0, atol=0)
+    (slope,) = torch.autograd.grad(after.tip.position[1:].sum(), f)
+    (wanted,) = torch.autograd.grad(sum(one.tip.position.sum() for one in alone), f)
+    assert_close(slope, wanted, rtol=1e-9, atol=1e-12)
+
+
+def test_rest_has_the_axes_of_a_support_that_moves():
+    """Batch axes of a motion alone: every field of the state of rest has them, and steps go on from it."""
+    way = torch.tensor([[0, 0.05, 0], [0, 0, 0.02]])
+    motion = tb.RootMotion(displacement=lambda t: way * torch.sin(20 * t))
+    scene = tb.Scene(beam(), root=motion)
+    state = tb.rest(scene)
+    assert state.rotation.shape == (2, 4, 4) and state.t.shape == (2,)
+    stepper = tb.Stepper(scene, 0.01)
+    assert_close(stepper(stepper(state)).position, tb.simulate(scene, [0, 0.02], step=0.01).nodes[-1], rtol=0, atol=1e-12)
