@@ -101,9 +101,9 @@ SECTIONS = {"aluminium strip": aluminium_strip, "silicone rod": silicone_rod}
 
 def section_named(section: Section | str) -> Section:
     """The section itself, or the one of that name; ValueError where there is none."""
-    if not isinstance(section, str):
+    if isinstance(section, Section):
         return section
-    if section not in SECTIONS:
+    if not isinstance(section, str) or section not in SECTIONS:
         raise ValueError(f"section = {section!r} was given; a Section is wanted, or one of {', '.join(SECTIONS)}")
     return SECTIONS[section]()
 

@@ -210,6 +210,7 @@ def test_sections_by_sub_env():
     (dict(force=(1.0, -1.0)), "force"), (dict(output="jax"), "output = 'jax'"), (dict(substeps=0), "substeps = 0"),
     (dict(delay=-1), "delay = -1"), (dict(control_interval=0.0), "control_interval = 0.0"),
     (dict(max_episode_steps=0), "max_episode_steps"), (dict(failure_reward=-np.inf), "failure_reward"),
+    (dict(section=3), "section = 3 was given; a Section is wanted"), (dict(section="steel"), "section = .steel. was given"),
 ])
 def test_bad_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
