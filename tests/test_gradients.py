@@ -205,7 +205,7 @@ def test_vmap_keeps_failures_apart():
     loads = torch.tensor([1.0, math.nan, 30.0, 1e30])
     status, tip, iterations = torch.func.vmap(moved)(loads)
     alone = [moved(load) for load in loads]
-    assert status.tolist() == [s.item() for s, *_ in alone] == [0, 2, 0, 1] and iterations[2] > 25
+    assert status.tolist() == [s.item() for s, *_ in alone] == [0, 2, 0, 1] and iterations[2] > 12
     assert_close(tip, torch.stack([t for _, t, _ in alone]), rtol=1e-9, atol=1e-12)
     with pytest.raises(ValueError, match="EI = -1 was given"):
         torch.func.vmap(lambda EI: still(EI=EI))(torch.tensor([1.0, -1.0]))

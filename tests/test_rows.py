@@ -124,7 +124,7 @@ def test_large_batch_and_a_sample_alone(dtype):
         return moved(tb.Scene(tb.Beam.straight(torch.tensor(1.0, dtype=dtype), 4, section), [tip(P)]), steps=3)
 
     all_, counted = run(P)
-    assert counted[:, 20].max() > 25 and counted.min() < 3
+    assert counted[:, 20].max() > 12 and counted.min() < 3
     for i in (0, 20, 63):
         alone, again = run(P[i:i + 1])
         assert same(all_[i:i + 1], alone) and torch.equal(counted[:, i:i + 1], again)
@@ -158,7 +158,7 @@ def test_derivatives_through_parts(least):
         least(n)
         P, EI = spread().requires_grad_(), torch.tensor(1.0, requires_grad=True)
         position, counted = run(P, EI)
-        assert counted[:, 0].max() > 25 and counted[:, 1:].max() < 25
+        assert counted[:, 0].max() > 12 and counted[:, 1:].max() < 12
         reverse = torch.autograd.grad(position.square().sum(), (P, EI))
         forward = torch.func.jvp(lambda P, EI: run(P, EI)[0], (P.detach(), EI.detach()), (torch.ones(B), torch.ones(())))[1]
         found.append((*reverse, forward))

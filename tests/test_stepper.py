@@ -51,7 +51,7 @@ def test_violent_load_is_made_in_smaller_steps():
     scene = tb.Scene(slender(), [tb.TipLoad(force=(0, 50.0, 0))])
     sol = tb.simulate(scene, torch.linspace(0, 0.3, 4), step=0.01)
     assert sol.status == 0
-    assert sol.stats.iterations.max() > 25  # more than one Newton solve was needed somewhere
+    assert sol.stats.iterations.max() > 12  # more than one Newton solve was needed somewhere
     assert balance(sol).abs().max() < 0.03 * sol.energy.strain.max()
 
 
@@ -68,7 +68,7 @@ def test_gradient_through_steps_that_were_made_again():
 
     P = torch.tensor(60.0, requires_grad=True)
     y, most = tip(P)
-    assert most > 25
+    assert most > 12
     (slope,) = torch.autograd.grad(y, P)
     h = 6e-3
     with torch.no_grad():

@@ -23,6 +23,7 @@ from ..scene import Scene
 from ..state import State, completed, rest
 
 METHODS = {"midpoint": Step, "generalized_alpha": Alpha}
+QUICK = 12  # iterations of a step that can still be made in parts: one that takes more is quicker so
 TURN = 1.2  # rad that a node may turn in one step; larger turns have more than one solution, and the wrong one gains energy
 
 
@@ -39,7 +40,8 @@ class Stepper:
                error of the translational inertia fourth order
     conserve   scale the velocities after each step so that the energy balance closes exactly: for long undamped runs
     tolerance  of the scaled residual, default 1e-8 in float64 and 1e-4 in float32
-    iterations at most this many in a Newton solve;  halvings: a failed step is made again in 2, 4, ... 2^halvings parts
+    iterations at most this many in a Newton solve (12 where its step can still be made in parts)
+    halvings   a failed step is made again in 2, 4, ... 2^halvings parts
 
     Raises ValueError for an unknown method, a step that is not positive, or a scene that the nodal form does not take.
     """
@@ -102,7 +104,8 @@ class Stepper:
         if active is not None:
             moving = moving & torch.as_tensor(active, dtype=torch.bool, device=moving.device)
         t = state.t.detach().amax()
-        after, status, self.iterations = self._attempt(self.model, state, dt, t + self.method.INSTANT * dt, given, moving)
+        after, status, self.iterations = self._attempt(self.model, state, dt, t + self.method.INSTANT * dt, given, moving,
+                                                       last=not self.halvings)
         failed = moving & (status == DIVERGED)
         if concrete(failed).any() and self.halvings:
             rows = Rows.few(failed)
@@ -134,7 +137,8 @@ class Stepper:
             parts, trial, good = 2**level, start, left
             for k in range(parts):
                 now = t + (k + self.method.INSTANT) * dt / parts
-                trial, status, iterations = self._attempt(model, trial, dt / parts, now, inputs, good)
+                trial, status, iterations = self._attempt(model, trial, dt / parts, now, inputs, good,
+                                                          last=level == self.halvings)
                 counted = counted + torch.where(good, iterations, 0)
                 good = good & (status == SUCCESS)
                 if not concrete(good).any():
@@ -160,11 +164,12 @@ class Stepper:
         return AlphaState.between(state, *self.model.space.motion(after.velocity - state.velocity, after.spin - state.spin),
                                   rise, dt)
 
-    def _attempt(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor
+    def _attempt(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, last: bool
                  ) -> tuple[State, Tensor, Tensor]:
-        """One Newton solve: (state after, of a failed sample before; status; iterations)."""
+        """One Newton solve: (state after, of a failed sample before; status; iterations). Without `last`, parts can follow."""
         problem = self._step(model, state, dt, t, inputs)
-        x, reaction, status, iterations = newton(problem, problem.guess(), moving, self.tolerance, self.limit)
+        limit = self.limit if last else min(self.limit, QUICK)
+        x, reaction, status, iterations = newton(problem, problem.guess(), moving, self.tolerance, limit)
         turned = self.model.space.cosine(x.m).amin(-1) < math.cos(TURN * problem.PART / 2)
         status = torch.where((status == SUCCESS) & turned, DIVERGED, status)
         good = moving & (status == SUCCESS)
