@@ -79,6 +79,18 @@ def test_frequencies_are_in_double_precision():
     assert abs(float(first) / 3.516 - 1) < 0.03
 
 
+def test_frequencies_are_wet_and_sprung():
+    """Added mass of three times the beam's, also in a stream, halves them; a spring at the tip raises them."""
+    of = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=1.0, EI=1.0, mass=1.0)
+    beam = tb.Beam.straight(1.0, 16, of)
+
+    def first(*effects):
+        return float(tb.Scene(beam, effects).describe().lines["frequencies"][0].split(",")[0])
+
+    added = tb.Drag(3 / (math.pi / 4), 1.0, added_mass=1.0, flow=(0.0, 5.0, 0.0))
+    assert abs(first(added) / first(tb.TipLoad(force=(0, 0, 1.0))) - 0.5) < 2e-3 and first(tb.Spring(-1, 50.0, to=(1, 0, 0))) > 7
+
+
 def test_command(tmp_path, capsys):
     """`info FILE` prints its scene, or all Scenes; a missing file, or one without a Scene, is an error of the command line."""
     text = "import torchbeam as tb\nof = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=1., EI=1., mass=1.)\n"

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .effects import Along, Input, PerElement, RootSpring, Spring
+from .effects import Along, Drag, Input, PerElement, RootSpring, Spring
 from .integrate.stepper import METHODS, Stepper
 from .mixed.chain import STRAINS, Chain
 from .modes import modes
@@ -66,7 +66,7 @@ def describe(scene: Scene) -> Description:
     lines = {
         "beam": tuple(_beam(scene)),
         "batch": (f"axes {tuple(scene.batch_shape)}; {str(scene.dtype).removeprefix('torch.')} on {scene.device}",),
-        "effects": tuple(map(_effect, scene.effects)),
+        "effects": tuple(_effect(effect, nodes) for effect in scene.effects),
         "inputs": tuple(f"{name} ({size})" for name, size in scene.inputs.items()),
         "supports": tuple(_supports(scene)),
         "frame": _frame(scene),
@@ -117,9 +117,9 @@ def _beam(scene: Scene) -> Iterator[str]:
         yield "; ".join(known)
 
 
-def _effect(effect: Any) -> str:
+def _effect(effect: Any, nodes: int) -> str:
     node = getattr(effect, "node", None)
-    at = "" if effect.hook in ("strain", "eigenstrain") else " along the beam" if node is None else f" at node {node}"
+    at = "" if effect.hook in ("strain", "eigenstrain") else " along the beam" if node is None else f" at node {node % nodes}"
     said = [f"{f.name} = {_value(v)}" if v is not True else f.name for f in fields(effect)
             if f.name != "node" and _named(v := getattr(effect, f.name), f.default)]
     return f"{type(effect).__name__}{at}" + (f": {', '.join(said)}" if said else "")
@@ -191,14 +191,15 @@ def _space(scene: Scene, plane: str | None, planes: tuple[str, ...]) -> str:
 
 
 def _frequencies(scene: Scene) -> tuple[str, ...]:
-    """Of the beam with its masses and springs, without loads, at rest; in double precision, whatever the scene's."""
+    """Of the beam with its masses, springs and added mass, without loads, at rest; in double precision, whatever the scene's."""
     springs = [e for e in scene.loads if isinstance(e, (Spring, RootSpring)) and all(hasattr(v, "shape") for v in e.values)]
     if not (scene.supports or springs):
         return ("free: none of a rigid motion",)
     held = None if any(e.frees_root for e in springs if isinstance(e, RootSpring)) else tuple(
         replace(s, displacement=None, turn=None) for s in scene.supports)
-    bare = replace(scene, beam=_double(scene.beam), effects=[_double(e) for e in (*scene.bodies, *springs)], frame=None,
-                   root=None, supports=held)
+    fluids = [replace(e, flow=None) for e in scene.loads if isinstance(e, Drag) and e.carries]
+    kept = [_double(e) for e in (*scene.bodies, *springs, *fluids)]
+    bare = replace(scene, beam=_double(scene.beam), effects=kept, frame=None, root=None, supports=held)
     try:
         at = equilibrium(bare) if springs else rest(bare)
         found = modes(bare, at, count=min(3, Model.of(bare).held.count)).frequency
