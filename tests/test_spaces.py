@@ -140,6 +140,35 @@ def test_auto_finds_the_plane():
         assert not isinstance(Model.of(tb.Scene(beam, effects, plane="auto")).space, Plane)
 
 
+OUT_OF_XY = {
+    "Actuation": dict(effects=[tb.Actuation(curvature=(0, 0.5, 0))]),
+    "Spring": dict(effects=[tb.Spring(-1, stiffness=100.0, to=(1.0, 0, 1.0), length=1.0)]),  # slack at rest
+    "PointMass": dict(effects=[tb.PointMass(0.1, inertia=[[0.02, 0.01, 0.005], [0.01, 0.02, 0], [0.005, 0, 0.02]])]),
+    "displacement of a support": dict(supports=(tb.Support(0), tb.Support(-1, displacement=(0, 0, 0.05)))),
+    "turn of a support": dict(supports=(tb.Support(0), tb.Support(-1, turn=(0, 0.1, 0)))),
+    "RootSpring": dict(effects=[tb.RootSpring(stiffness=[10.0] * 6)],
+                       root=tb.RootMotion(displacement=(0, 0, 0.05))),
+}
+
+
+@pytest.mark.parametrize("what", OUT_OF_XY)
+def test_what_acts_out_of_a_plane_is_refused_there(what):
+    """Numbers out of the plane, also where nothing of them is felt at rest, or where no load brings them: "xy" says so, "auto"
+    goes on in 3D."""
+    beam = tb.Beam.straight(1.0, 2, section())
+    with pytest.raises(ValueError, match=f"{what}.* out of the plane 'xy'"):
+        Model.of(tb.Scene(beam, plane="xy", **OUT_OF_XY[what]))
+    found = Model.of(tb.Scene(beam, plane="auto", **OUT_OF_XY[what])).space
+    assert not isinstance(found, Plane) or found.name == "xz"
+
+
+def test_an_elastic_clamp_that_moves_by_a_function_means_3d():
+    """Its motion is the scene's, not that of a support."""
+    scene = tb.Scene(tb.Beam.straight(1.0, 2, section()), [tb.RootSpring(stiffness=[10.0] * 6), tb.Gravity((0, -1.0, 0))],
+                     root=tb.RootMotion(displacement=lambda t: torch.stack((0 * t, 0 * t, t))), plane="auto")
+    assert not isinstance(Model.of(scene).space, Plane)
+
+
 def test_a_plane_in_single_precision():
     """A float32 beam in a frame whose numbers came in the default dtype."""
     of = tb.Section.from_stiffness(EA=torch.tensor(100.0, dtype=torch.float32), GA=50.0, GJ=0.8, EI=1.0, mass=0.2)

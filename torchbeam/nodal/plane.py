@@ -225,6 +225,10 @@ class Plane(Space):
     def part_of_strain(self, strain: Tensor) -> Tensor:
         return strain @ self._stress_map
 
+    def whole_strain(self, strain: Tensor) -> Tensor:
+        """(..., k) -> (..., 6), frame B."""
+        return strain @ self._stress_map.mT
+
     def part_of_section(self, matrix: Tensor) -> Tensor:
         return self._stress_map.mT @ matrix @ self._stress_map
 
