@@ -191,7 +191,7 @@ def _space(scene: Scene, plane: str | None, planes: tuple[str, ...]) -> str:
 
 
 def _frequencies(scene: Scene) -> tuple[str, ...]:
-    """Of the beam with its masses, springs and added mass, without loads, at rest; in double precision, whatever the scene's."""
+    """Of the beam with its masses, springs and added mass, without loads, at rest; in double precision, whatever it has."""
     springs = [e for e in scene.loads if isinstance(e, (Spring, RootSpring)) and all(hasattr(v, "shape") for v in e.values)]
     if not (scene.supports or springs):
         return ("free: none of a rigid motion",)
