@@ -92,7 +92,10 @@ def error(id: str, **arguments: Any) -> float:
 
 
 def measure(id: str, batches: Sequence[int], seconds: float, **arguments: Any) -> list[Row]:
-    from gymnasium.utils.performance import benchmark_vector_step
+    try:
+        from gymnasium.utils.performance import benchmark_vector_step
+    except ImportError:
+        raise RuntimeError(f"gymnasium {gymnasium.__version__} was given; 1.4 is wanted, the first that can measure") from None
 
     rows, off = [], error(id, **arguments)
     for batch in batches:

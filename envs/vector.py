@@ -30,6 +30,7 @@ class EpisodesVectorEnv(VectorEnv):
 
     OPTIONS: tuple[str, ...] = ("reset_mask",)
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES)}  # noqa: RUF012
+    renderer: Any = None  # also of an env that was refused: gymnasium up to 1.3 closes what it deletes
 
     def __init__(self, num_envs: int, observation_space: Box, action_space: Box, *, dtype: torch.dtype, device: torch.device,
                  max_episode_steps: int | None, autoreset_mode: str | AutoresetMode, output: str, render_mode: str | None,
@@ -48,7 +49,6 @@ class EpisodesVectorEnv(VectorEnv):
         self.streams: list[np.random.Generator] = []
         self.seeds: list[int] = []
         self.episodes: Episodes | None = None
-        self.renderer = None
 
     # The Gymnasium interface
 

@@ -103,6 +103,7 @@ def test_error_of_the_mesh():
 
 def test_the_command_that_measures(tmp_path, capsys, monkeypatch):
     """Two rows in all three files."""
+    pytest.importorskip("gymnasium", minversion="1.4")  # benchmark_vector_step
     monkeypatch.setattr(benchmark, "error", lambda id, **arguments: 0.01)  # tested above; slow on the mesh it compares with
     rows = benchmark.measure(ID, [2], 0.1, **SMALL)
     assert len(rows) == 1 and rows[0].rate > 1 and rows[0].overhead > 0
