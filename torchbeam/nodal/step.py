@@ -35,6 +35,7 @@ from .conserve import conserved
 from .external import Chain, Nodes
 from .given import Given, given
 from .model import Model, times
+from .passage import Passage, Way
 
 SPINS = frozenset({"spin"})
 MOTIONS = frozenset({"velocity", "acceleration", *SPINS})
@@ -46,20 +47,6 @@ class Middle(NamedTuple):
     u: Tensor
     m: Tensor
     stress: Tensor
-
-
-class Way(NamedTuple):
-    """What follows from the unknowns of the nodes: rotations at mid step and at the end; theta (absolute) and theta relative to
-    frame a, section axes; mean velocities of node and centre of mass, absolute, frame a; e- (None without offset).
-    """
-
-    q: Tensor
-    q_end: Tensor
-    theta: Tensor
-    relative: Tensor
-    velocity: Tensor
-    centre: Tensor
-    arm: Tensor | None
 
 
 @dataclass(frozen=True)
@@ -106,21 +93,6 @@ class Step:
         return self.model.space.spin_matrix(self.start.rotation)
 
     @cached_property
-    def angular_momentum(self) -> Tensor:
-        """R J Omega_n, frame a."""
-        H = self.model.inertia.angular_momentum(self.start.spin)
-        return self.model.space.to_frame(self.start.rotation, H)
-
-    @cached_property
-    def arm(self) -> Tensor:
-        """R_n e."""
-        return self.model.inertia.arm(self.start.rotation)
-
-    @cached_property
-    def centre_velocity(self) -> Tensor:
-        return self.model.inertia.centre_velocity(self.start.rotation, self.start.velocity, self.start.spin)
-
-    @cached_property
     def frame(self) -> tuple[Tensor | None, Tensor | None]:
         """v, omega of frame a at mid step."""
         return self.model.frame(self.t)
@@ -137,6 +109,10 @@ class Step:
     def given(self) -> tuple[Given, ...]:
         """The supports that move, in frame a or with it."""
         return given(self.model, self.start, self.t + (1 - self.INSTANT) * self.dt, self.dt, self.PART)
+
+    @cached_property
+    def passage(self) -> Passage:
+        return Passage(self.model, self.start, self.h, self.frame, self.given)
 
     def held(self, x: Middle) -> Middle:
         """x with the supports where they have to be."""
@@ -198,67 +174,6 @@ class Step:
         turn = space.to_section(self.start.rotation, move[..., space.position:])
         return Middle(x.u + move[..., :space.position], space.multiply(space.cayley(turn), x.m), x.stress + dstress)
 
-    def way(self, x: Middle) -> Way:
-        space, start, (v, omega) = self.model.space, self.start, self.frame
-        q = space.multiply(start.rotation, x.m)
-        q_end = space.normalize(space.multiply(q, x.m))
-        turn = space.multiply(x.m, x.m)
-        relative = theta = space.theta(turn)
-        if omega is not None:
-            carried = space.multiply(space.cayley(omega * self.h), space.multiply(start.rotation, turn))
-            theta = space.theta(space.multiply(space.inverse(start.rotation), carried))
-        velocity, middle, arm = 2 / self.h * x.u, start.position + x.u, None
-        centre = velocity
-        if self.model.inertia.offset is not None:
-            arm = (self.arm + self.model.inertia.arm(q_end)) / 2
-            centre = velocity + (space.arm(arm) @ space.to_frame(q, relative)[..., None])[..., 0] / self.h
-        if v is not None:
-            velocity, centre = velocity + v, centre + v
-        if omega is not None:
-            turning = space.tilde(omega)
-            velocity = velocity + (turning @ middle[..., None])[..., 0]
-            centre = centre + (turning @ (middle if arm is None else middle + arm)[..., None])[..., 0]
-        return Way(q, q_end, theta, relative, velocity, centre, arm)
-
-    def spin_end(self, way: Way) -> Tensor:
-        """Omega_{n+1}, section axes."""
-        spin = 2 / self.h * way.theta - self.start.spin
-        for one in self.given:
-            spin = spin if one.spin is None else put(spin, one.node, one.spin)
-        return spin
-
-    def velocity_end(self, way: Way, spin: Tensor) -> tuple[Tensor, Tensor]:
-        """v_{n+1} and v_c,{n+1}, frame a."""
-        inertia = self.model.inertia
-        centre = 2 * way.centre - self.centre_velocity
-        velocity = centre
-        if inertia.offset is not None:
-            velocity = centre - inertia.centre_velocity(way.q_end, torch.zeros_like(centre), spin)
-        for one in self.given:
-            if one.velocity is not None:
-                velocity = put(velocity, one.node, one.velocity)
-                centre = inertia.centre_velocity(way.q_end, velocity, spin)
-        return velocity, centre
-
-    def inertia(self, way: Way) -> tuple[Tensor, Tensor]:
-        """Force and moment of inertia at the nodes (..., N+1, w), and R_{n+1} J Omega_{n+1} (of no meaning without J)."""
-        space, inertia, omega = self.model.space, self.model.inertia, self.frame[1]
-        spin = self.spin_end(way)
-        _, centre = self.velocity_end(way, spin)
-        force = inertia.momentum((centre - self.centre_velocity) / self.h)
-        if omega is not None:
-            force = force + (space.tilde(omega) @ inertia.momentum((centre + self.centre_velocity) / 2)[..., None])[..., 0]
-        turning = torch.zeros_like(spin)
-        torque = turning
-        if inertia.inertia is not None:
-            turning = space.to_frame(way.q_end, inertia.angular_momentum(spin))
-            torque = (turning - self.angular_momentum) / self.h
-            if omega is not None:
-                torque = torque + (space.hat(omega) @ (turning + self.angular_momentum)[..., None])[..., 0] / 2
-        if way.arm is not None:
-            torque = torque + (space.arm(way.arm).mT @ force[..., None])[..., 0]
-        return torch.cat((force, torque), -1), turning
-
     def nodes(self, x: Middle, way: Way) -> Nodes:
         """What loads see: the middle of the step, velocities its mean."""
         spin = self.model.space.to_frame(way.q, way.theta) / self.h
@@ -267,7 +182,7 @@ class Step:
 
     def acceleration(self, way: Way) -> Tensor:
         """Mean over the step, absolute, frame a."""
-        after, omega = self.velocity_end(way, self.spin_end(way))[0], self.frame[1]
+        after, omega = self.passage.velocity_end(way, self.passage.spin_end(way))[0], self.frame[1]
         mean = (after - self.start.velocity) / self.h
         if omega is None:
             return mean
@@ -282,8 +197,8 @@ class Step:
         """The balance at x; with it what follows from x, the elements at mid step and at the end, and R_{n+1} J Omega_{n+1}."""
         model, space, h = self.model, self.model.space, self.model.length
         x = self.held(x)
-        way = self.way(x)
-        inertia, turning = self.inertia(way)
+        way = self.passage.way(x.u, x.m)
+        inertia, turning = self.passage.inertia(way)
         middle = space.kinematics(self.start.position + x.u, way.q, h)
         element = space.forces(middle, x.stress, h)
         load = self.external(x, way)
@@ -316,7 +231,7 @@ class Step:
             A = space.arm(inertia.arm(way.q_end)) @ half  # the centre's move by the node's spin
             diagonal, coupling = inertia.blocks(self._Z, way.arm, A)
             if space.turns:
-                force = self.inertia(way)[0][..., :p]
+                force = self.passage.inertia(way)[0][..., :p]
                 diagonal = diagonal - pad(space.arm(force).mT @ A, (p, 0, p, 0))
         if inertia.inertia is not None or SPINS & self._read:
             R_end = space.spin_matrix(way.q_end)
@@ -345,9 +260,9 @@ class Step:
         """The state at the end of the step."""
         model, start, space = self.model, self.start, self.model.space
         x = self.held(x)
-        way = self.way(x)
-        spin = self.spin_end(way)
-        velocity, _ = self.velocity_end(way, spin)
+        way = self.passage.way(x.u, x.m)
+        spin = self.passage.spin_end(way)
+        velocity, _ = self.passage.velocity_end(way, spin)
         load = self.external(x, way)
         work, turn = start.work, space.to_frame(way.q, way.theta)
         if not isinstance(load, float):
