@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -80,13 +80,6 @@ class Acting:
     wants_support = False  # whether it reads site.support
     wants_axes = False  # whether it reads site.axes
     depends: frozenset[str] = frozenset()
-
-    @property
-    def tensors(self) -> tuple[Tensor, ...]:
-        """Every tensor that the load holds, also those in samples of a function of time: what an adjoint differentiates by."""
-        held = [*vars(self).values()]
-        held += [v for value in held if is_dataclass(value) for v in vars(value).values()]
-        return tuple(v for v in held if isinstance(v, Tensor))
 
     def reads(self, beam: Beam) -> frozenset[str]:
         """Names among `READS` and "acceleration": what the wrench depends on; empty = a dead load."""

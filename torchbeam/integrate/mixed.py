@@ -17,7 +17,7 @@ from ..mixed.state import MixedState, pack, unpack, unpack_minimal
 from ..newton import FAILED
 from ..scene import Scene
 from ..solution import Energy, Solution, Stats
-from .ode import ADAPTIVE, ADVICE, integrate, status_at
+from .ode import ADAPTIVE, ADVICE, integrate, leaves, status_at
 
 RESTART_FREE = (*ADAPTIVE, "euler", "midpoint", "heun2", "heun3", "rk4")  # methods that remember nothing from step to step
 
@@ -78,7 +78,7 @@ def simulate_mixed(
     y0 = y0.expand(torch.broadcast_shapes(y0.shape, first.shape))  # functions of t and inputs may bring batch axes
     ys, status, evaluations = integrate(
         problem.rates, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
-        parameters=tuple(_leaves(problem.rates(t[0], y0.detach()))),
+        parameters=leaves(problem.rates(t[0], y0.detach())),
         after=problem.after if project or method in RESTART_FREE else None,
     )
     states = [problem.observe(*at) for at in zip(t, ys, status_at(ys, status.long()), strict=True)]
@@ -154,17 +154,3 @@ def _energy(chain: Chain, state: MixedState) -> Energy:
     kinetic, strain = ((chain.h * v * mv(matrix, v)).sum((-2, -1))
                        for v, matrix in ((z, chain.Mass), (state.strain, chain.K)))
     return Energy(kinetic, strain, None)
-
-
-def _leaves(rates: Tensor) -> list[Tensor]:
-    """The leaf tensors with gradient from which `rates` was computed: what the scene and its functions of t hold."""
-    found, seen, todo = {}, set(), [rates.grad_fn]
-    while todo:
-        node = todo.pop()
-        if node is None or node in seen:
-            continue
-        seen.add(node)
-        if hasattr(node, "variable"):
-            found[id(node.variable)] = node.variable
-        todo.extend(parent for parent, _ in node.next_functions)
-    return list(found.values())

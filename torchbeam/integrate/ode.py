@@ -101,6 +101,20 @@ def integrate(
     return ys, solve.dead * FAILED, solve.evaluations
 
 
+def leaves(rates: Tensor) -> tuple[Tensor, ...]:
+    """The leaf tensors with gradient from which `rates` was computed: what the scene, its functions and its inputs hold."""
+    found, seen, todo = {}, set(), [rates.grad_fn]
+    while todo:
+        node = todo.pop()
+        if node is None or node in seen:
+            continue
+        seen.add(node)
+        if hasattr(node, "variable"):
+            found[id(node.variable)] = node.variable
+        todo.extend(parent for parent, _ in node.next_functions)
+    return tuple(found.values())
+
+
 def known_options(method: str) -> list[str]:
     """Names that torchdiffeq's solver takes in `options`; any other it would only warn of."""
     inits = [vars(kind)["__init__"] for kind in SOLVERS[method].__mro__[:-1] if "__init__" in vars(kind)]

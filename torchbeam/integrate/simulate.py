@@ -20,7 +20,7 @@ from ..scene import Scene, named
 from ..solution import Energy, Solution, Stats
 from ..state import State, completed, fitting, rest
 from .mixed import simulate_mixed
-from .ode import ADVICE, integrate, status_at
+from .ode import ADVICE, integrate, leaves, status_at
 from .ode import METHODS as ODE_METHODS
 from .stepper import METHODS as IMPLICIT_METHODS
 from .stepper import Stepper
@@ -140,11 +140,8 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     y0 = rates.pack(start)
     acting = rates.balance(t[0], rates.unpack(t[0], y0)[0])[0]  # functions and inputs may have axes too
     y0 = y0.expand(*torch.broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
-    constants = (*vars(rates.model).values(), *vars(rates.model.inertia).values())
-    parameters = tuple(x for x in constants if isinstance(x, Tensor) and x.requires_grad)
-    loads = tuple(v for load in scene.loads for v in load.tensors if v.requires_grad)
     ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
-                                        parameters=(*parameters, *loads))
+                                        parameters=leaves(rhs(t[0], y0.detach())))
     trajectory = State.stack([rates.state(*at) for at in zip(t, ys, status_at(ys, status), strict=True)])
     reason = {FAILED: f"{method} failed; {ADVICE}"} if status.any() else {}
     return Solution(t, trajectory, _energy(rates.model, trajectory), Stats(evaluations=evaluations, reason=reason))
