@@ -1,5 +1,6 @@
-"""What the nodes do over a step: where they get, how fast they are on average and in the end, what inertia asks for. The equations
-are those of `step` and `inertia`.
+"""What the nodes do over a step: where they get, how fast they are on average and in the end, what inertia asks for.
+
+The equations are those of `step` and `inertia`.
 """
 
 from __future__ import annotations
