@@ -212,3 +212,31 @@ def test_vmap_keeps_failures_apart():
     with pytest.raises(RuntimeError, match="sample 1 of"):
         torch.func.vmap(lambda M: tb.equilibrium(tb.Scene(scene().beam, [tb.TipLoad(moment=M * torch.eye(3)[2])])).t)(
             torch.tensor([1.0, 100.0]))
+
+
+SECTION = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=(1.0, 3.0), mass=0.2, inertia=1e-3)
+ALONE = {
+    "the motion of an elastic clamp": lambda a: tb.Scene(
+        tb.Beam.straight(1.0, 3, SECTION), [tb.RootSpring(stiffness=[50.0] * 6)],
+        root=tb.RootMotion(displacement=lambda t: a[..., None] * torch.sin(20 * t) * torch.tensor([0, 1.0, 0]))),
+    "the roll of a beam of small rotations": lambda a: tb.Scene(
+        tb.Beam.straight(1.0, 3, SECTION, up=torch.stack((0 * a, torch.sin(a), torch.cos(a)), -1)),
+        [tb.TipLoad(force=(0, 1.0, 0))], small=True),
+}
+
+
+@pytest.mark.parametrize("what", ALONE)
+def test_what_a_scene_knows_in_one_place_alone_carries_gradient(what):
+    """Three steps from a state without gradient, so that nothing but the scene brings it: against differences."""
+    def tip(a):
+        stepper = tb.Stepper(ALONE[what](a), DT, **EXACT)
+        state = stepper.rest().detach()
+        for _ in range(3):
+            state = stepper(state)
+        return state.tip.position[..., 1]
+
+    a = torch.tensor(0.3)
+    exact = difference(tip, a, 1e-3)
+    slope = torch.autograd.functional.jacobian(tip, a)
+    assert exact.abs() > 1e-5
+    assert_close(slope, exact, rtol=1e-6, atol=0)

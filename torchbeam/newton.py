@@ -135,8 +135,9 @@ def dependencies(problem: Any, x: Any) -> list[Any]:
     """
     model, start = problem.model, getattr(problem, "start", None)
     scene = model.scene
-    held = [v for owner in (*scene.effects, *scene.supports, scene.frame) if owner is not None for v in vars(owner).values()]
-    known = [*held, *vars(model).values(), *vars(model.inertia).values(), *problem.inputs.values(),
+    owners = (*scene.effects, *scene.supports, scene.frame, scene.root)
+    held = [v for owner in owners if owner is not None for v in vars(owner).values()]
+    known = [*held, *vars(model).values(), *vars(model.inertia).values(), *vars(model.space).values(), *problem.inputs.values(),
              *(() if start is None else vars(start).values())]
     recording = torch.is_grad_enabled() or torch.autograd.forward_ad._current_level >= 0
     if recording and any(callable(v) and not isinstance(v, Tensor) for v in held):
