@@ -82,10 +82,12 @@ def _modulus(P: Tensor) -> Tensor:
 
 
 def stiffness_ratio(p: Tensor, size: int) -> Answer:
-    """EI about y and z 1 : 1e6 and GJ = 1, bent about both axes: linear about the stiff one, w = P L^3/(3 EI)."""
-    scene = cantilever(p, 16, tip_force(p, 0, 2.0, 1e3), EI=(1e6, 1.0), EA=INF, GA=INF)
+    """EI about y and z 1e6 : 1 and GJ = 1, bent about both axes; about the stiff one at half of what buckles it sideways, 4.01
+    (EI GJ)^(1/2)/L^2: far beyond that there is more than one equilibrium.
+    """
+    scene = cantilever(p, 16, tip_force(p, 0, 2.0, 2.0), EI=(1e6, 1.0), EA=INF, GA=INF)
     state = tb.equilibrium(scene, throw=False)
-    lever = torch.linalg.cross(state.tip.position, vector(p, 0, 2.0, 1e3))
+    lever = torch.linalg.cross(state.tip.position, vector(p, 0, 2.0, 2.0))
     return held(state, ((state.root.moment + lever).norm(dim=-1) / lever.norm(dim=-1)).detach())
 
 
@@ -122,5 +124,5 @@ CASES = [
     Case("snap-through by `path`", "the load turns back twice on the way", "load at which Lee's frame snaps", snap_along_path,
          bound=2e-2, size=(20, 10), fails={"gradient": "`path` has no derivatives; `equilibrium` has"}),
     Case("bending stiffness ratio 1e6", "EI about y and z", "root moment less load and lever", stiffness_ratio, bound=1e-6,
-         gradient=1e-4),
+         fails={"float32": "a stiffness leaves one 1e6 times softer a digit of the tangent: Newton's method does not settle"}),
 ]
