@@ -223,6 +223,8 @@ CASES = {
     "motion of what is free": (lambda: tb.Support(0, position="", displacement=lambda t: t), "whose position is free"),
     "turn of a hinge": (lambda: tb.Support(0, rotation="xz", turn=lambda t: t), "rotation = 'xyz' is wanted"),
     "root without a clamp": (lambda: tb.Scene(BEAM, supports=(), root=tb.RootMotion(rotation=lambda t: t)), "one clamp with"),
+    "root spring in a clamp": (lambda: tb.Scene(BEAM, [tb.RootSpring((1.0, 1.0))], supports=tb.Support(0)),
+        "a RootSpring and a support that holds node 0 were given"),
     "plane": (lambda: tb.Scene(BEAM, plane="yz"), "plane = 'yz' was given; None, 'xy', 'xz', 'auto' are there"),
     "load out of the plane": (lambda: tb.Stepper(tb.Scene(BEAM, [tb.TipLoad(force=(0, 1.0, 0))], plane="xz"), 0.1),
         "TipLoad out of the plane 'xz' was given"),

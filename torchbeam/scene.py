@@ -102,6 +102,8 @@ class Scene:
                 raise ValueError(f"a support of node {support.node} was given; the beam has the nodes 0 to {count - 1}")
             if found.setdefault(support.node % count, support) is not support:
                 raise ValueError(f"two supports of node {support.node % count} were given; one is wanted")
+        if freed and 0 in found and any(found[0].held):
+            raise ValueError("a RootSpring and a support that holds node 0 were given; one of them is wanted")
         if self.root is not None and not freed and not (0 in found and found[0].turn is self.root.rotation
                                                         and found[0].displacement is self.root.displacement):
             if 0 not in found or not found[0].clamp or found[0].moves:
