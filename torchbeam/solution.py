@@ -12,7 +12,8 @@ from .state import Point, Reaction
 
 class Energy(NamedTuple):
     """(time, ...) J: kinetic, strain, and the work of the loads since the start (None where it was not asked for).
-    Undamped, kinetic + strain - work is constant.
+    Strain energy is that of the strain beyond what the beam takes by itself (`Actuation`). Undamped, kinetic + strain - work
+    is constant, but for what a change of that own strain brings in.
     """
 
     kinetic: Tensor

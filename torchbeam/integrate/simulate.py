@@ -124,7 +124,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
         states.extend(outputs)
     trajectory = State.stack(states)
     stats = Stats(steps=len(plan), iterations=torch.stack(torch.broadcast_tensors(*iterations)))
-    return Solution(t, trajectory, _energy(stepper.model, trajectory), stats)
+    return Solution(t, trajectory, _energy(stepper.model, trajectory, t, inputs), stats)
 
 
 def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -144,7 +144,7 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
                                         parameters=leaves(rhs(t[0], y0.detach())))
     trajectory = State.stack([rates.state(*at) for at in zip(t, ys, status_at(ys, status), strict=True)])
     reason = {FAILED: f"{method} failed; {ADVICE}"} if status.any() else {}
-    return Solution(t, trajectory, _energy(rates.model, trajectory), Stats(evaluations=evaluations, reason=reason))
+    return Solution(t, trajectory, _energy(rates.model, trajectory, t, inputs), Stats(evaluations=evaluations, reason=reason))
 
 
 def _begin(scene: Scene, initial: State | None, t: Tensor) -> State:
@@ -156,14 +156,15 @@ def _held(inputs: dict[str, Any], t: Tensor) -> dict[str, Any]:
     return {name: value(t) if callable(value) else value for name, value in inputs.items()}
 
 
-def _energy(model: Model, states: State) -> Energy:
-    return Energy(*_energies(model, states), states.work)
-
-
-def _energies(model: Model, states: State) -> tuple[Tensor, Tensor]:
-    states = model.space.enter(states)
-    return (model.kinetic_energy(states.rotation, states.velocity, states.spin),
-            model.strain_energy(states.position, states.rotation))
+def _energy(model: Model, states: State, t: Tensor, inputs: dict[str, Any]) -> Energy:
+    """Of states at the instants t; the beam's own strain is that of the instant."""
+    work, states = states.work, model.space.enter(states)
+    kinetic = model.kinetic_energy(states.rotation, states.velocity, states.spin)
+    if not model.scene.eigenstrains:
+        return Energy(kinetic, model.strain_energy(states.position, states.rotation), work)
+    own = [model.eigenstrain(now, model.scene.tensors(_held(inputs, now))) for now in t]
+    strain = [model.strain_energy(*at) for at in zip(states.position, states.rotation, own, strict=True)]
+    return Energy(kinetic, torch.stack(strain), work)
 
 
 def _judged(solution: Solution, throw: bool) -> Solution:

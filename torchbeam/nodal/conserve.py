@@ -13,14 +13,15 @@ from .model import Model, times
 MOST = 0.01  # of the kinetic energy, that one step may take or give
 
 
-def conserved(model: Model, start: State, after: State, dt: Tensor) -> State:
+def conserved(model: Model, start: State, after: State, dt: Tensor, own: Tensor | float = 0.0) -> State:
     """`after` with its velocities scaled by s, s^2 = 1 - defect/kinetic: kinetic + strain energy then changes by the work of
-    the loads less what damping takes. What is more than `MOST` waits for a step with more kinetic energy.
+    the loads less what damping takes. What is more than `MOST` waits for a step with more kinetic energy. `own`: the strain
+    that the beam takes by itself over this step, which holds no energy.
     """
     kinetic = model.kinetic_energy(after.rotation, after.velocity, after.spin)
-    gain = (kinetic + model.strain_energy(after.position, after.rotation)
+    gain = (kinetic + model.strain_energy(after.position, after.rotation, own)
             - model.kinetic_energy(start.rotation, start.velocity, start.spin)
-            - model.strain_energy(start.position, start.rotation))
+            - model.strain_energy(start.position, start.rotation, own))
     defect = start.defect + gain - (after.work - start.work)
     if model.rate is not None:
         before, end = (model.space.strains(model.space.kinematics(s.position, s.rotation, model.length), model.length)

@@ -276,7 +276,7 @@ class Step:
             start, position=start.position + 2 * x.u, rotation=way.q_end, velocity=velocity, spin=spin, stress=x.stress,
             reaction=reaction, work=work, t=start.t + self.dt, frame=self.frame_end,
             internal=self._internal(self.nodes(x, way)))
-        return conserved(self.model, start, after, self.dt) if self.conserve else after
+        return conserved(self.model, start, after, self.dt, self.own_strain) if self.conserve else after
 
     def _internal(self, nodes: Nodes) -> Tensor | None:
         """The user loads' own states at the end."""
