@@ -46,7 +46,7 @@ SHARE = 0.8  # of them: where more are left, nobody is left out
 PART = None  # a field that has fields of its own
 FORCES = dict(force=1, moment=1)
 STEP = dict(model=PART, start=PART, dt=0, inputs=1,  # and what is cached, where it is
-            strain=2, own_strain=2, R=3, angular_momentum=2, arm=2, centre_velocity=2, C=3, _dead=2)
+            strain=2, own_strain=2, R=3, C=3, _dead=2)
 STATE = {name: OWN_AXES.get(name, 2) for name in State.__dataclass_fields__}
 
 # What may have batch axes, with the number of its own axes, which come last. An effect or a problem that is not here keeps its
@@ -127,7 +127,7 @@ class Rows:
         axis = x.ndim - own - 1
         if axis < 0 or x.shape[axis] != self.count:
             return x
-        return x.index_select(axis, self.index) if isinstance(x, Tensor) else x.take(self.index.numpy(), axis)
+        return x.index_select(axis, self.index) if isinstance(x, Tensor) else x.take(self.index.cpu().numpy(), axis)
 
     def _function(self, function: Callable[[Tensor], Any], own: int) -> Callable[[Tensor], Tensor]:
         def of_time(t: Tensor) -> Tensor:
