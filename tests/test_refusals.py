@@ -16,6 +16,13 @@ SCENE = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0))])
 DRIVEN = tb.Scene(BEAM, [tb.TipLoad(force=tb.Input("u", 3))])
 BATCH = tb.Scene(tb.Beam.straight(torch.ones(2), 2, SECTION), [tb.TipLoad(force=tb.Input("u", 3))])
 T = [0.0, 0.1]
+
+
+def lag(r, R, v, w, t, z):
+    return -z - v, None
+
+
+LAGGED = tb.Scene(BEAM, [tb.Load(lag, internal=3, rate=lambda z, r, R, v, w, t: -z - v)])
 F32, F64 = torch.float32, torch.float64
 
 
@@ -236,6 +243,11 @@ CASES = {
         "small=True with TipLoad was given, whose load turns"),
     "conserve in a moving frame": (
         lambda: tb.Stepper(tb.Scene(BEAM, frame=tb.Frame(velocity=(1.0, 0, 0))), 0.1, conserve=True), "conserve with a frame"),
+    "internal states along the beam": (lambda: tb.Load(lag, node=None, internal=3, rate=lag), "one Load for each node"),
+    "a lag linearised": (lambda: tb.linearize(LAGGED), "Load with internal states was given to linearize"),
+    "modes with a lag": (lambda: tb.modes(LAGGED), "Load with internal states was given to modes"),
+    "critical load with a lag": (lambda: tb.critical_load(lambda P: LAGGED, 1.0),
+        "Load with internal states was given to critical_load"),
     "generalized_alpha in a frame": (
         lambda: tb.Stepper(tb.Scene(BEAM, frame=tb.Frame(velocity=(1.0, 0, 0))), 0.1, "generalized_alpha"), "a moving frame"),
 }

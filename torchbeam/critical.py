@@ -23,7 +23,7 @@ from torch import Tensor
 from .checks import count as check_count
 from .eigen import inverse_spectrum
 from .newton import no_derivatives, wants_gradient
-from .nodal.matrices import matrices, moves
+from .nodal.matrices import matrices, moves, without_lag
 from .nodal.model import Model
 from .scene import Scene
 from .state import State
@@ -158,6 +158,7 @@ class _Path:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of unstable branches: they are what is looked for
             state = equilibrium(scene, t=self.t, throw=False, inputs=inputs)
+        without_lag(scene, "critical_load", moved=True)
         model = Model.of(scene, self.lumped)
         M, D, K = matrices(model, state, torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device), inputs)
         return model, state, (M, None if D is None or not D.detach().any() else D, K)

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from .checks import count as check_count
 from .checks import step_size
-from .nodal.matrices import matrices
+from .nodal.matrices import matrices, without_lag
 from .nodal.model import Model
 from .nodal.space import Space
 from .perturbation import Perturbation, Sensor
@@ -171,10 +171,11 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
     inputs   by name, (..., size), at the equilibrium
 
     Dense: n = 12 a free node. Differentiable. A load that turns with the beam is in A. An infinite stiffness is a very large
-    one here. Raises ValueError for what the nodal form does not take, or for damping that leaves a coordinate without
-    inertia undamped.
+    one here. Raises ValueError for what the nodal form does not take, loads with internal states, or damping that leaves a
+    coordinate without inertia undamped.
     """
     model = Model.of(scene, lumped)
+    without_lag(scene, "linearize")
     state = (equilibrium(scene, t=t, **inputs) if state is None else fitting(state, scene)).level()
     given = scene.tensors(inputs)
     time = torch.as_tensor(t, dtype=scene.dtype, device=scene.device)

@@ -15,7 +15,7 @@ from torch import Tensor
 from .checks import count as check_count
 from .eigen import DENSE, attach, slowest, slowest_of_chain, upright
 from .newton import no_derivatives, wants_gradient
-from .nodal.matrices import Blocks, chains, dense, moves
+from .nodal.matrices import Blocks, chains, dense, moves, without_lag
 from .nodal.model import Model
 from .scene import Scene
 from .state import State, turning
@@ -80,12 +80,14 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     anything else a dense unsymmetric one, O(N^3). Eigenvalues and shapes are differentiable; where they are repeated (equal
     bending in two planes) there is no derivative of one by itself, and asking for it raises a RuntimeError.
 
-    Raises ValueError for more modes than the mesh has, or for what the nodal form does not take.
+    Raises ValueError for more modes than the mesh has, loads with internal states that read the motion, or for what the nodal
+    form does not take.
     """
     if normalize not in NORMS:
         raise ValueError(f"normalize = {normalize!r} was given; {' or '.join(map(repr, NORMS))} is wanted")
     model = Model.of(scene, lumped)
     check_count("count", count)
+    without_lag(scene, "modes", moved=True)
     if state is None:
         state = equilibrium(scene, t=t, **inputs)
     free = model.held.count

@@ -23,7 +23,8 @@ class Load(Acting):
               beam; None = absent. Written in torch operations; what it returns for a site depends on that site alone.
     node      counts from the root, -1 is the tip; None = along the beam, where the arguments are (..., sites, ...)
     inputs    `Input`s, or names with sizes {"u": 2}: the function takes them by name
-    internal  how many internal states z it has (actuator lag, inflow); it then takes `z` (..., internal) by name as well
+    internal  how many internal states z it has (actuator lag, inflow), at a node only; it then takes `z` (..., internal) by
+              name as well
     rate      z' = rate(z, position, rotation, velocity, spin, t, **inputs), 1/s of z; z starts at zero
     of        what the function looks at, of "position", "rotation", "velocity", "spin"; the others are given as None, and
               their derivatives are not taken. Empty: a load of t, inputs and z.
@@ -34,7 +35,7 @@ class Load(Acting):
 
     which for a linear law is the midpoint rule, and is stable for any lag (Rosenbrock 1963).
 
-    Raises ValueError for internal states without a rate, a rate without them, or unknown names in `of`.
+    Raises ValueError for internal states without a rate or a node, a rate without them, or unknown names in `of`.
     """
 
     function: Callable[..., tuple[Tensor | None, Tensor | None]]
@@ -53,6 +54,8 @@ class Load(Acting):
         if bool(self.internal) != (self.rate is not None):
             given = "internal states without a rate" if self.internal else "a rate without internal states"
             raise ValueError(f"{given} was given to Load; both or neither are wanted")
+        if self.internal and self.node is None:
+            raise ValueError("internal states of a Load along the beam were given; one Load for each node is wanted")
         inputs = [Input(n, size) for n, size in self.inputs.items()] if isinstance(self.inputs, dict) else list(self.inputs)
         if not all(isinstance(i, Input) for i in inputs):
             raise ValueError(f"{self.inputs!r} was given as Load's inputs; Inputs, or names with sizes, are wanted")
@@ -86,7 +89,7 @@ class Load(Acting):
 
     def advance(self, site: Site, z: Tensor, t: Tensor, inputs: Inputs, dt: Tensor) -> Tensor:
         """z (..., internal) at the middle of a step of dt (...) that starts with z; the motion as at its middle."""
-        half = (dt / 2)[..., None] if self.node is not None else (dt / 2)[..., None, None]
+        half = (dt / 2)[..., None]
         g = self.rates(site, z, t, inputs)
         (slope,) = jacobians(lambda x: self.rates(site, x, t, inputs), z.expand(*g.shape))
         eye = torch.eye(self.internal, dtype=g.dtype, device=g.device)

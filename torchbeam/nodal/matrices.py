@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..scene import Scene
 from ..state import State
 from . import external
 from .external import Chain
@@ -73,6 +74,14 @@ def chains(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -> 
             drag = at - external.tangent(model, nodes, t, inputs, moving, moved)
             D = (drag, None, None) if D is None else _add(D, drag)
     return M, D, K
+
+
+def without_lag(scene: Scene, name: str, *, moved: bool = False) -> None:
+    """ValueError where a load has internal states (`moved`: and reads the motion): M, D and K have no place for them."""
+    for load in scene.loads:
+        if getattr(load, "internal", 0) and (load.reads(scene.beam) or not moved):
+            raise ValueError(f"{type(load).__name__} with internal states was given to {name}, which has no place for them; a "
+                             "load without them is wanted")
 
 
 def moves(model: Model, free: Tensor) -> Tensor:
