@@ -201,10 +201,11 @@ class Rates:
         """[m v_c; R J Omega] (..., w) of a clamp at node 0."""
         inertia, space = self.model.inertia, self.model.space
         q, v, spin, arm = self._clamp(t)
+        H = (inertia.inertia[..., 0, :, :] @ spin[..., None])[..., 0]
+        spin, H = (space.to_frame(q, x[..., None, :])[..., 0, :] for x in (spin, H))
         if arm is not None:
-            v = v + (arm @ space.to_frame(q, spin)[..., None])[..., 0]
+            v = v + (arm @ spin[..., None])[..., 0]
         p = inertia.mass[..., 0, :, None] * v[..., None]
-        H = space.to_frame(q, (inertia.inertia[..., 0, :, :] @ spin[..., None])[..., 0])
         return torch.cat(level(p, H[..., None]), -2)[..., 0]
 
     def _clamp_acceleration(self, t: Tensor) -> Tensor:
@@ -214,12 +215,15 @@ class Rates:
         return rate if tilde is None else rate + (tilde @ self._clamp(t)[1][..., None])[..., 0]
 
     def _clamp(self, t: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor | None]:
-        """Of a clamp at node 0: rotation, velocity, spin (section axes), how a spin moves its centre of mass (..., p, s)."""
+        """Of a clamp at node 0: rotation (as if that of every node, for spaces whose nodes have axes of their own), velocity,
+        spin (section axes), how a spin moves its centre of mass (..., p, s).
+        """
         model, space = self.model, self.model.space
-        support, offset = model.scene.supports[0], model.inertia.offset
+        support = model.scene.supports[0]
         _, q = space.pose(*model.carrying.pose(support, t), 0)
+        q = q[..., None, :].expand(*q.shape[:-1], model.count + 1, q.shape[-1])
         motion = space.motion(*model.carrying.absolute(support, t, torch.full_like(t, GAP / INCREMENT)))
-        arm = None if offset is None else space.arm((space.matrix(q) @ offset[..., 0, :, None])[..., 0])
+        arm = None if model.inertia.offset is None else space.arm(model.inertia.arm(q)[..., 0, :])
         return q, *motion, arm
 
     def state(self, t: Tensor, y: Tensor, status: Tensor) -> State:
