@@ -41,3 +41,17 @@ def test_rest_has_the_axes_of_a_support_that_moves():
     assert state.rotation.shape == (2, 4, 4) and state.t.shape == (2,)
     stepper = tb.Stepper(scene, 0.01)
     assert_close(stepper(stepper(state)).position, tb.simulate(scene, [0, 0.02], step=0.01).nodes[-1], rtol=0, atol=1e-12)
+
+
+def test_a_state_of_another_scene_is_refused():
+    """What it remembers has no place in this scene, or its mesh is another: one sentence."""
+    turned = tb.rest(tb.Scene(beam(), frame=tb.Frame(angular_velocity=(0, 0, 1.0))))
+    lag = tb.Load(lambda r, R, v, w, t, z: (z, None), internal=3, rate=lambda z, r, R, v, w, t: -z, of=())
+    still = tb.Scene(beam())
+    for state, words in ((turned, "whose frame has turned"), (tb.rest(tb.Scene(beam(), [lag])), "3 internal states")):
+        with pytest.raises(ValueError, match=words):
+            tb.Stepper(still, 0.01)(state)
+        with pytest.raises(ValueError, match=words):
+            tb.simulate(still, [0, 0.01], initial=state)
+    with pytest.raises(ValueError, match="initial with 6 nodes was given"):
+        tb.modes(still, tb.rest(tb.Scene(tb.Beam.straight(1.0, 5, SECTION))))

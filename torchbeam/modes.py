@@ -18,7 +18,7 @@ from .newton import no_derivatives, wants_gradient
 from .nodal.matrices import Blocks, chains, dense, moves, without_lag
 from .nodal.model import Model
 from .scene import Scene
-from .state import State, turning
+from .state import State, fitting, turning
 from .statics import equilibrium
 
 GROWING = 1e-6  # real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts by its root
@@ -88,8 +88,7 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     model = Model.of(scene, lumped)
     check_count("count", count)
     without_lag(scene, "modes", moved=True)
-    if state is None:
-        state = equilibrium(scene, t=t, **inputs)
+    state = equilibrium(scene, t=t, **inputs) if state is None else fitting(state, scene)
     free = model.held.count
     if count > free:
         raise ValueError(f"count = {count} was given; {scene.beam.count} elements have at most {free} modes")

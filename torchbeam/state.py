@@ -206,10 +206,17 @@ def orientation(scene: Any, shape: tuple[int, ...]) -> Tensor | None:
 
 
 def completed(state: State, scene: Any) -> State:
-    """With an orientation of frame a and internal states of loads, where the scene wants them and the state has none."""
+    """With an orientation of frame a and internal states of loads, where the scene wants them and the state has none. Raises
+    ValueError where it has others.
+    """
+    if state.frame is not None and not turning(scene):
+        raise ValueError("a state whose frame has turned was given for a scene whose frame does not turn; one of a scene with "
+                         "such a frame is wanted")
     if turning(scene) and state.frame is None:
         state = replace(state, frame=orientation(scene, state.batch_shape))
     sizes = sum(getattr(load, "internal", 0) for load in scene.loads)
+    if state.internal is not None and state.internal.shape[-1] != sizes:
+        raise ValueError(f"a state with {state.internal.shape[-1]} internal states was given; the scene's loads have {sizes}")
     if sizes and state.internal is None:
         state = replace(state, internal=state.position.new_zeros(*state.batch_shape, sizes))
     return state
