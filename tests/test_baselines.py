@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from torchbeam_envs import FlutterHoldVectorEnv, TipReachVectorEnv, TipTrackVectorEnv
+from torchbeam_envs import FlutterHoldVectorEnv, SlewVectorEnv, TipReachVectorEnv, TipTrackVectorEnv
 from torchbeam_envs.baselines import LQG, LQR, PD, Optimum, Static, Zero
 from torchbeam_envs.baselines.holding import Holding, search
 from torchbeam_envs.baselines.linear import gain
@@ -153,3 +153,12 @@ def test_numpy_in_numpy_out():
 def test_search_finds_the_bowl():
     best, least = search(lambda x: (x.log() - torch.tensor([1.0, -1.0])).square().sum(-1), [1.0, 1.0], sets=200, seed=0)
     assert least < 0.05 and best.log().tolist() == pytest.approx([1, -1], abs=0.25)
+
+
+def test_pd_turns_a_hub():
+    """By its angle alone, with the gains that the search finds for the whole task; the linear model has no hub."""
+    env = SlewVectorEnv(8, planar=True, **SMALL)
+    (rest, far), (turned, near) = play(env, Zero()), play(env, PD(env, [7.0, 22.5]))
+    assert near < 0.1 * far and turned > 0.4 * rest
+    with pytest.raises(ValueError, match="whose hub turns was given"):
+        LQR(env)

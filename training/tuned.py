@@ -40,6 +40,8 @@ TASKS = {task.name: task for task in (
     Task("reach", "torchbeam/TipReachPlanar-v0", dict(elements=4, substeps=1)),
     Task("track", "torchbeam/TipTrackPlanar-v0", dict(elements=4, substeps=1), hold=50),
     Task("flutter", "torchbeam/FlutterHoldPlanar-v0", dict(elements=6, substeps=2), tolerance=0.01),
+    Task("slew", "torchbeam/SlewPlanar-v0", dict(elements=4, substeps=1), hold=25),  # half a period of the strip
+    Task("payload", "torchbeam/PayloadPlanar-v0", dict(elements=4, substeps=1), tolerance=0.01, hold=25),
     Task("reach-3d", "torchbeam/TipReach-v0", dict(elements=4, substeps=1)),
     Task("track-3d", "torchbeam/TipTrack-v0", dict(elements=4, substeps=1), hold=50),
     Task("flutter-3d", "torchbeam/FlutterHold-v0", dict(elements=6, substeps=2), tolerance=0.01),

@@ -105,9 +105,9 @@ class Static(Controller):
         return None if target is None else target[:, None].expand(-1, env.delay + 2, -1)
 
     def hold(self) -> Tensor:
-        """(n, delay + 2, tip forces): the actions that hold `targets`."""
+        """(n, delay + 2, tip forces): the actions that hold `targets`; none where a hub turns: it rests at any angle."""
         env, targets = self.env, self.targets()
-        if targets is None:
+        if targets is None or env.HUB:
             return env.high.new_zeros(env.num_envs, env.delay + 2, len(env.force))
         self.held = self.holding.action(targets.flatten(0, 1), self.held)
         return self.held.unflatten(0, targets.shape[:2])
@@ -129,9 +129,10 @@ def pd(gains: Tensor, gap: Tensor, velocity: Tensor, hold: Tensor) -> Tensor:
 
 class PD(Static):
     """`pd` around the holding action, from the gap between tip and target over the length, and the tip's velocity less the
-    target's over length * first frequency. Where there is no target, it is the tip's place at the start.
+    target's over length * first frequency. Where there is no target, it is the tip's place at the start. Where a hub turns, it
+    is `pd` of its angle (rad) and rate (over the first frequency) instead, and there is no force on the tip.
 
-    gains  (2k,) for k force axes, or (n, 2k), each sub-env's own
+    gains  (2k,) for k force axes or one hub, or (n, 2k), each sub-env's own
     """
 
     def __init__(self, env: BeamVectorEnv, gains: Tensor | Sequence[float]) -> None:
@@ -140,6 +141,10 @@ class PD(Static):
 
     def act(self, observation: Tensor) -> Tensor:
         env, now, targets = self.env, self.env.state, self.targets()
+        if env.HUB:
+            angle, rate = env.measures(now)["angle"][:, None], now.beam.node(0).spin[:, 2:] * (env.length / env.speed)
+            torque = pd(self.gains, angle, rate, torch.zeros_like(angle))
+            return torch.cat((torque, torque.new_zeros(len(torque), len(env.force))), -1)
         targets = now.start.tip.position[:, None].expand(-1, 2, -1) if targets is None else targets
         gap = (targets[:, 0] - now.beam.tip.position) @ env.axes.T / env.length
         moving = (targets[:, 1] - targets[:, 0]) / env.control_interval

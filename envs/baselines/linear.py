@@ -26,9 +26,13 @@ class LQR(Static):
         sum  |tip - target|^2 / (0.1 L)^2 + speed_weight |tip velocity|^2 / (L omega)^2 + effort |u - hold|^2
 
     effort, speed_weight  of the cost
+
+    Raises ValueError for a task whose hub turns (Slew).
     """
 
     def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
+        if env.HUB:
+            raise ValueError("a task whose hub turns was given; one with actions on the tip alone is wanted")
         still = {name: env.high.new_zeros(1, size) for name, size in env.plant.scene.inputs.items()}
         self.rest = tb.equilibrium(env.plant.scene, **still)
         self.sizes = (12 * env.elements, len(env.sensors.high))  # of the whole state, of the readings
