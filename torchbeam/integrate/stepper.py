@@ -30,7 +30,8 @@ TURN = 1.2  # rad that a node may turn in one step; larger turns have more than 
 class Stepper:
     """Advances states of a scene by steps of `dt` seconds with the nodal form's implicit step.
 
-    scene      what is simulated; its tensors may carry gradient
+    scene      what is simulated; its tensors may carry gradient. Stiffness, mass, damping and geometry are taken once, here:
+               make another Stepper after a change of them, or for a second backward pass by them
     dt         s
     method     "midpoint": the mean-strain step (second order, unconditionally stable in practice, keeps momentum)
                "generalized_alpha": balance at the end of the step, high frequencies damped (second order; stress and reaction
