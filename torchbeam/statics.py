@@ -35,7 +35,7 @@ REASON = {**STATUS, DIVERGED: "Newton's method found none; the load may be past 
 
 def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, tolerance: float | None = None,
                 throw: bool = True, branch: str = "first", **inputs: Any) -> State:
-    """Static equilibrium under the scene's loads at time t (s).
+    """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which stands as at t = 0.
 
     initial    where to start, at no load; None = the undeformed beam
     tolerance  of the scaled residual; default 1e-8 in float64

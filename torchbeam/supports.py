@@ -100,5 +100,5 @@ class Support:
 def _motion(owner: Any, name: str) -> None:
     value = getattr(owner, name)
     if value is not None and not callable(value):
-        value = torch.as_tensor(value, dtype=None if isinstance(value, Tensor) else torch.get_default_dtype())
+        value = torch.as_tensor(value, dtype=None if isinstance(value, Tensor) else torch.float64)  # the beam's, when used
         object.__setattr__(owner, name, finite(name, axis_last(name, value, 3)))

@@ -148,6 +148,15 @@ class Space:
         eye = torch.eye(3, dtype=theta.dtype, device=theta.device)
         return eye + quat.hat(theta / 2) + theta[..., :, None] * theta[..., None, :] / 4
 
+    def logarithm_by_turn(self, q: Tensor) -> Tensor:
+        """d(log) of R exp(~x) by x at 0: I + ~psi/2 + k ~psi ~psi, psi = log R."""
+        eye, psi = torch.eye(3, dtype=q.dtype, device=q.device), quat.hat(quat.logarithm(q))
+        s2 = q[..., 1:].square().sum(-1, keepdim=True)
+        small = s2 < 1e-6
+        g = quat.arc_ratio(q[..., :1], s2)
+        k = torch.where(small, 1 / 12 + s2 / 180, (1 - g * q[..., :1]) / torch.where(small, 1.0, 4 * g**2 * s2))
+        return eye + psi / 2 + k[..., None] * psi @ psi
+
     def cosine(self, q: Tensor) -> Tensor:
         """cos(angle/2), (...)."""
         return q[..., 0]
@@ -192,13 +201,3 @@ class Space:
         r, spin = move.split((self.position, self.spin), -1)
         return torch.cat((r.diff(dim=-2), spin[..., :-1, :], spin[..., 1:, :]), -1)
 
-
-
-    def logarithm_by_turn(self, q: Tensor) -> Tensor:
-        """d(log) of R exp(~x) by x at 0: I + ~psi/2 + k ~psi ~psi, psi = log R."""
-        eye, psi = torch.eye(3, dtype=q.dtype, device=q.device), quat.hat(quat.logarithm(q))
-        s2 = q[..., 1:].square().sum(-1, keepdim=True)
-        small = s2 < 1e-6
-        g = quat.arc_ratio(q[..., :1], s2)
-        k = torch.where(small, 1 / 12 + s2 / 180, (1 - g * q[..., :1]) / torch.where(small, 1.0, 4 * g**2 * s2))
-        return eye + psi / 2 + k[..., None] * psi @ psi

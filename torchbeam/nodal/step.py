@@ -103,7 +103,7 @@ class Step:
         if self.start.frame is None:
             return None
         space = self.model.space
-        return space.multiply(self.start.frame, space.cayley(self.frame[1][..., 0, :] * self.dt[..., None]))
+        return space.multiply(self.start.frame, space.exponential(self.frame[1][..., 0, :] * self.dt[..., None]))
 
     @cached_property
     def given(self) -> tuple[Given, ...]:
@@ -133,7 +133,7 @@ class Step:
         if self.start.frame is None:
             return None
         space = self.model.space
-        return space.multiply(self.start.frame, space.half(space.cayley(self.frame[1][..., 0, :] * self.dt[..., None])))
+        return space.multiply(self.start.frame, space.exponential(self.frame[1][..., 0, :] * self.dt[..., None] / 2))
 
     @cached_property
     def _Z(self) -> Tensor:
