@@ -256,3 +256,15 @@ def test_state_goes_in_and_comes_out(plane):
     for name in ("position", "rotation", "velocity", "spin", "stress", "reaction"):
         assert_close(getattr(back, name), getattr(state, name), rtol=0, atol=1e-12)
     assert math.isclose(random_state(stepper.scene).t.item(), 0.0)
+
+
+def test_a_start_out_of_the_plane_is_refused():
+    """By simulate and equilibrium, with a sentence; one in the plane is taken."""
+    beam = tb.Beam.straight(1.0, 3, section())
+    load = tb.TipLoad(force=(0, 0.1, 0))
+    scene = tb.Scene(beam, [load], plane="xy")
+    out, inside = tb.equilibrium(tb.Scene(beam, [tb.TipLoad(force=(0, 0.1, 0.2))])), tb.equilibrium(tb.Scene(beam, [load]))
+    for call in (lambda s: tb.simulate(scene, torch.tensor([0.0, 0.1]), s), lambda s: tb.equilibrium(scene, initial=s)):
+        call(inside)
+        with pytest.raises(ValueError, match="an initial state whose position leaves the plane 'xy' was given"):
+            call(out)

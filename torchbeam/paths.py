@@ -112,7 +112,7 @@ def path(scene: Scene, highest: float = 1.0, *, lowest: float = -math.inf, load:
     """
     walk = _Walk.of(scene, highest, lowest, load, step, control, target, branch, t, tolerance, inputs)
     with no_derivatives():
-        start = walk.model.space.enter(rest(scene) if initial is None else fitting(initial, scene))
+        start = walk.model.space.start(rest(scene) if initial is None else fitting(initial, scene))
         return walk(Shape(start.position, start.rotation, start.stress), check_count("steps", steps))
 
 

@@ -62,7 +62,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     given = scene.tensors(inputs)
     start = rest(scene) if initial is None else fitting(initial, scene)
     time = torch.as_tensor(t, dtype=scene.dtype, device=scene.device)
-    start = model.space.enter(start)
+    start = model.space.start(start)
     start = Shape(start.position, start.rotation, start.stress)
     x, reaction, status = _climb(model, time, given, start, tolerance)
     good = status == 0

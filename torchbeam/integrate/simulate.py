@@ -94,7 +94,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     plan = [(k, i, count) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it, of how many
     stepper = Stepper(scene, step, method, **options)
     first = _held(inputs, t[0])
-    states, iterations = [stepper.begin(_begin(scene, initial, t[0]), (t[1] - t[0]) / counts[0], inputs=first)], []
+    states, iterations = [stepper.begin(_begin(stepper.model, initial, t[0]), (t[1] - t[0]) / counts[0], inputs=first)], []
     names, instant = tuple(vars(states[0])), stepper.method.INSTANT
 
     def kind(*values: Any) -> State:
@@ -136,7 +136,7 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     def rhs(now: Tensor, y: Tensor) -> Tensor:
         return (Rates(rates.model, scene.tensors({**held, **_held(moving, now)})) if moving else rates)(now, y)
 
-    start = _begin(scene, initial, t[0])
+    start = _begin(rates.model, initial, t[0])
     y0 = rates.pack(start)
     acting = rates.balance(t[0], rates.unpack(t[0], y0)[0])[0]  # functions and inputs may have axes too
     y0 = y0.expand(*torch.broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
@@ -147,8 +147,10 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     return Solution(t, trajectory, _energy(rates.model, trajectory, t, inputs), Stats(evaluations=evaluations, reason=reason))
 
 
-def _begin(scene: Scene, initial: State | None, t: Tensor) -> State:
+def _begin(model: Model, initial: State | None, t: Tensor) -> State:
+    scene = model.scene
     start = rest(scene, t=t.item()) if initial is None else fitting(initial, scene)
+    model.space.start(start)  # says so where it does not fit
     return completed(start.level(), scene).at(t)
 
 

@@ -26,6 +26,7 @@ from .space import Space
 PLANES = {"xy": ((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)), "xz": ((1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0))}  # e_1, e_2, e_3
 INSIDE, OUTSIDE = [0, 1, 5], [2, 3, 4]  # of [1 t n 1 t n]: strains that a plane has, and those it has not
 CLOSE = {torch.float64: 1e-9, torch.float32: 1e-5}
+LEFT_OUT = {torch.float64: 1e-6, torch.float32: 1e-3}  # of a state given to start from
 
 
 class Kinematics(NamedTuple):
@@ -192,6 +193,17 @@ class Plane(Space):
         return replace(state, position=position, rotation=rotation, velocity=velocity, spin=spin,
                        stress=state.stress @ self._stress_map, reaction=state.reaction @ self._load_map,
                        frame=None if state.frame is None else self._turn(state.frame))
+
+    def start(self, state: State) -> State:
+        inside = self.enter(state)
+        there = self.leave(inside)
+        for name in ("position", "rotation", "velocity", "spin"):
+            given, kept = (getattr(x, name).detach() for x in (state, there))
+            size = given.abs().amax() + (name != "rotation") * state.position.detach().abs().amax()
+            if ((given - kept).abs() > LEFT_OUT[given.dtype] * size).any():
+                raise ValueError(f"an initial state whose {name} leaves the plane {self.name!r} was given; one in it is wanted, "
+                                 "or plane=None")
+        return inside
 
     def public_frame(self, q: Tensor) -> Tensor:
         return torch.cat((q[..., :1], q[..., 1:] * self.basis[:, 2]), -1)

@@ -57,6 +57,10 @@ class Space:
         """The public state."""
         return state
 
+    def start(self, state: State) -> State:
+        """`enter` for a state that a user gave; ValueError where these coordinates do not hold it."""
+        return self.enter(state)
+
     def pose(self, position: Tensor, rotation: Tensor, node: int) -> tuple[Tensor, Tensor]:
         """Position (..., 3), frame a, and quaternion (..., 4) of one node in these coordinates."""
         return position, rotation
