@@ -201,8 +201,8 @@ class Plane(Space):
             given, kept = (getattr(x, name).detach() for x in (state, there))
             size = given.abs().amax() + (name != "rotation") * state.position.detach().abs().amax()
             if ((given - kept).abs() > LEFT_OUT[given.dtype] * size).any():
-                raise ValueError(f"an initial state whose {name} leaves the plane {self.name!r} was given; one in it is wanted, "
-                                 "or plane=None")
+                raise ValueError(f"an initial state whose {name} leaves the plane {self.name!r} was given; one in it is "
+                                 "wanted, or plane=None")
         return inside
 
     def public_frame(self, q: Tensor) -> Tensor:
