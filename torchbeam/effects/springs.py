@@ -15,7 +15,7 @@ from ..checks import Value, axis_last
 from ..quaternions import hat
 from .drag import norm, outer
 from .loads import whole_node
-from .site import POSITION, ROTATION, SPIN, VELOCITY, Acting, Site, Wrench
+from .site import POSITION, ROTATION, SPIN, VELOCITY, Acting, Pose, Site, Wrench
 from .values import Inputs, LoadValue, like, load_value, parameter, plain, present, value_at
 
 
@@ -129,7 +129,7 @@ class RootSpring(Acting):
 
     def wrench(self, site: Site, t: Tensor, inputs: Inputs) -> Wrench:
         """force -k d; moment -T^-T k phi, where T^-1 spin = d(phi)/dt: T^-T = I + ~phi/2 + c ~phi ~phi."""
-        support = site.support
+        support = _spread(site)
         back = support.R.mT
         k = like(self.stiffness, site.R)
         arm = site.position - support.position
@@ -149,7 +149,7 @@ class RootSpring(Acting):
 
     def tangent(self, site: Site, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """With p = k phi:  d(T^-T p) = (T^-T k - ~p/2 - c (~(phi x p) + ~phi ~p) + 2 c' (phi x (phi x p)) phi^T) T^-1 spin."""
-        support = site.support
+        support = _spread(site)
         k = like(self.stiffness, site.R)
         turn = _Turn.of(support.R.mT @ site.R)
         p = k[..., 3:] * turn.phi
@@ -166,6 +166,12 @@ class RootSpring(Acting):
                 found[POSITION] = found[POSITION] - found[VELOCITY] @ hat(support.spin)
         pads = {POSITION: (0, 3), VELOCITY: (0, 3), ROTATION: (3, 0), SPIN: (3, 0)}
         return {name: -pad(part, (0, 0, *pads[name])) for name, part in found.items()}
+
+
+def _spread(site: Site) -> Pose:
+    """The support with the site's batch axes: one matrix times a batch rounds otherwise than a batch times a batch."""
+    shape = torch.broadcast_shapes(site.support.R.shape, site.R.shape)
+    return site.support._replace(R=site.support.R.expand(shape))
 
 
 class _Turn(NamedTuple):
@@ -195,7 +201,7 @@ class _Turn(NamedTuple):
 
 def _turned(R: Tensor, matrix: Tensor) -> Tensor:
     """R matrix R^T."""
-    return R @ matrix @ R.mT
+    return R @ matrix.expand_as(R) @ R.mT
 
 
 def _six(name: str, value: Value) -> Value:

@@ -85,6 +85,7 @@ def slender_in_plane(p: Tensor, size: int) -> Answer:
     return moved(motion(scene, size, 0.01))
 
 
+LAST_BIT = {"batch": "one 3x3 product rounds otherwise than a batch of them"}
 CASES = [
     Case("payload of 100 times the beam's mass", "the tip holds nearly all of the inertia, off the axis", ENERGY, payload,
          size=(100, 20)),
@@ -96,9 +97,9 @@ CASES = [
     Case("free beam, pushed", "six motions without stiffness", "energy less work, or momentum less impulse", free,
          size=(100, 20)),
     Case("clamp of 1e8 and 1 N m", "stiffness ratio 1e8 in the root's springs", ENERGY, spring(1e8, (1e8, 1e8, 1.0), 1.0),
-         size=(100, 20)),
+         size=(100, 20), later=LAST_BIT),
     Case("clamp of 1e-4 N/m and N m", "springs 1e8 times softer than the beam", ENERGY, spring(1e-4, (1e-4,) * 3, 0.03),
-         size=(100, 20)),
+         size=(100, 20), later=LAST_BIT),
     Case("slenderness 1e6 in the plane xz", "EA = 1e12 EI/L^2", ENERGY, slender_in_plane, size=(100, 20), gradient=1e-4,
          fails=NOISE),
 ]
