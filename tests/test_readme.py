@@ -12,8 +12,10 @@ TEXT = (ROOT / "README.md").read_text()
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_python_runs(dtype, capsys):
-    """Top to bottom, as a newcomer types it, in the default dtype and in float64."""
+def test_python_runs(dtype, capsys, monkeypatch):
+    """Top to bottom, as a newcomer types it in the root of the repository, in the default dtype and in float64."""
+    monkeypatch.chdir(ROOT)
+    monkeypatch.syspath_prepend(str(ROOT))
     torch.set_default_dtype(dtype)
     names: dict = {}
     for block in re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL):
