@@ -18,7 +18,7 @@ import gymnasium
 import numpy as np
 import torch
 
-from torchbeam.cli import PACKAGES, versions
+from torchbeam.cli import PACKAGES, threads, versions
 
 BATCHES = (1, 64, 256, 1024, 4096)
 FINER = dict(elements=16, substeps=8)  # what the tip is compared with
@@ -119,13 +119,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--threads", type=int, default=1, help="of torch (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("out/envs"), help="folder for the results (default: %(default)s)")
     given = parser.parse_args(argv)
-    threads = torch.get_num_threads()
-    torch.set_num_threads(given.threads)
-    try:
+    with threads(given.threads):
         rows = [row for plane in ("", "Planar")
                 for row in measure(f"torchbeam/{given.task}{plane}-v0", given.batches, given.seconds)]
-    finally:
-        torch.set_num_threads(threads)
     given.out.mkdir(parents=True, exist_ok=True)
     table = markdown(rows)
     (given.out / "envs.md").write_text(table + "\n")

@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from .beam import Beam
+from .cli import threads
 from .effects import TipLoad
 from .integrate.simulate import simulate
 from .scene import Scene
@@ -103,12 +104,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("out/accuracy"), help="folder for the results (default: %(default)s)")
     parser.add_argument("--quick", action="store_true", help="two meshes, one step, short timing")
     given = parser.parse_args(argv)
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with threads(1):
         rows = list(_rows(given.quick))
-    finally:
-        torch.set_num_threads(threads)
     given.out.mkdir(parents=True, exist_ok=True)
     table = _markdown(rows)
     (given.out / "accuracy.md").write_text(table + "\n")

@@ -15,7 +15,8 @@ import argparse
 import platform
 import runpy
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 from pathlib import Path
 
@@ -84,6 +85,17 @@ def _describe(path: str, parser: argparse.ArgumentParser) -> None:
             print(f"{name}:\n{scene.describe()}\n")
         except ValueError as error:
             parser.error(f"{name}: {error}")
+
+
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    """So many threads of torch, and as many as before afterwards."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def versions(*packages: str) -> dict[str, str]:

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from . import effects as fx
 from .beam import Beam
-from .cli import versions
+from .cli import threads, versions
 from .integrate.stepper import Stepper
 from .scene import Frame, RootMotion, Scene
 from .section import Section
@@ -171,13 +171,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("out/effects"), help="folder for the results (default: %(default)s)")
     parser.add_argument("--quick", action="store_true", help="four elements, ten steps, batch 1")
     given = parser.parse_args(argv)
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with torch.no_grad():
-            base, rows = measure(given.quick)
-    finally:
-        torch.set_num_threads(threads)
+    with threads(1), torch.no_grad():
+        base, rows = measure(given.quick)
     about = ABOUT.format(elements=base.elements, steps=base.steps, operations=round(base.operations),
                          iterations=base.iterations)
     text = f"{about}\n\n{markdown(rows)}\n"

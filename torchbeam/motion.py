@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from . import quaternions as quat
+from .checks import axis_last
 from .effects import Pose
 from .supports import Support
 
@@ -65,5 +66,6 @@ class Carrying:
         return Pose(position, quat.matrix(rotation), velocity, quat.rotate(rotation, spin))
 
     def _value(self, value: Any, t: Tensor) -> Tensor:
-        beam = self.scene.beam
-        return torch.as_tensor(value(t) if callable(value) else value, dtype=beam.nodes.dtype, device=beam.nodes.device)
+        nodes = self.scene.beam.nodes
+        value = torch.as_tensor(value(t) if callable(value) else value, dtype=nodes.dtype, device=nodes.device)
+        return axis_last("a motion function's value", value, 3)

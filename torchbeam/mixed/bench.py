@@ -17,6 +17,7 @@ from pathlib import Path
 import torch
 
 from ..beam import Beam
+from ..cli import threads
 from ..effects import TipLoad
 from ..scene import Scene
 from ..section import Section
@@ -69,14 +70,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("out/rates"), help="folder for rates.csv (default: %(default)s)")
     out = parser.parse_args(argv).out
     out.mkdir(parents=True, exist_ok=True)
-    threads, dtype = torch.get_num_threads(), torch.get_default_dtype()
-    torch.set_num_threads(1)
+    dtype = torch.get_default_dtype()
     torch.set_default_dtype(torch.float64)
     try:
-        with (out / "rates.csv").open("w", newline="") as file:
+        with threads(1), (out / "rates.csv").open("w", newline="") as file:
             write(csv.writer(file))
     finally:
-        torch.set_num_threads(threads)
         torch.set_default_dtype(dtype)
     print("written to", out / "rates.csv")
     return 0

@@ -11,6 +11,7 @@ from torch import Tensor
 from .. import quaternions as quat
 from .. import rotations as rot
 from ..effects import ACCELERATION, POSITION, ROTATION, SPIN, VELOCITY, Input, Site, of_time, value_at
+from ..motion import Carrying
 from ..scene import Scene, named
 from .algebra import mv
 
@@ -96,9 +97,7 @@ class Chain:
 
     def frame(self, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
         """v, omega (..., 1, 3) of frame a; None = at rest."""
-        frame = self.scene.frame
-        given = (None, None) if frame is None else (frame.velocity, frame.angular_velocity)
-        return tuple(None if v is None else value_at(v, t, {}, self.nodes)[..., None, :] for v in given)
+        return tuple(None if v is None else v[..., None, :] for v in Carrying(self.scene).frame(t))
 
     def root(self, t: Tensor) -> tuple[Tensor, Tensor]:
         """u^_1, theta^_1 (..., 3): prescribed."""

@@ -16,6 +16,7 @@ class Held:
     """nodes  of the supports
     first  the first node with unknowns: a clamp at node 0 leaves none there
     fixed  (K, w) 1 where a support holds, 0 elsewhere
+    moving (N+1, w) bool: the unknowns
     free   (N+1-first, w) 1 where a node is free, 0 where it is held; None = all are free
     slide  (N+1, p) and turn (N+1, 1): 0 where a support holds the position, or all rotation, else 1
     """
@@ -23,6 +24,7 @@ class Held:
     nodes: tuple[int, ...]
     first: int
     fixed: Tensor
+    moving: Tensor
     free: Tensor | None
     slide: Tensor
     turn: Tensor
@@ -37,20 +39,12 @@ class Held:
         free = torch.ones(scene.beam.count + 1, space.unknowns, dtype=like.dtype, device=like.device)
         free[list(nodes)] = 1 - fixed
         slide, turn = free[:, :space.position], free[:, space.position:].amax(-1, keepdim=True)
-        return cls(nodes, first, fixed, free[first:] if len(nodes) > first else None, slide, turn)
+        return cls(nodes, first, fixed, free > 0, free[first:] if len(nodes) > first else None, slide, turn)
 
     @property
     def count(self) -> int:
         """How many unknowns there are."""
         return int(self.moving.sum())
-
-    @property
-    def moving(self) -> Tensor:
-        """(N+1, w) bool: the unknowns."""
-        free = torch.ones(self.slide.shape[0], self.fixed.shape[-1], dtype=torch.bool, device=self.slide.device)
-        for node, fixed in zip(self.nodes, self.fixed, strict=True):
-            free[node] = fixed == 0
-        return free
 
     def unknown(self, x: Tensor) -> Tensor:
         """(..., N+1, w) of all nodes -> of those with unknowns, zero where held."""

@@ -1,17 +1,14 @@
 """A beam that moves in a plane: two positions, one angle and three strains of the same mathematics.
 
 The plane has the axes e_1, e_2 (two of frame a) and the normal e_3; a section has its axes 1 (along the beam), t in the plane
-and n = e_3. A rotation is (cos(phi/2), sin(phi/2)): what is left of the quaternion. Strains are [gamma_1, gamma_t, kappa_n];
-see `element` for the names, with J x = e_3 x x:
-
-    d(gamma) = R^T (d(d) - (alpha + beta)/2 J d)      d(phi) = beta - alpha      c = h F x d      m_i = c/2 - M    m_j = c/2 + M
+and n = e_3. A rotation is (cos(phi/2), sin(phi/2)): what is left of the quaternion. Strains are [gamma_1, gamma_t, kappa_n].
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -19,96 +16,14 @@ from torch.nn.functional import pad
 
 from .. import quaternions as quat
 from ..scene import Scene
-from ..solve import level
 from ..state import State
+from . import plane_element as element
 from .space import Space
 
 PLANES = {"xy": ((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)), "xz": ((1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0))}  # e_1, e_2, e_3
 INSIDE, OUTSIDE = [0, 1, 5], [2, 3, 4]  # of [1 t n 1 t n]: strains that a plane has, and those it has not
 CLOSE = {torch.float64: 1e-9, torch.float32: 1e-5}
 LEFT_OUT = {torch.float64: 1e-6, torch.float32: 1e-3}  # of a state given to start from
-
-
-class Kinematics(NamedTuple):
-    """An element at one configuration, (..., N): R (2, 2), d (2), half angle phi/2 (1), J d (2)."""
-
-    R: Tensor
-    d: Tensor
-    half: Tensor
-    Jd: Tensor
-
-
-def turned(x: Tensor) -> Tensor:
-    """J x = e_3 x x."""
-    return x @ torch.tensor(((0.0, 1), (-1, 0)), dtype=x.dtype, device=x.device)
-
-
-def kinematics(position: Tensor, rotation: Tensor, length: Tensor) -> Kinematics:
-    """position (..., N+1, 2) m, rotation (..., N+1, 2), length (..., N, 1) m."""
-    q_i, q_j = rotation[..., :-1, :], rotation[..., 1:, :]
-    relative = multiply(q_j, inverse(q_i))
-    sign = torch.where(relative[..., :1] < 0, -1.0, 1.0).to(relative)
-    relative = relative * sign
-    d = position.diff(dim=-2) / length
-    half = torch.atan2(relative[..., 1:], relative[..., :1])
-    return Kinematics(matrix(quat.normalize(q_i + sign * q_j)), d, half, turned(d))
-
-
-def strains(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
-    gamma = (kin.d[..., None, :] @ kin.R)[..., 0, :]
-    return torch.cat(torch.broadcast_tensors(gamma[..., :1], gamma[..., 1:], 2 / length * kin.half), -1) - reference
-
-
-def _resolved(kin: Kinematics, stress: Tensor) -> tuple[Tensor, Tensor]:
-    return (kin.R @ stress[..., :2, None])[..., 0], stress[..., 2:]
-
-
-def forces(kin: Kinematics, stress: Tensor, length: Tensor) -> Tensor:
-    F, M = _resolved(kin, stress)
-    half = -length / 2 * _dot(F, kin.Jd)  # F x d = -F . J d
-    return torch.cat((F, half - M, half + M), -1)
-
-
-def strain_operator(kin: Kinematics, length: Tensor) -> Tensor:
-    """B (..., N, 3, 4): d[gamma; kappa] = B (dr_j - dr_i, spin i, spin j)."""
-    h = length[..., None]
-    by_r = kin.R.mT / h
-    by_spin = -(kin.R.mT @ kin.Jd[..., None]) / 2
-    by_r, by_i, by_j = level(by_r, by_spin, by_spin)
-    last = torch.tensor((0.0, 0, -1, 1), dtype=by_r.dtype, device=by_r.device) / h
-    return torch.cat((torch.cat((by_r, by_i, by_j), -1), last.expand(*by_r.shape[:-2], 1, 4)), -2)
-
-
-def geometric_stiffness(kin: Kinematics, stress: Tensor, length: Tensor) -> Tensor:
-    """[[0, JF/2, JF/2], [., -h F.d/4, -h F.d/4], [., ., .]] (..., N, 4, 4), symmetric."""
-    F, _ = _resolved(kin, stress)
-    JF = turned(F / 2)[..., None]
-    corner = (-length / 4 * _dot(F, kin.d))[..., None]
-    JF, corner = torch.broadcast_tensors(JF, corner)[0], corner
-    side = JF.mT
-    corner = corner.expand(*side.shape[:-2], 1, 1)
-    row = torch.cat((side, corner, corner), -1)
-    zero = torch.zeros_like(JF)
-    return torch.cat((torch.cat((zero, zero, JF, JF), -1), row, row), -2)
-
-
-def multiply(p: Tensor, q: Tensor) -> Tensor:
-    (a, b), (c, d) = p.split(1, -1), q.split(1, -1)
-    return torch.cat(torch.broadcast_tensors(a * c - b * d, a * d + b * c), -1)
-
-
-def inverse(q: Tensor) -> Tensor:
-    return q * torch.tensor((1.0, -1.0), dtype=q.dtype, device=q.device)
-
-
-def matrix(q: Tensor) -> Tensor:
-    """(..., 2, 2) [[c, -s], [s, c]] of the whole angle."""
-    q2 = multiply(q, q)
-    return (q2 @ torch.tensor(((1.0, 0, 0, 1), (0, -1, 1, 0)), dtype=q.dtype, device=q.device)).unflatten(-1, (2, 2))
-
-
-def _dot(x: Tensor, y: Tensor) -> Tensor:
-    return (x * y) @ torch.ones(2, 1, dtype=x.dtype, device=x.device)
 
 
 @dataclass(frozen=True)
@@ -129,14 +44,14 @@ class Plane(Space):
     spin: ClassVar[int] = 1
     strain: ClassVar[int] = 3
 
-    kinematics = staticmethod(kinematics)
-    strains = staticmethod(strains)
-    forces = staticmethod(forces)
-    strain_operator = staticmethod(strain_operator)
-    geometric_stiffness = staticmethod(geometric_stiffness)
-    multiply = staticmethod(multiply)
-    inverse = staticmethod(inverse)
-    matrix = staticmethod(matrix)
+    kinematics = staticmethod(element.kinematics)
+    strains = staticmethod(element.strains)
+    forces = staticmethod(element.forces)
+    strain_operator = staticmethod(element.strain_operator)
+    geometric_stiffness = staticmethod(element.geometric_stiffness)
+    multiply = staticmethod(element.multiply)
+    inverse = staticmethod(element.inverse)
+    matrix = staticmethod(element.matrix)
 
     @classmethod
     def of(cls, scene: Scene, name: str) -> Plane:
@@ -302,7 +217,7 @@ class Plane(Space):
         return torch.ones_like(R)
 
     def arm(self, x: Tensor) -> Tensor:
-        return turned(x)[..., None]
+        return element.turned(x)[..., None]
 
     def tilde(self, omega: Tensor) -> Tensor:
         return omega[..., None] * torch.tensor(((0.0, -1), (1, 0)), dtype=omega.dtype, device=omega.device)
