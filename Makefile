@@ -1,14 +1,33 @@
 PYTHON ?= python3
 BIN := .venv/bin
+LOWEST := .venv-lowest/bin
+PYTEST := python -m pytest -n 2 --dist worksteal
 
-.PHONY: demo test lint clean
+# Another processor's rounding, in software: MKL's and ATen's plainest instructions, and sums split over two threads.
+OTHER_ROUNDING := MKL_CBWR=COMPATIBLE ATEN_CPU_CAPABILITY=default OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE
+# What trains, draws or runs whole studies compares no numbers that the other tests do not.
+STUDIES := docs training envs/test_demo.py envs/test_baselines.py envs/test_rendering.py unit/plot unit/studies \
+	verification/test_cases.py verification/test_hard_cases.py
+
+.PHONY: demo test test-long test-rounding test-lowest lint clean
 
 demo: .venv/demo.done
 	$(BIN)/python -m torchbeam demo --out out/demo
 
 test: .venv/dev.done
 	$(BIN)/ruff check .
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/$(PYTEST)
+
+# What `make test` leaves out: the tests marked "long".
+test-long: .venv/dev.done
+	$(BIN)/$(PYTEST) -m long
+
+test-rounding: .venv/dev.done
+	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) $(addprefix --ignore=tests/,$(STUDIES))
+
+# Every dependency at the lowest version that pyproject.toml states, all at once.
+test-lowest: .venv-lowest/done
+	$(LOWEST)/$(PYTEST)
 
 lint: .venv/dev.done
 	$(BIN)/ruff check .
@@ -20,5 +39,14 @@ lint: .venv/dev.done
 	$(BIN)/python -m pip install --quiet --editable '.[$*]'
 	touch $@
 
+.venv-lowest/done: pyproject.toml
+	test -x $(LOWEST)/python || $(PYTHON) -m venv .venv-lowest
+	$(LOWEST)/python -m pip install --quiet uv
+	$(LOWEST)/uv pip install --quiet --upgrade --python $(LOWEST)/python --resolution lowest-direct \
+		"$$(sed -n 's/^requires = \["\(setuptools.*\)"\]/\1/p' pyproject.toml)"
+	$(LOWEST)/uv pip install --quiet --upgrade --python $(LOWEST)/python --resolution lowest-direct --no-build-isolation \
+		--editable '.[test]'
+	touch $@
+
 clean:
-	rm -rf .venv build dist *.egg-info out
+	rm -rf .venv .venv-lowest build dist *.egg-info out

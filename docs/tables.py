@@ -1,4 +1,5 @@
-"""Put the tables that commands wrote into README.md: whatever stands between `<!-- FILE.md -->` and `<!-- end -->`.
+"""Put the tables that commands wrote into README.md and the pages of docs/: whatever stands between `<!-- FILE.md -->`, a path
+from the root of the repository, and `<!-- end -->`. The text around them is written by hand.
 
 python docs/tables.py
 """
@@ -7,6 +8,10 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
+
+
+def pages() -> list[Path]:
+    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 def filled(text: str) -> str:
@@ -18,5 +23,5 @@ def filled(text: str) -> str:
 
 
 if __name__ == "__main__":
-    readme = ROOT / "README.md"
-    readme.write_text(filled(readme.read_text()))
+    for page in pages():
+        page.write_text(filled(page.read_text()))

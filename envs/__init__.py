@@ -1,19 +1,46 @@
-"""torchbeam_envs: Gymnasium environments over torchbeam. Importing it registers them under "torchbeam/"."""
+"""torchbeam_envs: Gymnasium environments over torchbeam. Importing it registers them under "torchbeam/".
 
-from typing import Any
+    gymnasium.make("torchbeam/TipReach-v0")      gymnasium.make_vec("torchbeam/TipReach-v0", num_envs=256)
+    TipReachVectorEnv(256, output="torch")       tensors, differentiable end to end
+
+What an environment of one's own is made of: `Task`, `BeamEnvConfig`, `Actuator`, `TipForce`, `Observed`, `Parameter`, behind
+`BeamVectorEnv` and `SingleEnv` (docs/own_environment.md). `Sb3VecEnv` puts a vector env into stable-baselines3 (extra `rl`).
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
+from .actuators import Actuator, TipForce
+from .config import BeamEnvConfig
+from .core import BeamVectorEnv
+from .episodes import Episodes
 from .flutter_hold import FlutterHoldEnv, FlutterHoldVectorEnv
+from .parameters import Parameter
 from .payload import PayloadEnv, PayloadVectorEnv
+from .sensors import Observed
+from .single import SingleEnv
 from .slew import SlewEnv, SlewVectorEnv
+from .task import Task
 from .tip_reach import TipReachEnv, TipReachVectorEnv
 from .tip_track import TipTrackEnv, TipTrackVectorEnv
 
+if TYPE_CHECKING:
+    from .sb3 import Sb3VecEnv
+
 __all__ = [
-    "FlutterHoldEnv", "FlutterHoldVectorEnv", "PayloadEnv", "PayloadVectorEnv", "SlewEnv", "SlewVectorEnv", "TipReachEnv",
+    "Actuator", "BeamEnvConfig", "BeamVectorEnv", "Episodes", "FlutterHoldEnv", "FlutterHoldVectorEnv", "Observed", "Parameter",
+    "PayloadEnv", "PayloadVectorEnv", "Sb3VecEnv", "SingleEnv", "SlewEnv", "SlewVectorEnv", "Task", "TipForce", "TipReachEnv",
     "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv",
 ]
+LAZY = {"Sb3VecEnv": "sb3"}  # what wants an extra, by module
+
+
+def __getattr__(name: str) -> Any:
+    if name in LAZY:
+        return getattr(import_module(f".{LAZY[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def _register(task: str, steps: int, module: str, name: str, **arguments: Any) -> None:

@@ -1,12 +1,8 @@
-"""Speed: steps of a task a second, how much of the time is simulation, and how exact the task's mesh and step are."""
+"""Benchmark of a task: steps a second, share of the simulation in that time, error of mesh and step."""
 
 from __future__ import annotations
 
 import argparse
-import csv
-import json
-import os
-import platform
 import sys
 import time
 from collections.abc import Sequence
@@ -18,7 +14,8 @@ import gymnasium
 import numpy as np
 import torch
 
-from torchbeam.cli import PACKAGES, threads, versions
+from torchbeam.cli import results_folder, threads
+from torchbeam.core.results import measured_on, sentence, table, write
 
 BATCHES = (1, 64, 256, 1024, 4096)
 FINER = dict(elements=16, substeps=8)  # what the tip is compared with
@@ -101,7 +98,7 @@ def measure(id: str, batches: Sequence[int], seconds: float, **arguments: Any) -
     for batch in batches:
         env = gymnasium.make_vec(id, num_envs=batch, **arguments)
         rate = benchmark_vector_step(env, seconds, seed=0)
-        rows.append(Row(id, batch, rate, rate * env.control_interval, overhead(id, batch, **arguments), off))
+        rows.append(Row(id, batch, rate, rate * env.config.control_interval, overhead(id, batch, **arguments), off))
         print(f"{id}, batch {batch}: {rate:.0f} env steps a second", file=sys.stderr)
         env.close()
     return rows
@@ -119,23 +116,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--threads", type=int, default=1, help="of torch (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("out/envs"), help="folder for the results (default: %(default)s)")
     given = parser.parse_args(argv)
+    out = results_folder(parser, given.out)
     with threads(given.threads):
         rows = [row for plane in ("", "Planar")
                 for row in measure(f"torchbeam/{given.task}{plane}-v0", given.batches, given.seconds)]
-    given.out.mkdir(parents=True, exist_ok=True)
-    table = markdown(rows)
-    (given.out / "envs.md").write_text(table + "\n")
-    with open(given.out / "envs.csv", "w", newline="") as file:
-        csv.writer(file).writerows([FIELDS, *rows])
-    about = {"machine": platform.processor() or platform.machine(), "cores": os.cpu_count(), "threads": given.threads,
-             "versions": versions(*PACKAGES), "reference": FINER, "rows": [row._asdict() for row in rows]}
-    (given.out / "envs.json").write_text(json.dumps(about, indent=1) + "\n")
-    print(table)
+        heading = measured_on()
+    text = f"{markdown(rows)}\n\n{sentence(heading)}"
+    print(text)
+    write(out, "envs", text, {**heading, "reference": FINER, "rows": [row._asdict() for row in rows]}, FIELDS, rows)
     return 0
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    lines = ["| " + " | ".join(FIELDS) + " |", "|---|" + "---:|" * (len(FIELDS) - 1)]
-    lines += [f"| {r.id} | {r.batch} | {r.rate:.0f} | {r.realtime:.1f} | {100 * r.overhead:.0f} % | {100 * r.error:.1f} % |"
-              for r in rows]
-    return "\n".join(lines)
+    lines = [(r.id, f"{r.batch}", f"{r.rate:.0f}", f"{r.realtime:.1f}", f"{100 * r.overhead:.0f} %", f"{100 * r.error:.1f} %")
+             for r in rows]
+    return table(FIELDS, lines, words=1)

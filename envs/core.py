@@ -1,324 +1,321 @@
-"""BeamVectorEnv: what every task shares. A task is one file that says where episodes start and what is seen and wanted."""
+"""Vector environment: Gymnasium's interface to episodes of a task (reset, step, seeds, autoreset, conversion)."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import replace
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from typing import Any, ClassVar
 
+import gymnasium
 import numpy as np
 import torch
 from gymnasium.spaces import Box
-from gymnasium.vector import AutoresetMode
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 import torchbeam as tb
 
-from . import noise as random
+from .config import BeamEnvConfig, check_whole
 from .episodes import Episodes
-from .plant import Parameter, Parameters, Plant, cantilever, first_frequency, section_named, stepper, varied
-from .rows import replaced
-from .sensors import Sensors
-from .vector import EpisodesVectorEnv
+from .plant import Plant
+from .rendering import Renderer
+from .simulation import Simulation
+from .task import Task
+
+OUTPUTS = ("numpy", "torch")
+RENDER_MODES = ("rgb_array", "human")
+OPTIONS = ("reset_mask", "params", "goal")
 
 
-class BeamVectorEnv(EpisodesVectorEnv):
-    """n episodes of one task of a cantilever with a force on its tip, stepped as one batch. Tensors inside; nothing is written
-    in place.
+class BeamVectorEnv(VectorEnv):
+    """n episodes of a task, stepped as one batch: a `Task`, the `Simulation` of its beams and a `Renderer`, behind Gymnasium's
+    vector interface. A derived class names its task; its docstring is the task's specification.
 
-    A task derives from this, hands the arguments below on, with its own defaults, and defines what differs of
-        PLANE, GOAL, AIM, HUB, ...     the plane of planar=True; size of `goal`; bounds of `aim`; see below
-        parameters()                   -> name -> `Parameter`, what may change with the episode
-        held()                         -> arguments of the scene beside beam and effects, where it is not clamped
-        effects(params)                -> loads of the scene, beside damping and gravity
-        begin(streams, rows)           -> goal (k, GOAL) of fresh episodes of the sub-envs rows (k,), each from its own stream
-        launch(beam, goal)             -> the state that episodes start in, of the beam at rest
-        inputs(action, now)            -> what the stepper is given over one control interval: from the action (n, a) that acts
-        aim(now, tip)                  -> (n, size of AIM), what is seen beside the sensors; `tip` as the sensors have it
-        cost(now)                      -> (n,), of an interval, at its end
-        lost(now)                      -> (n,) bool, or None: whether nothing is left to do; it costs what a failure does
-        measures(now)                  -> what goes into `info`, name -> (n,)
-        sketch(now)                    -> what a picture shows beside the beam: see `envs/rendering.py`
-    where `now` is an `Episodes`.
+    num_envs        sub-envs
+    config          the task's configuration, a frozen dataclass (`BeamEnvConfig` or what the task derives from it); its fields
+                    may be given as keywords instead, or beside it in place of its own
+    autoreset_mode  "NextStep": the step after an episode's last one resets it; its action is ignored and its reward 0.
+                    "SameStep". "Disabled": an episode that is over stands still, reward 0 and flags kept, until
+                    reset(options={"reset_mask": (num_envs,) bool})
+    output          "numpy": float32 observations, float64 rewards, no gradient. "torch": tensors in the section's dtype, with
+                    gradient from actions (and parameters) to observations and rewards, over as many steps as `detach()` is
+                    not called
+    render_mode     "rgb_array", "human" or None
 
-    Arguments that every task has (defaults are those of `torchbeam/TipReach-v0`)
-    num_envs           sub-envs
-    length             m
-    section            `torchbeam.Section`, or "aluminium strip" or "silicone rod" (see `envs/plant.py`). Its dtype and device
-                       are those of the simulation; batch axes (num_envs,) give every sub-env its own
-    damping            s, or None; tau in [F; M] = S^-1 (strain + tau strain rate)
-    gravity            (3,) m/s^2, or None
-    elements           at least 2
-    control_interval   s;  substeps: calls of the stepper in one
-    form, method       "nodal" and "midpoint" (implicit); or, for a soft section, a form and a method of torchdiffeq as in
-                       `torchbeam.ExplicitStepper`
-    solver             more arguments for the stepper, by name
-    delay              control intervals from an action to its effect
-    force              N along y and z at an action of 1, for the 2 (in a plane: 1) axes across the beam
-    planar             motion, force and observation in the plane of the task alone; gravity across it is left out
-    sensors            one or more of "tip", "middle", "gauges", "full": see `envs/sensors.py`
-    noise              standard deviation, in units of the observation, of white noise on each entry of the sensors
-    randomize          what is drawn uniformly at each reset, from the sub-env's generator: name -> (low, high); True = every
-                       parameter, from its documented range; None
-    control_cost       per interval and |action|^2
-    failure_reward     of the interval in which the solver fails, or the task is lost
-    max_episode_steps  None = no end
-    autoreset_mode     "NextStep": the step after an episode's last one resets it; its action is ignored and its reward 0.
-                       "SameStep". "Disabled": an episode that is over stands still, reward 0 and flags kept, until
-                       reset(options={"reset_mask": (num_envs,) bool})
-    output             "numpy": float32 observations, float64 rewards, no gradient. "torch": tensors in the section's dtype,
-                       with gradient from actions (and parameters) to observations and rewards, over as many steps as
-                       `detach()` is not called
-    render_mode        "rgb_array", "human" or None
+    `task`, `config`, `simulation` are what it is made of. `scene` is what is simulated; `state` where the episodes stand;
+    `sensors` the `torchbeam.sensors` of the observation, to be called with any state: env.sensors(env.state.beam) / env.scale
+    is the part of the observation that is seen of the beam, without noise.
 
-    Parameters of every task: stiffness and mass (factors on the section's), damping (s), offset (m, from the last node to the
-    point beyond it where the force acts).
+    Raises ValueError for a value of the wrong kind or out of bounds, TypeError for a keyword that does not exist.
     """
 
-    OPTIONS = ("reset_mask", "params", "goal")
-    PLANE: ClassVar[str] = "xy"
-    GOAL: ClassVar[int] = 0
-    AIM: ClassVar[tuple[float, ...]] = ()
-    HUB: ClassVar[int] = 0  # actions before those of the tip force
-    VIEW: ClassVar[tuple[float, float, float]] = (-0.12, 1.12, 0.6)  # of a picture, in lengths: x from, to; half its height
-    UNITS: ClassVar[dict[str, str]] = {"distance": "m"}  # of what is measured
+    task_type: ClassVar[type[Task]] = Task
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES)}  # noqa: RUF012
+    renderer: Renderer | None = None  # also of an env that was refused: gymnasium up to 1.3 closes what it deletes
 
-    def __init__(
-        self, num_envs: int = 1, *, length: float = 1.5, section: tb.Section | str = "aluminium strip",
-        damping: float | None = 1e-3, gravity: tuple[float, float, float] | None = (0.0, 0.0, -9.81), elements: int = 6,
-        control_interval: float = 0.02, substeps: int = 2, form: str = "nodal", method: str = "midpoint",
-        solver: dict[str, Any] | None = None, delay: int = 1, force: Sequence[float] = (1.2, 2.0), planar: bool = False,
-        sensors: str | Sequence[str] = ("tip", "middle"), noise: float = 0.0,
-        randomize: bool | dict[str, Sequence[float]] | None = None, control_cost: float = 1e-3, failure_reward: float = -100.0,
-        max_episode_steps: int | None = 50, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
-        output: str = "numpy", render_mode: str | None = None,
-    ) -> None:
-        for name, value, least in (("num_envs", num_envs, 1), ("substeps", substeps, 1), ("elements", elements, 2),
-                                   ("delay", delay, 0), ("max_episode_steps", max_episode_steps, 1)):
-            whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= least
-            if not whole and not (name == "max_episode_steps" and value is None):
-                raise ValueError(f"{name} = {value!r} was given; a whole number of at least {least} is wanted")
-        if not math.isfinite(failure_reward):
-            raise ValueError(f"failure_reward = {failure_reward!r} was given; a finite number is wanted")
-        for name, value in (("control_interval", control_interval), ("length", length)):
-            if not 0 < value < math.inf:
-                raise ValueError(f"{name} = {value!r} was given; a positive finite number is wanted")
-        for name, value in (("control_cost", control_cost), ("noise", noise)):
-            if not 0 <= value < math.inf:
-                raise ValueError(f"{name} = {value!r} was given; a finite non-negative number is wanted")
-        if form != "nodal" and gravity is not None:
-            raise ValueError(f"gravity with form = {form!r} was given; episodes of that form start undeformed: gravity=None")
-        self.plane = self.PLANE if planar else None
-        across = [1, 2] if self.plane is None else ["xyz".index(self.plane[1])]
-        if len(force) == 2:
-            force = [force[i - 1] for i in across]
-        if len(force) != len(across) or not all(0 < f < math.inf for f in force):
-            raise ValueError(f"force = {tuple(force)} was given; two positive finite numbers (N, along y and z) are wanted")
-        self.section = section_named(section)
-        self.length, self.elements, self.damping, self.gravity = length, elements, damping, self._in_plane(gravity)
-        self.control_interval, self.substeps, self.delay, self.form = control_interval, substeps, delay, form
-        self.method, self.solver, self.noise = method, solver or {}, noise
-        self.control_cost, self.failure_reward = control_cost, failure_reward
-        self.sensors = Sensors(sensors, elements, self.plane, form)
-        actions = self.HUB + len(across)
-        high = np.concatenate((self.aim_high(), self.sensors.high, np.ones(delay * actions))).astype(np.float32)
-        compliance = self.section.compliance
-        super().__init__(num_envs, Box(-high, high), Box(-1, 1, (actions,)), dtype=compliance.dtype, device=compliance.device,
-                         max_episode_steps=max_episode_steps, autoreset_mode=autoreset_mode, output=output,
-                         render_mode=render_mode, render_fps=round(1 / control_interval))
-        self.force = torch.tensor(force, dtype=self.dtype, device=self.device)
-        self.axes = torch.eye(3, dtype=self.dtype, device=self.device)[across]
-        self.omega = first_frequency(self.section, length)[..., None]  # rad/s, (1,) or (num_envs, 1)
-        self.speed = length * self.omega  # m/s
-        self.varying: set[str] = set()  # parameters that have a value for each sub-env
-        self.known = Parameters(self.parameters() if form == "nodal" else {})
-        self.plant = self._plant({}, torch.arange(num_envs, device=self.device))  # the usual one
-        self.rest = self._settled(self.plant, num_envs)
-        self.ranges = self.known.ranges(randomize)  # name -> (low, high)
-        self.varying |= set(self.ranges)  # grows when a reset is given values for others
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """help() and editors show the fields of the configuration as keywords."""
+        super().__init_subclass__(**kwargs)
+        own = inspect.signature(BeamVectorEnv.__init__)
+        named = [p for p in list(own.parameters.values())[1:] if p.kind is not inspect.Parameter.VAR_KEYWORD]
+        named += [p.replace(kind=p.KEYWORD_ONLY) for p in inspect.signature(cls.task_type.Config).parameters.values()]
+        cls.__signature__ = own.replace(parameters=named)
 
-    # What tasks define
+    def __init__(self, num_envs: int = 1, *, config: BeamEnvConfig | None = None,
+                 autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, output: str = "numpy",
+                 render_mode: str | None = None, **keywords: Any) -> None:
+        check_whole("num_envs", num_envs, 1)
+        for name, value, wanted in (("output", output, OUTPUTS), ("render_mode", render_mode, (None, *RENDER_MODES))):
+            if value not in wanted:
+                raise ValueError(f"{name} = {value!r} was given; {' or '.join(map(repr, wanted))} is wanted")
+        modes = {mode.value: mode for mode in AutoresetMode}
+        if autoreset_mode not in (*modes, *AutoresetMode):
+            raise ValueError(f"autoreset_mode = {autoreset_mode!r} was given; {', '.join(map(repr, modes))} are there")
+        self.num_envs, self.output, self.render_mode = num_envs, output, render_mode
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.config = self._configuration(config, keywords)
+        self.task = self.task_type(self.config)
+        self.simulation = Simulation(self.task, num_envs)
+        self.dtype, self.device, self.high = self.task.dtype, self.task.device, self.simulation.high
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.config.control_interval),
+                         "autoreset_mode": self.autoreset_mode}
+        high = self.high.cpu().numpy().astype(np.float32)
+        self.single_observation_space, self.single_action_space = Box(-high, high), Box(-1, 1, (self.task.actions,))
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.streams: list[np.random.Generator] = []
+        self.seeds: list[int] = []
+        self.episodes: Episodes | None = None
 
-    def parameters(self) -> dict[str, Parameter]:
-        own = {"stiffness": Parameter(1.0, 0.8, 1.2, above=True), "mass": Parameter(1.0, 0.8, 1.2, above=True),
-               "offset": Parameter(0.0, -0.02 * self.length, 0.02 * self.length, least=-math.inf)}
-        return own if self.damping is None else {**own, "damping": Parameter(self.damping, self.damping / 2, 2 * self.damping)}
+    @classmethod
+    def _configuration(cls, config: BeamEnvConfig | None, keywords: dict[str, Any]) -> BeamEnvConfig:
+        kind = cls.task_type.Config
+        names = [f.name for f in fields(kind) if f.init]
+        for name in keywords:
+            if name not in names:
+                raise TypeError(f"the keyword {name!r} was given to {cls.__name__}; there are {', '.join(names)}")
+        if config is None:
+            return kind(**keywords)
+        if not isinstance(config, kind):
+            raise ValueError(f"config = {type(config).__name__} was given; a {kind.__name__} is wanted")
+        return replace(config, **keywords)
 
-    def held(self) -> dict[str, Any]:
-        return {}
+    # The Gymnasium interface
 
-    def effects(self, params: dict[str, Tensor]) -> tuple:
-        moment = tb.Input("moment", 3) if "offset" in self.varying else None
-        return (tb.TipLoad(force=tb.Input("force", 3), moment=moment),)
+    def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+              ) -> tuple[Any, dict]:
+        """Fresh episodes for all, or for those in options["reset_mask"], (n,) bool.
 
-    def begin(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
-        return self.high.new_zeros(len(rows), self.GOAL)
+        seed     s gives sub-env i the stream s + i; a list gives one each; None goes on with the streams there are
+        options  beside the mask: "params": name -> number or (n,), parameters of these episodes; "goal": (g,) or (n, g),
+                 instead of the one that is drawn. What is drawn at random is drawn all the same: the rest does not change
+        """
+        self._open()
+        if not (options is None or isinstance(options, Mapping)):
+            names = ", ".join(map(repr, OPTIONS))
+            raise ValueError(f"options = {options!r} was given; a dictionary of {names}, or None, is wanted")
+        options = dict(options or {})
+        mask = self._mask(options)
+        options = self.simulation.options(options)
+        self._seed(seed, mask)
+        with self._gradient():
+            self.episodes = self._renew(self.episodes, mask, **options)
+            info = self._info(self.episodes, self.episodes.failed, torch.zeros_like(mask), mask, mask)
+        self._shown(mask)
+        return self._out(self.episodes.observation), self._out_info(info)
 
-    def launch(self, beam: tb.State, goal: Tensor) -> tb.State:
-        return beam
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict]:
+        """One control interval. Actions (n, a) are clipped to [-1, 1]; a row that is not finite counts as zeros."""
+        self._open()
+        before = self._running()
+        action, invalid = self._action(actions)
+        with self._gradient():
+            done = before.done
+            fresh = done if self.autoreset_mode is AutoresetMode.NEXT_STEP else torch.zeros_like(done)
+            if fresh.any():
+                before = self._renew(before, fresh)
+            active = ~done
+            after, reward, failed = self.simulation.advance(before, action, active)
+            info = self._info(after, failed, invalid & active, active, active | fresh)
+            terminated, truncated = after.terminated, after.truncated
+            if self.autoreset_mode is AutoresetMode.SAME_STEP and (done := after.done).any():
+                fresh = done
+                info.update(final_obs=after.observation, _final_obs=fresh, final_info=dict(info), _final_info=fresh)
+                after = self._renew(after, fresh)
+        self.episodes = after
+        self._shown(fresh)
+        return (self._out(after.observation), self._out(reward, np.float64), self._out(terminated), self._out(truncated),
+                self._out_info(info))
 
-    def inputs(self, action: Tensor, now: Episodes) -> dict[str, Tensor]:
-        force = (action[:, self.HUB:] * self.force) @ self.axes
-        if "moment" not in now.plant.scene.inputs:
-            return {"force": force}
-        along = now.beam.tip.rotation[..., 0] * now.plant.params["offset"][:, None]  # held over the interval, like the force
-        return {"force": force, "moment": torch.linalg.cross(along, force)}
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """By "rgb_array" a picture of each sub-env, (height, width, 3) uint8; by "human" a window shows `tiled`, and None."""
+        now = self._running()
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() was called without a render_mode; give render_mode='rgb_array'")
+            return None
+        return self.renderer.frames(now, self.num_envs) if self.render_mode == "rgb_array" else self.renderer.show(now)
 
-    def pushed(self, now: Episodes) -> Tensor:
-        """(n, 3) N: the tip force of the action that acts, along its axes."""
-        return (now.acting[:, self.HUB:] * self.force) @ self.axes
+    def tiled(self) -> np.ndarray:
+        """The first 16 sub-envs in one picture, (height, width, 3) uint8; ValueError without a render_mode."""
+        now = self._running()
+        if self.renderer is None:
+            raise ValueError("tiled() was called without a render_mode; render_mode='rgb_array' is wanted")
+        return self.renderer.tiled(now)
 
-    def aim_high(self) -> np.ndarray:
-        """Bounds of what `aim` returns; by default AIM, in each direction of the motion."""
-        d = 3 if self.plane is None else 2
-        return np.repeat(np.array(self.AIM), d)
+    def close_extras(self, **kwargs: Any) -> None:
+        if self.renderer is not None:
+            self.renderer.close()
 
-    def aim(self, now: Episodes, tip: Tensor | None) -> Tensor:
-        raise NotImplementedError
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:
+        """The generators of the sub-envs."""
+        if not self.streams:
+            self._seed(None, np.ones(self.num_envs, dtype=bool))
+        return tuple(self.streams)
 
-    def gap(self, now: Episodes, target: Tensor, tip: Tensor | None) -> Tensor:
-        """(n, d): from the tip, or where no sensor sees it from its start, to the target (n, 3) m, over the length."""
-        far = ((target - now.start.position[:, -1]) / self.length)[:, self.sensors.vector]
-        return far if tip is None else far - tip
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:
+        return tuple(self.seeds)
 
-    def cost(self, now: Episodes) -> Tensor:
-        raise NotImplementedError
+    # What it is made of
 
-    def lost(self, now: Episodes) -> Tensor | None:
-        return None
+    @property
+    def max_episode_steps(self) -> int | None:
+        return self.config.max_episode_steps
 
-    def measures(self, now: Episodes) -> dict[str, Tensor]:
-        return {}
-
-    def sketch(self, now: Episodes) -> dict[str, Any]:
-        return {}
+    @property
+    def plant(self) -> Plant:
+        """Of the usual parameters."""
+        return self.simulation.plant
 
     @property
     def scene(self) -> tb.Scene:
-        """What is simulated now, with the inputs of the task; before the first reset, at the usual parameters."""
+        """Current scene, with the inputs of the actuators; before the first reset, at the usual parameters."""
         return (self.plant if self.episodes is None else self.episodes.plant).scene
 
     @property
     def start(self) -> tb.State:
-        """What displacements are counted from, batch (n,)."""
-        return self.rest[0] if self.episodes is None else self.episodes.start
+        """Reference state of displacements, batch (n,)."""
+        return self.simulation.rest[0] if self.episodes is None else self.episodes.start
 
-    # Inside: steps
+    @property
+    def sensors(self) -> tb.sensors.Stack:
+        """Sensors of the observation, in their own units; see `scale`."""
+        return self.simulation.sensors(self.episodes)
 
-    def advance(self, before: Episodes, action: Tensor, active: Tensor) -> tuple[Episodes, Tensor, Tensor]:
-        """The active episodes one control interval later: (episodes, reward (n,), failed (n,) bool)."""
-        beam, acting, pending = before.beam, before.acting, before.pending
-        if active.any():
-            queue = torch.cat((pending, action[:, None]), 1)
-            acting = torch.where(active[:, None], queue[:, 0], acting)
-            pending = torch.where(active[:, None, None], queue[:, 1:], pending)
-            given = self.inputs(queue[:, 0], before)
-            for _ in range(self.substeps):
-                beam = before.plant.stepper(beam, active=active, **given)
-        steps = before.steps + active
-        after = replace(before, beam=beam, acting=acting, pending=pending, steps=steps)
-        observation = self._observation(after)
-        failed = active & (after.failed | ~torch.isfinite(observation).all(-1))
-        good = active & ~failed
-        if not good.all():
-            observation = torch.where(good[:, None], observation, before.observation)
-        lost = self.lost(after)
-        ended = failed if lost is None else failed | (good & lost)
-        reward = -self.cost(after) - self.control_cost * action.square().sum(-1)
-        reward = torch.where(active, torch.where(ended, self.failure_reward, reward), 0.0)
-        over = before.terminated | ended
-        late = torch.zeros_like(active) if self.max_episode_steps is None else steps >= self.max_episode_steps
-        after = replace(after, observation=observation, terminated=over, truncated=before.truncated | (good & late & ~over))
-        return after, reward, failed
+    @property
+    def scale(self) -> Tensor:
+        """(o,) or (n, o): what the readings of `sensors` are divided by."""
+        return self.simulation.observer.scale
 
-    def _observation(self, now: Episodes) -> Tensor:
-        omega = self.of(now, self.speed)
-        seen = self.sensors.read(now.beam, now.start, self.length, omega)
-        if self.noise:
-            seen = seen + self.noise * random.normal(now.key, now.steps, seen.shape[-1], self.dtype)
-        tip = None if self.sensors.tip is None else seen[:, self.sensors.tip]
-        whole = torch.cat((self.aim(now, tip), seen, now.pending.flatten(1)), -1)
-        return whole.clamp(-self.high, self.high)
+    # Differentiable use
 
-    def of(self, now: Episodes, value: Tensor) -> Tensor:
-        """Rows of a constant (num_envs, 1) that belong to these episodes; one of shape (1,) is everybody's."""
-        return value[now.member] if value.ndim > 1 else value
+    @property
+    def state(self) -> Episodes:
+        """State of all episodes: tensors, in the graph."""
+        return self._running()
 
-    # Inside: resets
+    def set_state(self, state: Episodes) -> Any:
+        """Go on from a state got earlier; returns its observation. The streams of random numbers stay where they are."""
+        if not isinstance(state, Episodes) or len(state.steps) != self.num_envs:
+            raise ValueError(f"a state of {type(state).__name__} was given; Episodes of {self.num_envs} sub-envs are wanted")
+        self.episodes = state
+        return self._out(state.observation)
 
-    def renew(self, episodes: Episodes | None, mask: Tensor, params: dict[str, Tensor] | None = None,
-              goal: Tensor | None = None) -> Episodes:
-        """The episodes with those in the mask started afresh: built and solved for these alone, then put in their rows."""
-        episodes = self._with_room(episodes, set(params or {}))
-        rows = mask.nonzero()[:, 0]
-        streams = [self.streams[i] for i in rows.tolist()]
-        drawn = self.begin(streams, rows)  # first: neither parameters nor noise change the goals
-        goal = drawn if goal is None else goal[rows]
-        values = {name: [stream.uniform(*self.ranges[name]) for stream in streams] for name in self.ranges}
-        values = {name: torch.tensor(each, dtype=self.dtype, device=self.device) for name, each in values.items()}
-        values |= {name: given[rows] for name, given in (params or {}).items()}
-        plant = self._plant(values, rows) if self.varying else self.plant
-        start, first = self._at_rest(plant, rows)
-        key = torch.tensor([int(s.integers(2**63)) for s in streams] if self.noise else [0] * len(rows), device=self.device)
-        zero = torch.zeros(len(rows), dtype=torch.long, device=self.device)
-        idle = self.high.new_zeros(len(rows), *self.single_action_space.shape)
-        now = Episodes(plant, rows, start, self.launch(first, goal), goal, key, idle, idle[:, None].expand(-1, self.delay, -1),
-                       zero, zero.bool(), zero.bool(), idle)
-        now = replace(now, observation=self._observation(now))
-        return now if episodes is None else replaced(episodes, now, rows, self.num_envs)
+    def detach(self) -> None:
+        """Cut the graph here: gradients of what follows do not reach what was before."""
+        self.episodes = self._running().detach()
 
-    def _plant(self, values: dict[str, Tensor], rows: Tensor) -> Plant:
-        """Of the sub-envs rows (k,), with values (k,) of parameters; those that vary and are not given have their usual one."""
-        params = {name: torch.tensor(p.value, dtype=self.dtype, device=self.device) for name, p in self.parameters().items()}
-        params |= {name: params[name].expand(len(rows)) for name in self.varying}
-        params |= values
-        scene = cantilever(self.length, self.elements, varied(self.section, params, rows), self.effects(params), params,
-                           self.gravity, self.plane, **self.held())
-        return Plant(params, stepper(scene, self.control_interval / self.substeps, self.form, self.method, self.solver))
+    def initialize_trajectory(self) -> Any:
+        """Start a window: detach, and return the observation it starts with."""
+        self.detach()
+        return self._out(self.episodes.observation)
 
-    def _at_rest(self, plant: Plant, rows: Tensor) -> tuple[tb.State, tb.State]:
-        if plant is not self.plant:
-            return self._settled(plant, len(rows))
-        return self.rest if len(rows) == self.num_envs else tuple(state[rows] for state in self.rest)
+    # Inside
 
-    def _settled(self, plant: Plant, count: int) -> tuple[tb.State, tb.State]:
-        """The beam in equilibrium without action, and the same with what the method remembers of a step without action."""
-        still = {name: self.high.new_zeros(count, size) for name, size in plant.scene.inputs.items()}
-        if self.gravity is None or self.form != "nodal":
-            start = plant.stepper.rest((count,))
-        else:
-            start = tb.equilibrium(plant.scene, throw=False, **still)
-        return start, plant.stepper.begin(start, **still) if isinstance(plant.stepper, tb.Stepper) else start
+    def _renew(self, episodes: Episodes | None, mask: Tensor, **options: Any) -> Episodes:
+        return self.simulation.renew(episodes, mask, self.streams, **options)
 
-    def _with_room(self, episodes: Episodes | None, names: set[str]) -> Episodes | None:
-        """The episodes with room for values of these parameters in their plants."""
-        self.varying |= names
-        if episodes is None or all(episodes.plant.params[name].ndim for name in self.varying):
-            return episodes
-        kept = {name: value for name, value in episodes.plant.params.items() if value.ndim}
-        return replace(episodes, plant=self._plant(kept, torch.arange(self.num_envs, device=self.device)))
+    def _mask(self, options: dict[str, Any]) -> Tensor:
+        for name in options:
+            if name not in OPTIONS:
+                raise ValueError(f"the reset option {name!r} was given; there are {', '.join(map(repr, OPTIONS))}")
+        given = options.get("reset_mask")
+        if given is None:
+            return torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
+        try:
+            mask = torch.as_tensor(given, device=self.device)
+        except (TypeError, ValueError, RuntimeError):
+            mask = torch.zeros(())
+        if mask.dtype != torch.bool or mask.shape != (self.num_envs,) or not mask.any():
+            raise ValueError(f"reset_mask = {given!r} was given; {self.num_envs} bools, not all False, are wanted")
+        if not mask.all():
+            self._running()
+        return mask
 
-    # Inside: arguments
+    def _action(self, actions: Any) -> tuple[Tensor, Tensor]:
+        action = torch.as_tensor(actions, dtype=self.dtype, device=self.device)
+        if action.shape != self.action_space.shape:
+            raise ValueError(f"actions of shape {tuple(action.shape)} were given; {self.action_space.shape} is wanted")
+        invalid = ~(action.abs() < torch.inf).all(-1)
+        return torch.where(invalid[:, None], 0.0, action.clamp(-1, 1)), invalid
 
-    def options(self, given: dict[str, Any]) -> dict[str, Any]:
-        """Parameters by name (n,) and goals (n, GOAL) from the options of a reset, checked."""
-        params = {name: self.known.given(name, value, self.num_envs, self.high)
-                  for name, value in given.get("params", {}).items()}
-        goal, shape = given.get("goal"), (self.num_envs, self.GOAL)
-        if goal is not None:
-            goal = torch.as_tensor(goal, dtype=self.dtype, device=self.device)
-            if goal.shape not in (shape[1:], shape) or not torch.isfinite(goal).all():
-                raise ValueError(f"a goal of shape {tuple(goal.shape)} was given; finite {shape} or {shape[1:]} is wanted")
-            goal = goal.expand(shape)
-        return {"params": params, "goal": goal}
+    def _info(self, now: Episodes, failed: Tensor, invalid: Tensor, moved: Tensor, begun: Tensor) -> dict[str, Any]:
+        """Values with their masks: where the sub-env moved, and for parameters also where it began."""
+        info = {**now.measures, "solver_failed": failed, "action_invalid": invalid}
+        info |= {f"_{name}": moved for name in info}
+        params = self.simulation.parameters_of(now)
+        return {**info, "params": params, "_params": begun} if params else info
 
-    def parameters_of(self, now: Episodes) -> dict[str, Tensor]:
-        return {name: now.plant.params[name] for name in sorted(self.varying)}
+    def _seed(self, seed: Any, mask: Any) -> None:
+        one = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
+        each = [None if seed is None else int(seed) + i for i in range(self.num_envs)] if seed is None or one else seed
+        if not isinstance(each, (Sequence, np.ndarray)) or isinstance(each, str) or any(not _is_seed(s) for s in each):
+            raise ValueError(f"seed = {seed!r} was given; a whole number from 0, one for each sub-env, or None is wanted")
+        if len(each) != self.num_envs:
+            raise ValueError(f"{len(each)} seeds were given; {self.num_envs} are wanted, one for each sub-env")
+        if not self.streams:
+            self.streams, self.seeds = map(list, zip(*(seeding.np_random() for _ in each), strict=True))
+        for i, own in enumerate(each):
+            if own is not None and mask[i]:
+                self.streams[i], self.seeds[i] = seeding.np_random(int(own))
 
-    def _in_plane(self, vector: Sequence[float] | None) -> tuple[float, ...] | None:
-        """(3,) without its component across the plane; None where nothing is left."""
-        if vector is None or self.plane is None:
-            return vector
-        kept = tuple(v if axis in self.plane else 0.0 for axis, v in zip("xyz", vector, strict=True))
-        return kept if any(kept) else None
+    def _running(self) -> Episodes:
+        if self.episodes is None:
+            raise gymnasium.error.ResetNeeded("step or state was asked for before reset(); call reset() first")
+        return self.episodes
+
+    def _open(self) -> None:
+        if self.closed:
+            raise gymnasium.error.ClosedEnvironmentError("reset or step was asked for after close(); make a new env")
+
+    def _shown(self, fresh: Tensor) -> None:
+        """Let the renderer follow what it draws a trace of."""
+        if self.render_mode is None:
+            return
+        if self.renderer is None:
+            self.renderer = Renderer(self.task, self.simulation.rest[0].position[0], self.num_envs, type(self).__name__)
+        self.renderer.follow(self.episodes, fresh)
+        if self.render_mode == "human":
+            self.render()
+
+    def _gradient(self) -> torch.autograd.grad_mode.set_grad_enabled:
+        return torch.set_grad_enabled(self.output == "torch" and torch.is_grad_enabled())
+
+    def _out(self, value: Tensor, dtype: Any = np.float32) -> Any:
+        if self.output == "torch":
+            return value
+        array = (value.detach() if value.requires_grad else value).cpu().numpy()
+        return array.astype(dtype) if array.dtype.kind == "f" else array.copy()
+
+    def _out_info(self, info: dict[str, Any]) -> dict[str, Any]:
+        if self.output == "torch":
+            return info
+        return {name: self._out_info(x) if isinstance(x, dict) else self._out(x) for name, x in info.items()}
+
+
+def _is_seed(seed: Any) -> bool:
+    return seed is None or (isinstance(seed, (int, np.integer)) and not isinstance(seed, bool) and seed >= 0)

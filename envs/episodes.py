@@ -1,8 +1,8 @@
-"""Episodes: where n episodes stand."""
+"""State of n episodes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 from torch import Tensor
 
@@ -13,7 +13,7 @@ from .plant import Plant
 
 @dataclass(frozen=True)
 class Episodes:
-    """Where n episodes stand; everything that `set_state` needs to go on from here.
+    """State of n episodes; everything that `set_state` needs to go on from here.
 
     plant        the beams and their parameters
     member       (n,) long, which sub-env each is
@@ -26,6 +26,9 @@ class Episodes:
     steps        (n,) long, steps since reset
     terminated, truncated  (n,) bool, once an episode is over and until it is reset
     observation  (n, o) the last one; finite
+    target       (n, preview + 1, 3) m: where the tip is to be now and at the ends of the next intervals; None where the task
+                 has no target
+    measures     name -> (n,), what the task says of where the episodes stand: it goes into `info`
     """
 
     plant: Plant
@@ -40,6 +43,8 @@ class Episodes:
     terminated: Tensor
     truncated: Tensor
     observation: Tensor
+    target: Tensor | None = None
+    measures: dict[str, Tensor] = field(default_factory=dict)
 
     @property
     def done(self) -> Tensor:
@@ -52,4 +57,6 @@ class Episodes:
 
     def detach(self) -> Episodes:
         """The same out of the graph; the plant stays in it."""
-        return Episodes(self.plant, **{name: x.detach() for name, x in vars(self).items() if name != "plant"})
+        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("plant", "measures")}
+        return Episodes(self.plant, **{name: None if x is None else x.detach() for name, x in own.items()},
+                        measures={name: x.detach() for name, x in self.measures.items()})

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,13 +12,73 @@ from torch import Tensor
 
 import torchbeam as tb
 
+from .config import BeamEnvConfig
 from .core import BeamVectorEnv
 from .episodes import Episodes
-from .plant import Parameter, softest
+from .parameters import Parameter
+from .plant import softest
 from .reach import distance, rounded
 from .single import SingleEnv
+from .task import Task
 
 BECK = 20.05  # P L^2 / EI at which the undamped cantilever flutters under a follower force (Beck 1952)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlutterHoldConfig(BeamEnvConfig):
+    """thrust (over Beck's load), kick (m/s): see `FlutterHoldVectorEnv`; the rest as in `BeamEnvConfig`."""
+
+    thrust: float = 1.2
+    kick: float = 0.2
+    force: Sequence[float] = (0.5, 0.5)
+    gravity: Sequence[float] | None = None
+    max_episode_steps: int | None = 100
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check_numbers("thrust", "kick", least=0.0)
+
+
+class FlutterHold(Task):
+    """Hold a strip straight under a follower thrust beyond Beck's load: `FlutterHoldVectorEnv` has the specification."""
+
+    Config = FlutterHoldConfig
+    VIEW = (-0.12, 1.3, 0.5)
+
+    def __init__(self, config: FlutterHoldConfig) -> None:
+        super().__init__(config)
+        self.goal_size = len(self.lateral)
+        self.beck = BECK / (softest(self.usual).amin() * self.length**2)  # N
+
+    def parameters(self) -> dict[str, Parameter]:
+        return {"thrust": Parameter(self.config.thrust, 1.15, 1.35), **super().parameters()}
+
+    def effects(self, params: dict[str, Tensor]) -> tuple:
+        none = torch.zeros_like(params["thrust"])
+        return (tb.TipLoad(force=torch.stack((-self.beck * params["thrust"], none, none), -1), follower=True),)
+
+    def sample_goal(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
+        """(k, directions) m/s: the kicks."""
+        most = self.config.kick
+        drawn = np.stack([stream.uniform(-most, most, 2)[: self.goal_size] for stream in streams])
+        return torch.as_tensor(drawn, dtype=self.dtype, device=self.device)
+
+    def initial_state(self, beam: tb.State, goal: Tensor) -> tb.State:
+        along = torch.linalg.vector_norm(beam.position - beam.position[..., :1, :], dim=-1)[..., None] / self.length
+        return replace(beam, velocity=beam.velocity + along**2 * (goal @ self.lateral)[:, None])
+
+    def cost(self, now: Episodes) -> Tensor:
+        return rounded(now.beam.position[:, -1] - now.start.position[:, -1], self.length)
+
+    def task_failed(self, now: Episodes) -> Tensor:
+        return now.measures["lost"]
+
+    def measures(self, now: Episodes) -> dict[str, Tensor]:
+        off = distance(now.beam.position[:, -1], now.start.position[:, -1])
+        return {"distance": off, "lost": off > self.length / 4}
+
+    def render_data(self, now: Episodes) -> dict[str, Any]:
+        return {"thrust": now.plant.params["thrust"].expand(len(now.steps))}
 
 
 class FlutterHoldVectorEnv(BeamVectorEnv):
@@ -66,7 +126,7 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     `distance` (m) of the tip from its place, `lost`, `solver_failed`, `action_invalid`, masks as in TipReach.
 
     ## Arguments
-    Those of `BeamVectorEnv` (see `envs/core.py`), with its defaults but gravity = None, force = (0.5, 0.5) and
+    Those of `BeamEnvConfig` (see `envs/config.py`), with its defaults but gravity = None, force = (0.5, 0.5) and
     max_episode_steps = 100, and
     thrust  1.2, in units of Beck's load of the section at its usual stiffness
     kick    m/s, 0.2: of the tip at the start, at most, in each direction
@@ -80,52 +140,7 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     v0: first version.
     """
 
-    VIEW = (-0.12, 1.3, 0.5)
-
-    def __init__(self, num_envs: int = 1, *, thrust: float = 1.2, kick: float = 0.2, force: tuple[float, ...] = (0.5, 0.5),
-                 gravity: tuple[float, float, float] | None = None, max_episode_steps: int | None = 100,
-                 **arguments: Any) -> None:
-        for name, value in (("thrust", thrust), ("kick", kick)):
-            if not 0 <= value < math.inf:
-                raise ValueError(f"{name} = {value!r} was given; a finite non-negative number is wanted")
-        self.thrust, self.kick = thrust, kick
-        super().__init__(num_envs, force=force, gravity=gravity, max_episode_steps=max_episode_steps, **arguments)
-        self.GOAL = len(self.force)
-
-    def parameters(self) -> dict[str, Parameter]:
-        return {"thrust": Parameter(self.thrust, 1.15, 1.35), **super().parameters()}
-
-    def effects(self, params: dict[str, Tensor]) -> tuple:
-        beck = BECK / (softest(self.section).amin() * self.length**2)  # N
-        push = torch.stack((-beck * params["thrust"], *[torch.zeros_like(params["thrust"])] * 2), -1)
-        return (*super().effects(params), tb.TipLoad(force=push, follower=True))
-
-    def begin(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
-        """(k, axes) m/s: the kicks."""
-        drawn = np.stack([stream.uniform(-self.kick, self.kick, 2)[: len(self.force)] for stream in streams])
-        return torch.as_tensor(drawn, dtype=self.dtype, device=self.device)
-
-    def launch(self, beam: tb.State, goal: Tensor) -> tb.State:
-        along = (beam.position[..., :1] / self.length) ** 2
-        return replace(beam, velocity=beam.velocity + along * (goal @ self.axes)[:, None])
-
-    def aim(self, now: Episodes, tip: Tensor | None) -> Tensor:
-        return self.high.new_zeros(len(now.steps), 0)
-
-    def cost(self, now: Episodes) -> Tensor:
-        return rounded(now.beam.position[:, -1] - now.start.position[:, -1], self.length)
-
-    def lost(self, now: Episodes) -> Tensor:
-        return self._off(now) > self.length / 4
-
-    def measures(self, now: Episodes) -> dict[str, Tensor]:
-        return {"distance": self._off(now), "lost": self.lost(now)}
-
-    def sketch(self, now: Episodes) -> dict[str, Any]:
-        return {"thrust": now.plant.params["thrust"].expand(len(now.steps))}
-
-    def _off(self, now: Episodes) -> Tensor:
-        return distance(now.beam.position[:, -1], now.start.position[:, -1])
+    task_type = FlutterHold
 
 
 class FlutterHoldEnv(SingleEnv):

@@ -1,21 +1,59 @@
-"""Payload: bring a mass that nobody has weighed to a point, on the tip of a flexible cantilever."""
+"""Payload: bring an unknown mass on the tip of a flexible cantilever to a point."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor
 
 import torchbeam as tb
 
+from .core import BeamVectorEnv
 from .episodes import Episodes
-from .plant import Parameter
+from .parameters import Parameter
 from .single import SingleEnv
-from .tip_reach import TipReachVectorEnv
+from .tip_reach import TipReach, TipReachConfig
 
 
-class PayloadVectorEnv(TipReachVectorEnv):
+@dataclass(frozen=True, kw_only=True)
+class PayloadConfig(TipReachConfig):
+    """payload  kg, the usual mass; randomize=None draws it from half to one and a half times that. The rest as in
+    `TipReachConfig`.
+    """
+
+    payload: float = 0.1
+    reach: float = 0.5
+    max_episode_steps: int | None = 100
+    randomize: bool | Mapping[str, Sequence[float]] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check_numbers("payload", least=0.0)
+        if self.randomize is None:
+            object.__setattr__(self, "randomize", {"payload": (self.payload / 2, 1.5 * self.payload)})
+
+
+class Payload(TipReach):
+    """TipReach with a mass on the tip that is not told: `PayloadVectorEnv` has the specification."""
+
+    Config = PayloadConfig
+    PLANE = "xz"
+
+    def parameters(self) -> dict[str, Parameter]:
+        usual = self.config.payload
+        return {"payload": Parameter(usual, usual / 2, 1.5 * usual), **super().parameters()}
+
+    def effects(self, params: dict[str, Tensor]) -> tuple:
+        return (tb.PointMass(params["payload"]),)
+
+    def render_data(self, now: Episodes) -> dict[str, Any]:
+        size = now.plant.params["payload"] / (self.config.payload or 1.0)
+        return {**super().render_data(now), "payload": size.expand(len(now.steps))}
+
+
+class PayloadVectorEnv(BeamVectorEnv):
     """`num_envs` flexible cantilevers that carry a mass on their tips, stepped as one batch.
 
     ## Description
@@ -46,24 +84,7 @@ class PayloadVectorEnv(TipReachVectorEnv):
     v0: first version.
     """
 
-    PLANE = "xz"
-
-    def __init__(self, num_envs: int = 1, *, payload: float = 0.1, reach: float = 0.5, max_episode_steps: int | None = 100,
-                 randomize: bool | dict[str, Sequence[float]] | None = None, **arguments: Any) -> None:
-        Parameter(payload, payload, payload).check("payload", payload)
-        self.payload = payload
-        randomize = {"payload": (payload / 2, 1.5 * payload)} if randomize is None else randomize
-        super().__init__(num_envs, reach=reach, max_episode_steps=max_episode_steps, randomize=randomize, **arguments)
-
-    def parameters(self) -> dict[str, Parameter]:
-        return {"payload": Parameter(self.payload, self.payload / 2, 1.5 * self.payload), **super().parameters()}
-
-    def effects(self, params: dict[str, Tensor]) -> tuple:
-        return (*super().effects(params), tb.PointMass(params["payload"]))
-
-    def sketch(self, now: Episodes) -> dict[str, Any]:
-        size = now.plant.params["payload"] / self.payload if self.payload else now.plant.params["payload"]
-        return {**super().sketch(now), "payload": size.expand(len(now.steps))}
+    task_type = Payload
 
 
 class PayloadEnv(SingleEnv):

@@ -1,73 +1,21 @@
-"""Plant: the beam that episodes are about, as a function of parameters that may change from one to the next."""
+"""Plant: the simulated beam, as a function of parameters that may change between episodes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from torchbeam import Beam, Damping, ExplicitStepper, Gravity, Scene, Section, Stepper
-from torchbeam.integrate.stepper import METHODS as IMPLICIT_METHODS
+from torchbeam import Beam, ExplicitStepper, Scene, Section, Stepper
+from torchbeam.core.leaves import own_leaves
+from torchbeam.dynamics.stepper import METHODS as IMPLICIT_METHODS
 
 HALVINGS = 2  # a failed step is made again in 2 and 4 parts; more would cost the whole batch more than the episode is worth
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A number that may change with the episode.
-
-    value      what it is unless it varies
-    low, high  the range that randomize=True draws from
-    least      smallest value; `above`: which it must exceed
-    """
-
-    value: float
-    low: float
-    high: float
-    least: float = 0.0
-    above: bool = False
-
-    def check(self, name: str, value: Any) -> None:
-        """ValueError where one of the values is out of bounds, infinite or NaN."""
-        low = np.asarray(value)
-        if not (np.isfinite(low) & ((low > self.least) if self.above else (low >= self.least))).all():
-            wanted = f"a finite number {'above' if self.above else 'of at least'} {self.least:g}"
-            raise ValueError(f"{name} = {low.tolist()} was given; {wanted} is wanted")
-
-
-class Parameters(dict[str, Parameter]):
-    """What may change with the episode, by name; ValueError where a name or a value is not among it."""
-
-    def named(self, name: str) -> Parameter:
-        if name not in self:
-            wanted = f"there are {', '.join(self)}" if self else "this form of the beam has none"
-            raise ValueError(f"the parameter {name!r} was given; {wanted}")
-        return self[name]
-
-    def ranges(self, randomize: bool | dict[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
-        """name -> (low, high) of what is drawn at each reset, in the order of the names here."""
-        if randomize is True:
-            if not self:
-                raise ValueError("randomize was given; this form of the beam has no parameters to vary")
-            return {name: (p.low, p.high) for name, p in self.items()}
-        randomize = randomize or {}
-        for name, bounds in randomize.items():
-            self.named(name).check(name, bounds)
-            if np.shape(bounds) != (2,) or bounds[0] > bounds[1]:
-                raise ValueError(f"randomize = {{{name!r}: {bounds!r}}} was given; (low, high) is wanted")
-        return {name: tuple(map(float, randomize[name])) for name in self if name in randomize}
-
-    def given(self, name: str, value: Any, count: int, like: Tensor) -> Tensor:
-        """One number or one each, as (count,)."""
-        value = torch.as_tensor(value, dtype=like.dtype, device=like.device)
-        if value.shape not in ((), (count,)):
-            raise ValueError(f"{name} of shape {tuple(value.shape)} was given; one number or {count} are wanted")
-        self.named(name).check(name, value.detach().cpu())
-        return value.expand(count)
+EXPLICIT = ("rtol", "atol", "options", "adjoint", "project", "solver")  # what torchdiffeq's methods and the mixed forms take
 
 
 @dataclass(frozen=True)
@@ -108,36 +56,53 @@ def section_named(section: Section | str) -> Section:
     return SECTIONS[section]()
 
 
-def varied(section: Section, params: dict[str, Tensor], rows: Tensor) -> Section:
-    """The section of the sub-envs `rows` with its stiffness and its mass multiplied by params["stiffness"] and ["mass"]."""
-    compliance, mass = (x[rows] if x.ndim > 2 else x for x in (section.compliance, section.mass))
-    stiffness, density = (params[name] for name in ("stiffness", "mass"))
-    if stiffness.ndim == density.ndim == 0:
-        return section if compliance is section.compliance and mass is section.mass else Section(compliance, mass)
-    return Section(compliance / stiffness[..., None, None], mass * density[..., None, None])
+def straight(length: float, elements: int, section: Section, direction: Sequence[float], up: Sequence[float] | None) -> Beam:
+    """A straight beam, in the section's dtype; up = None: z, or for a beam along z, x."""
+    up = ((1.0, 0.0, 0.0) if direction[0] == direction[1] == 0 else (0.0, 0.0, 1.0)) if up is None else up
+    like = section.compliance
+    values = (torch.as_tensor(v, dtype=like.dtype, device=like.device) for v in (length, direction, up))
+    length, direction, up = values
+    return Beam.straight(length, elements, section, direction, up)
 
 
-def cantilever(length: float, elements: int, section: Section, effects: Iterable[Any], params: dict[str, Tensor],
-               gravity: tuple[float, ...] | None, plane: str | None, **held: Any) -> Scene:
-    """A straight beam along x under the effects of the task, damping params["damping"] (s, absent where None) and gravity."""
-    length = torch.as_tensor(length, dtype=section.compliance.dtype, device=section.compliance.device)
-    named = (Damping(params["damping"], six=False),) if "damping" in params else ()
-    named += () if gravity is None else (Gravity(gravity),)
-    return Scene(Beam.straight(length, elements, section), [*effects, *named], plane=plane, **held)
+def varied(beam: Beam, params: Mapping[str, Tensor], rows: Tensor) -> Beam:
+    """The beam of the sub-envs `rows`: rows of whatever it has a batch axis (num_envs,) of, its stiffness and its mass
+    multiplied by params["stiffness"] and params["mass"].
+    """
+    own = {one.name: one.value[rows] for one in own_leaves(beam) if one.batch_shape}
+    stiffness, mass = params["stiffness"], params["mass"]
+    if stiffness.ndim or mass.ndim:
+        own["compliance"] = own.get("compliance", beam.compliance) / stiffness[..., None, None, None]
+        own["mass"] = own.get("mass", beam.mass) * mass[..., None, None, None]
+    return replace(beam, **own) if own else beam
 
 
-def stepper(scene: Scene, dt: float, form: str, method: str, solver: dict[str, Any]) -> Stepper | ExplicitStepper:
-    """What advances the beam by dt (s): the implicit step (form "nodal", method "midpoint"), or torchdiffeq in any form."""
+def check_solver(form: str, method: str, solver: Any) -> None:
+    """ValueError where `solver` is no dictionary of arguments that this form's stepper takes."""
+    implicit = form == "nodal" and method in IMPLICIT_METHODS
+    names = list(inspect.signature(Stepper).parameters)[3:] if implicit else EXPLICIT
+    if not isinstance(solver, Mapping):
+        raise ValueError(f"solver = {solver!r} was given; a dictionary of arguments of the stepper is wanted")
+    for name in solver:
+        if name not in names:
+            raise ValueError(f"solver = {dict(solver)!r} was given; the stepper of form = {form!r}, method = {method!r} has "
+                             f"{', '.join(names)}")
+
+
+def stepper(scene: Scene, dt: float, form: str, method: str, solver: Mapping[str, Any]) -> Stepper | ExplicitStepper:
+    """Stepper that advances the beam by dt (s): the implicit step (form "nodal", method "midpoint"), or torchdiffeq."""
     if form == "nodal" and method in IMPLICIT_METHODS:
         return Stepper(scene, dt, method, **{"halvings": HALVINGS, **solver})
     return ExplicitStepper(scene, dt, method, form, **solver)
 
 
-def first_frequency(section: Section, length: float) -> Tensor:
-    """rad/s, (...): of the softer direction of a uniform cantilever, 1.8751^2 sqrt(EI / (m L^4))."""
-    return 1.875104**2 / (softest(section) * section.mass[..., 0, 0] * length**4).sqrt()
+def first_frequency(beam: Beam, length: float) -> Tensor:
+    """rad/s, (...): 1.8751^2 sqrt(EI / (m L^4)), the first of a uniform cantilever of that length (m) with the beam's softest
+    bending stiffness and its mean mass. A scale for what is observed; exact where that is what the beam is.
+    """
+    return 1.875104**2 / (softest(beam) * beam.mass[..., 0, 0].mean(-1) * length**4).sqrt()
 
 
-def softest(section: Section) -> Tensor:
-    """1/(N m^2), (...): the larger bending flexibility, 1/EI."""
-    return section.compliance.diagonal(dim1=-2, dim2=-1)[..., 4:].amax(-1)
+def softest(beam: Beam) -> Tensor:
+    """1/(N m^2), (...): the largest bending flexibility of the beam, 1/EI."""
+    return beam.compliance.diagonal(dim1=-2, dim2=-1)[..., 4:].amax((-1, -2))

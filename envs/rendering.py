@@ -10,9 +10,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbeam import quaternions as quat
+from torchbeam.math import quaternions as quat
 
+from .actuators import TipForce
 from .episodes import Episodes
+from .task import Task
 
 TILES = 16  # sub-envs in a tiled picture at most
 WIDTH = 1280  # px of a tiled picture at most, HEIGHT likewise
@@ -28,29 +30,35 @@ TIP, PATH = (160, 190, 225), (165, 215, 180)
 
 
 class Renderer:
-    """Draws the sub-envs of a `BeamVectorEnv`, each in the views from above (x-y) and from the side (x-z), or in the one view
-    of a motion in a plane; small enough for 16 of them to be tiled.
+    """Draws `count` sub-envs of a task whose usual beam starts with its nodes at `start` (N+1, 3) m: each in two views that
+    hold the beam's main direction (of a beam along x: from above, x-y, and from the side, x-z), or in the one view of a motion
+    in a plane; small enough for 16 of them to be tiled.
 
-    Shown are the support, the beam, the way of its tip, the force on it, and what the task's `sketch(now)` names:
+    Shown are the supports, the beam, the way of its tip, the force on it, and what the task's `render_data(now)` names:
         target  (n, 3) m;  path (n, points, 3) m, on which the target moves;  payload (n,), over the usual one
-        force   (n, 3) N, where it is not that of the action along fixed axes
-        thrust  (n,), a follower force against the beam's end;  hinge  True where the root turns
-    In the heading: the time, and what the task measures. A beam whose solve failed is red.
+        thrust  (n,), a follower force against the beam's end
+    In the heading: the time, and what the task measures. A beam whose solve failed is red. The part of space that is seen is
+    the task's VIEW, or where it is None the box around the beam unloaded and at the start, and a third of its length more.
 
     Raises ImportError where pygame is not installed.
     """
 
-    def __init__(self, env: Any) -> None:
+    def __init__(self, task: Task, start: Tensor, count: int, title: str) -> None:
         try:
             import pygame
         except ImportError:
             raise ImportError("rendering wants pygame: pip install 'torchbeam[render]'") from None
-        self.pygame, self.env = pygame, env
+        self.pygame, self.task, self.title = pygame, task, title
         pygame.font.init()
-        self.views = [(0, 1), (0, 2)] if env.plane is None else [(0, "xyz".index(env.plane[1]))]
-        left, right, across = env.VIEW
-        aspect, best = 2 * across / (right - left), 0.0
-        self.tiles = min(env.num_envs, TILES)
+        usual = task.usual
+        self.rest = _array(usual.nodes.reshape(-1, *usual.nodes.shape[-2:])[0])
+        low, high = _box(np.concatenate((self.rest, _array(start))), task.VIEW, task.length)
+        main = int(np.ptp(self.rest, axis=0).argmax())
+        planes = [(0, 1), (0, 2)] if main == 0 else [(0, 2), (1, 2)] if main == 2 else [(0, 1), (2, 1)]
+        self.views = planes if task.plane is None else [tuple("xyz".index(axis) for axis in task.plane)]
+        wide, tall = (max((high - low)[view[k]] for view in self.views) for k in (0, 1))  # m
+        aspect, best = tall / wide, 0.0
+        self.tiles = min(count, TILES)
         for columns in range(1, self.tiles + 1):  # the largest views that fit
             width = min(VIEW, WIDTH / (columns * len(self.views)), HEIGHT / math.ceil(self.tiles / columns) / (aspect + 0.1))
             if width > best:
@@ -58,11 +66,13 @@ class Renderer:
         self.width, self.height = 2 * int(best / 2), 2 * int(best * aspect / 2)
         self.head = 2 * int(max(18, 0.08 * self.width) / 2)
         self.size = (len(self.views) * self.width, self.height + self.head)
-        self.scale = FINE * self.width / (right - left) / env.length  # px/m
-        self.origin = np.array([-left / (right - left) * FINE * self.width, FINE * self.height / 2])
+        self.scale = FINE * self.width / wide  # px/m
+        self.middle, self.centre = (low + high) / 2, np.array([FINE * self.width / 2, FINE * self.height / 2])
         self.font = pygame.font.Font(None, int(FINE * max(13, 0.75 * self.head)))
-        self.full = env.force.max().item()  # N, of the longest arrow
-        self.traces: list[list[np.ndarray]] = [[] for _ in range(env.num_envs)]
+        strongest = [drive.gain.abs().max().item() for drive in task.drives if isinstance(drive, TipForce)]
+        self.full = max(strongest, default=1.0)  # N, of the longest arrow
+        self.supports = [(s.node, s.rotation != "xyz") for s in task.usual_supports()]
+        self.traces: list[list[np.ndarray]] = [[] for _ in range(count)]
         self.window = None
 
     def follow(self, now: Episodes, fresh: Tensor) -> None:
@@ -75,11 +85,11 @@ class Renderer:
 
     def frames(self, now: Episodes, count: int) -> tuple[np.ndarray, ...]:
         """A picture of each of the first sub-envs: (height, width, 3) uint8."""
-        env = self.env
         curves, failed, headings = _array(curve(now.beam, count)), now.failed.tolist(), self._headings(now, count)
-        sketch = {"force": env.pushed(now), **env.sketch(now)}
-        sketch = {name: value if isinstance(value, bool) else _array(value[:count]) for name, value in sketch.items()}
-        shown = ({name: value if isinstance(value, bool) else value[i] for name, value in sketch.items()} for i in range(count))
+        force = self.task.tip_force(now)
+        data = {**({} if force is None else {"force": force}), **self.task.render_data(now)}
+        data = {name: _array(value[:count]) for name, value in data.items()}
+        shown = ({name: value[i] for name, value in data.items()} for i in range(count))
         return tuple(self._frame(*one) for one in zip(curves, self.traces, failed, headings, shown, strict=False))
 
     def tiled(self, now: Episodes) -> np.ndarray:
@@ -95,11 +105,11 @@ class Renderer:
         if self.window is None:
             pygame.display.init()
             self.window, self.clock = pygame.display.set_mode(picture.shape[:2]), pygame.time.Clock()
-            pygame.display.set_caption(type(self.env).__name__)
+            pygame.display.set_caption(self.title)
         pygame.event.pump()
         pygame.surfarray.blit_array(self.window, picture)
         pygame.display.flip()
-        self.clock.tick(self.env.metadata["render_fps"])
+        self.clock.tick(round(1 / self.task.config.control_interval))
 
     def close(self) -> None:
         if self.window is not None:
@@ -108,11 +118,11 @@ class Renderer:
 
     def _headings(self, now: Episodes, count: int) -> list[str]:
         """Time and measures of each sub-env; of as many as there is room for."""
-        texts = [f"{t:.2f} s" for t in (now.steps[:count] * self.env.control_interval).tolist()]
-        for name, values in self.env.measures(now).items():
+        texts = [f"{t:.2f} s" for t in (now.steps[:count] * self.task.config.control_interval).tolist()]
+        for name, values in now.measures.items():
             if not values.is_floating_point():
                 continue
-            unit = self.env.UNITS.get(name, "")
+            unit = self.task.UNITS.get(name, "")
             longer = [f"{text}   {name} {v:.3f} {unit}" for text, v in zip(texts, values[:count].tolist(), strict=True)]
             if all(self.font.size(text)[0] < FINE * (self.size[0] - 10) for text in longer):
                 texts = longer
@@ -137,39 +147,48 @@ class Renderer:
     def _view(self, surface: Any, axes: list[int], line: np.ndarray, trace: list[np.ndarray], failed: bool,
               shown: dict[str, Any]) -> None:
         pygame, unit = self.pygame, FINE * self.width / 240  # px
-        at = lambda points: self.origin + np.asarray(points)[..., axes] * (self.scale, -self.scale)  # noqa: E731
-        root, tip = at(line[0]), at(line[-1])
-        self._dashes(surface, at(np.zeros(3)), at([self.env.length, 0, 0]))
+        at = lambda points: self.centre + (np.asarray(points) - self.middle)[..., axes] * (self.scale, -self.scale)  # noqa: E731
+        tip, parts = at(line[-1]), (len(line) - 1) // (len(self.rest) - 1)
+        for a, b in pairwise(at(self.rest[:: len(self.rest) - 1] if self.task.straight else self.rest)):
+            self._dashes(surface, a, b)
         if "path" in shown:
             self._stroke(surface, PATH, at(shown["path"]), 0.8 * unit)
         if len(trace) > 1:
             self._stroke(surface, TIP, at(trace), unit)
-        self._support(surface, root, unit, shown.get("hinge", False))
+        for node, hinge in self.supports:
+            k = node % len(self.rest)
+            along = at(self.rest[min(k + 1, len(self.rest) - 1)]) - at(self.rest[max(k - 1, 0)])
+            self._support(surface, at(line[k * parts]), along, unit, hinge)
         self._stroke(surface, FAILED if failed else BEAM, at(line), 2 * unit)
         if "thrust" in shown:
             along = at(line[-2]) - tip
-            along = along / max(np.hypot(*along), 1e-9) * ARROW * self.scale * self.env.length
+            along = along / max(np.hypot(*along), 1e-9) * ARROW * self.scale * self.task.length
             self._arrow(surface, INK, tip - along, tip, unit)
         if "payload" in shown:
             pygame.draw.circle(surface, INK, tip, (2 + 4 * min(1.0, shown["payload"] ** (1 / 3))) * unit)
-        push = shown["force"][axes] / self.full * (self.scale, -self.scale) * ARROW * self.env.length
-        self._arrow(surface, FORCE, tip, tip + push, unit)
+        if "force" in shown:
+            push = shown["force"][axes] / self.full * (self.scale, -self.scale) * ARROW * self.task.length
+            self._arrow(surface, FORCE, tip, tip + push, unit)
         if "target" in shown:
             target = at(shown["target"])
             pygame.draw.circle(surface, TARGET, target, 5 * unit, max(1, round(unit)))
             pygame.draw.circle(surface, TARGET, target, 1.2 * unit)
 
-    def _support(self, surface: Any, root: np.ndarray, unit: float, hinge: bool) -> None:
+    def _support(self, surface: Any, at: np.ndarray, along: np.ndarray, unit: float, hinge: bool) -> None:
+        """A wall across the beam, which goes along (2,) px there, or a hinge."""
         pygame = self.pygame
         if hinge:
-            pygame.draw.circle(surface, PALE, root, 8 * unit)
-            pygame.draw.circle(surface, INK, root, 8 * unit, max(1, round(0.8 * unit)))
+            pygame.draw.circle(surface, PALE, at, 8 * unit)
+            pygame.draw.circle(surface, INK, at, 8 * unit, max(1, round(0.8 * unit)))
             return
+        size = np.hypot(*along)
+        along = along / size if size > 0 else np.array([1.0, 0.0])
+        across = np.array([-along[1], along[0]])
         for k in range(-3, 4):
-            start = root + np.array([0, 4 * k * unit])
-            pygame.draw.line(surface, PALE, start, start + np.array([-6, 5]) * unit, max(1, round(unit)))
-        half = np.array([0, 14 * unit])
-        pygame.draw.line(surface, INK, root - half, root + half, max(2, round(2 * unit)))
+            start = at + 4 * k * unit * across
+            pygame.draw.line(surface, PALE, start, start + (5 * across - 6 * along) * unit, max(1, round(unit)))
+        half = 14 * unit * across
+        pygame.draw.line(surface, INK, at - half, at + half, max(2, round(2 * unit)))
 
     def _stroke(self, surface: Any, color: tuple, points: np.ndarray, width: float) -> None:
         """A line of round joints."""
@@ -205,6 +224,14 @@ def curve(beam: Any, count: int) -> Tensor:
     inner = ((1 + 2 * s) * (1 - s) ** 2 * a + s**2 * (3 - 2 * s) * b
              + chord * (s * (1 - s) ** 2 * m - s**2 * (1 - s) * n))
     return torch.cat((inner.flatten(1, 2), p[:, -1:]), 1)
+
+
+def _box(nodes: np.ndarray, view: tuple[float, float, float] | None, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest corner (3,) m of what is seen."""
+    if view is not None:
+        left, right, across = view
+        return np.array([left, -across, -across]) * length, np.array([right, across, across]) * length
+    return nodes.min(0) - length / 3, nodes.max(0) + length / 3
 
 
 def _array(values: Tensor) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Rows: members of a batch replaced in whole trees of dataclasses, without building or checking them again."""
+"""Replacement of batch members in trees of dataclasses, without building or checking these again."""
 
 from __future__ import annotations
 

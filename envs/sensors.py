@@ -1,15 +1,18 @@
-"""Sensors: what of the beam an observation holds."""
+"""Sensors of an environment: `torchbeam.sensors` objects with the scales and bounds by which their readings are observed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchbeam import State
-from torchbeam import quaternions as quat
+import torchbeam as tb
+from torchbeam.math import quaternions as quat
+from torchbeam.sensors import Curvature, NodePosition, NodeVelocity, Sensor, Stack
 
 NAMES = ("tip", "middle", "gauges", "full")
 HIGH = {"displacement": 2, "velocity": 20, "curvature": 40, "rotation": np.pi, "spin": 200}
@@ -17,8 +20,118 @@ PLANES = {None: (slice(0, 3), slice(0, 3), slice(1, 3)),  # components of vector
           "xy": (slice(0, 2), slice(2, 3), slice(2, 3)), "xz": (slice(0, 3, 2), slice(1, 2), slice(1, 2))}
 
 
-class Sensors:
-    """What is read off a beam of `elements` elements, in the order of `names`; d = 3 components, or the 2 of `plane`.
+@dataclass(frozen=True, eq=False, repr=False)
+class SinceStart(Sensor):
+    """The reading of another sensor less that of the state `start`."""
+
+    of: Sensor
+    start: tb.State
+
+    def __post_init__(self) -> None:
+        for name in ("name", "unit", "labels", "shape"):
+            object.__setattr__(self, name, getattr(self.of, name))
+        object.__setattr__(self, "first", self.of(self.start))
+
+    shape = ()
+
+    def read(self, state: Any) -> Tensor:
+        return self.of(state) - self.first
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NodeMotions(Sensor):
+    """Of every node but node 0, node by node: displacement (m) since `start`, velocity (m/s), rotation vector (rad) since then
+    and spin (rad/s), both in section axes: (..., 12 N); or the components of them that change in a plane.
+    """
+
+    start: tb.State
+    plane: str | None = None
+    name = "node motions"
+    unit = "m, m/s, rad, rad/s"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        vector, turn, _ = PLANES[self.plane]
+        parts = (("displacement", vector), ("velocity", vector), ("rotation", turn), ("spin", turn))
+        return tuple(f"node {i} {what} {axis}" for i in range(1, self.start.position.shape[-2])
+                     for what, part in parts for axis in "xyz"[part])
+
+    def read(self, state: Any) -> Tensor:
+        vector, turn, _ = PLANES[self.plane]
+        start = self.start
+        moved = (state.position - start.position)[..., 1:, vector]
+        turned = quat.logarithm(quat.multiply(quat.conjugate(start.rotation[..., 1:, :]), state.rotation[..., 1:, :]))
+        turned = turned[..., turn]
+        rates = state.velocity[..., 1:, vector].expand_as(moved), state.spin[..., 1:, turn].expand_as(turned)
+        return torch.cat((moved, rates[0], turned, rates[1]), -1).flatten(-2)
+
+
+@dataclass(frozen=True)
+class Observed:
+    """A sensor in an observation: reading / scale, clipped to [-high, high].
+
+    sensor  a `torchbeam.sensors` object, or a function of the state that episodes start in that gives one (for what is
+            counted from there)
+    scale   of one unit of the observation, in the sensor's unit: a number, or one for each number of the reading
+    high    bound, likewise
+    """
+
+    sensor: Sensor | Callable[[tb.State], Sensor]
+    scale: float | Sequence[float] = 1.0
+    high: float | Sequence[float] = 10.0
+
+    def at(self, start: tb.State) -> Sensor:
+        return self.sensor if isinstance(self.sensor, Sensor) else self.sensor(start)
+
+
+class Observer:
+    """Observation of the beam: the readings of `Observed` sensors, in the order given, over their scales.
+
+    parts  `Observed`, or (`Observed`, kind of each number) with scales that depend on the sub-env
+    start  a state that episodes start in, for the sizes
+
+    high   (o,) bounds;  scale (o,), or (num_envs, o) where beams differ;  tip  slice of the tip's displacement since the start
+    within, None where it is not observed
+    """
+
+    def __init__(self, parts: Sequence[tuple[Observed, str]], start: tb.State) -> None:
+        self.parts = tuple(part for part, _ in parts)
+        sizes = [part.at(start).size for part in self.parts]
+        like, lead = start.position, []
+        for part, size in zip(self.parts, sizes, strict=True):
+            scale = torch.as_tensor(part.scale, dtype=like.dtype, device=like.device)
+            lead.append(scale.expand(*scale.shape[:-1], size) if scale.ndim else scale.expand(size))
+        shape = torch.broadcast_shapes(*(x.shape[:-1] for x in lead))
+        self.scale = torch.cat([x.expand(*shape, x.shape[-1]) for x in lead], -1)
+        self.high = np.concatenate([np.broadcast_to(part.high, size) for part, size in zip(self.parts, sizes, strict=True)])
+        if not (np.isfinite(self.high) & (self.high > 0)).all() or not (torch.isfinite(self.scale) & (self.scale > 0)).all():
+            raise ValueError("a scale or a bound of an Observed sensor that is not positive and finite was given")
+        self.high = self.high.astype(np.float32)
+        places = np.cumsum([0, *sizes]).tolist()
+        self.tip = next((slice(places[i], places[i + 1]) for i, (_, kind) in enumerate(parts) if kind == "tip"), None)
+        full = next((i for i, (_, kind) in enumerate(parts) if kind == "full"), None)
+        if self.tip is None and full is not None:
+            nodes = start.position.shape[-2] - 1
+            per = sizes[full] // nodes
+            d = per // 4 if per == 12 else 2
+            self.tip = slice(places[full + 1] - per, places[full + 1] - per + d)
+        self._bound: tuple[tb.State | None, bool, Stack | None] = None, False, None
+
+    def sensors(self, start: tb.State) -> Stack:
+        """The sensors of episodes that start there: called with a state they give readings (..., o) in their own units."""
+        graph = torch.is_grad_enabled()
+        if self._bound[0] is not start or (graph and not self._bound[1]):  # what was bound without a graph has none
+            self._bound = start, graph, Stack([part.at(start) for part in self.parts])
+        return self._bound[2]
+
+    def read(self, beam: tb.State, start: tb.State, scale: Tensor | None = None) -> Tensor:
+        """(n, o): beam and start with the batch (n,); scale: the rows of `self.scale` that belong to them."""
+        return self.sensors(start)(beam) / (self.scale if scale is None else scale)
+
+
+def observed_parts(names: Sequence[str | Observed], beam: tb.Beam, plane: str | None, length: float, omega: Tensor
+                   ) -> list[tuple[Observed, str]]:
+    """`Observed` sensors, and their kinds, of the names that a configuration gives; d = 3 components, or the 2 of `plane`.
 
     tip     displacement of the tip since the start (d), over the length L; its velocity (d), over L omega
     middle  the same of node elements // 2
@@ -27,58 +140,55 @@ class Sensors:
     full    of every node but the clamped one, node by node: displacement (d) and velocity (d) as above, rotation vector since
             the start in section axes (3, or 1 in a plane), spin (likewise) over omega
 
-    Raises ValueError for an unknown name, or for gauges and full with a form other than "nodal".
+    beam, length (m), omega (rad/s; (1,) or (num_envs, 1)): of the usual beam.
     """
+    vector, turn, bending = PLANES[plane]
+    d, r = (len(range(*part.indices(3))) for part in (vector, turn))
+    speed = length * omega
 
-    def __init__(self, names: str | Sequence[str], elements: int, plane: str | None = None, form: str = "nodal") -> None:
-        names = (names,) if isinstance(names, str) else tuple(names)
-        if not names or len(set(names)) < len(names) or not set(names) <= set(NAMES):
-            raise ValueError(f"sensors = {names!r} was given; one or more of {', '.join(map(repr, NAMES))} are wanted")
-        if form != "nodal" and set(names) & {"gauges", "full"}:
-            raise ValueError(f"sensors = {names!r} with form = {form!r} was given; that form has 'tip' and 'middle'")
-        self.names, self.elements = names, elements
-        self.vector, self.turn, self.bending = PLANES[plane]
-        d, r, b = (len(range(*part.indices(3))) for part in PLANES[plane])
-        point = [*d * ["displacement"], *d * ["velocity"]]
-        parts = {"tip": point, "middle": point, "gauges": 2 * b * ["curvature"],
-                 "full": elements * [*point, *r * ["rotation"], *r * ["spin"]]}
-        kinds = [kind for name in names for kind in parts[name]]
-        self.high = np.array([HIGH[kind] for kind in kinds], dtype=np.float32)
-        starts = dict(zip(names, np.cumsum([0, *(len(parts[name]) for name in names)]).tolist(), strict=False))
-        if "tip" in names:
-            self.tip = slice(starts["tip"], starts["tip"] + d)  # where the tip's displacement is; None = not seen
-        elif "full" in names:
-            end = starts["full"] + len(parts["full"]) - len(parts["full"]) // elements
-            self.tip = slice(end, end + d)
+    def point(node: int, kind: str) -> list[tuple[Observed, str]]:
+        def displacement(start: tb.State) -> Sensor:
+            return _part(NodePosition(node, reference=start), vector)
+        return [(Observed(displacement, length, HIGH["displacement"]), kind),
+                (Observed(_part(NodeVelocity(node), vector), speed.expand(*speed.shape[:-1], d), HIGH["velocity"]), "")]
+
+    def gauge(element: int) -> tuple[Observed, str]:
+        sensor = Curvature(beam=beam, element=element)[bending]
+        return Observed(lambda start: SinceStart(sensor, start), 1 / length, HIGH["curvature"]), ""
+
+    parts: list[tuple[Observed, str]] = []
+    for name in names:
+        if isinstance(name, Observed):
+            parts.append((name, ""))
+        elif name in ("tip", "middle"):
+            parts += point(-1 if name == "tip" else beam.count // 2, name)
+        elif name == "gauges":
+            parts += [gauge(0), gauge(beam.count // 2)]
         else:
-            self.tip = None
+            each = [*d * ["displacement"], *d * ["velocity"], *r * ["rotation"], *r * ["spin"]]
+            units = {"displacement": torch.full_like(omega, length), "velocity": speed, "rotation": torch.ones_like(omega),
+                     "spin": omega}
+            scale = torch.cat(beam.count * [units[kind] for kind in each], -1)
+            high = beam.count * [HIGH[kind] for kind in each]
+            parts.append((Observed(lambda start: NodeMotions(start, plane), scale, high), "full"))
+    return parts
 
-    def read(self, beam: State, start: State, length: float, speed: Tensor) -> Tensor:
-        """(n, size of `high`): beam and start with the batch (n,), length m, speed = length * omega (n or 1, 1) m/s."""
-        return torch.cat([getattr(self, f"_{name}")(beam, start, length, speed) for name in self.names], -1)
 
-    def _point(self, node: int, beam: State, start: State, length: float, speed: Tensor) -> Tensor:
-        moved = (beam.position[:, node] - start.position[:, node]) / length
-        return torch.cat((moved[:, self.vector], (beam.velocity[:, node] / speed)[:, self.vector]), -1)
+def check_names(sensors: Any, form: str) -> tuple[str | Observed, ...]:
+    """The sensors of a configuration as a tuple. ValueError for an unknown name, or for gauges and full with a form other than
+    "nodal".
+    """
+    given = (sensors,) if isinstance(sensors, (str, Observed)) else sensors
+    names = tuple(given) if isinstance(given, Sequence) else ()
+    words = [s for s in names if not isinstance(s, Observed)]
+    if not names or any(s not in NAMES for s in words) or len(set(words)) < len(words):
+        raise ValueError(f"sensors = {sensors!r} was given; one or more of {', '.join(map(repr, NAMES))} or Observed sensors "
+                         "are wanted")
+    if form != "nodal" and set(words) & {"gauges", "full"}:
+        raise ValueError(f"sensors = {sensors!r} with form = {form!r} was given; that form has 'tip' and 'middle'")
+    return names
 
-    def _tip(self, *seen) -> Tensor:
-        return self._point(-1, *seen)
 
-    def _middle(self, *seen) -> Tensor:
-        return self._point(self.elements // 2, *seen)
-
-    def _gauges(self, beam: State, start: State, length: float, speed: Tensor) -> Tensor:
-        now, then = (self._bent(x.rotation) for x in (beam, start))
-        return (now - then).flatten(1) * self.elements
-
-    def _bent(self, rotation: Tensor) -> Tensor:
-        """(n, 2, b) rad, by which the two gauged elements are bent; times elements / L it is their curvature."""
-        ends = (torch.stack([rotation[:, i + end] for i in (0, self.elements // 2)], 1) for end in (0, 1))
-        first, last = ends
-        return quat.logarithm(quat.multiply(quat.conjugate(first), last))[..., self.bending]
-
-    def _full(self, beam: State, start: State, length: float, speed: Tensor) -> Tensor:
-        moved = (beam.position - start.position)[:, 1:, self.vector] / length
-        turned = quat.logarithm(quat.multiply(quat.conjugate(start.rotation[:, 1:]), beam.rotation[:, 1:]))
-        rates = beam.velocity[:, 1:, self.vector] / speed[..., None], beam.spin[:, 1:, self.turn] * (length / speed[..., None])
-        return torch.cat((moved, rates[0], turned[..., self.turn], rates[1]), -1).flatten(1)
+def _part(sensor: Sensor, components: slice) -> Sensor:
+    """The sensor, or its components in a plane."""
+    return sensor if components == slice(0, 3) else sensor[components]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any, ClassVar
 
 import gymnasium
@@ -10,6 +11,8 @@ from gymnasium.vector import AutoresetMode
 
 from .core import BeamVectorEnv
 
+MANY = ("num_envs", "autoreset_mode", "output")  # arguments of a vector env alone
+
 
 class SingleEnv(gymnasium.Env):
     """One member of the class attribute `vector`; takes its arguments, but num_envs, autoreset_mode and output."""
@@ -17,8 +20,14 @@ class SingleEnv(gymnasium.Env):
     vector: ClassVar[type[BeamVectorEnv]]
     metadata = BeamVectorEnv.metadata
 
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """help() and editors show the keywords of `vector`."""
+        super().__init_subclass__(**kwargs)
+        theirs = inspect.signature(cls.vector)
+        cls.__signature__ = theirs.replace(parameters=[p for name, p in theirs.parameters.items() if name not in MANY])
+
     def __init__(self, *, render_mode: str | None = None, max_episode_steps: int | None = None, **arguments: Any) -> None:
-        for name in ("num_envs", "autoreset_mode", "output"):
+        for name in MANY:
             if name in arguments:
                 raise ValueError(f"{name} was given; a single env has none, {self.vector.__name__} does")
         self.one = self.vector(1, max_episode_steps=max_episode_steps, render_mode=render_mode,
@@ -27,8 +36,8 @@ class SingleEnv(gymnasium.Env):
         self.observation_space, self.action_space = self.one.single_observation_space, self.one.single_action_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
+        observation, info = self.one.reset(seed=seed, options=options)  # says so where the seed is none
         super().reset(seed=seed)
-        observation, info = self.one.reset(seed=seed, options=options)
         return observation[0], _first(info)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,13 +12,97 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam import quaternions as quat
+from torchbeam.math import quaternions as quat
 
+from .actuators import Actuator, TipForce
+from .config import BeamEnvConfig
 from .core import BeamVectorEnv
 from .episodes import Episodes
-from .plant import Parameter
+from .parameters import Parameter
 from .reach import distance, rounded
 from .single import SingleEnv
+from .task import Task
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlewConfig(BeamEnvConfig):
+    """angle (rad), torque (N m), inertia (kg m^2) of the hub: see `SlewVectorEnv`; the rest as in `BeamEnvConfig`."""
+
+    angle: float = math.pi / 2
+    torque: float = 1.0
+    inertia: float = 0.05
+    force: Sequence[float] = (0.3, 0.3)
+    gravity: None = None
+    max_episode_steps: int | None = 100
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check_numbers("angle", above=0.0, most=math.pi / 2)
+        self.check_numbers("torque", "inertia", above=0.0)
+        if self.gravity is not None or self.form != "nodal":
+            raise ValueError("gravity or another form was given; Slew is without gravity and in the form 'nodal'")
+
+
+class Slew(Task):
+    """Turn the arm by an angle and leave no vibration: `SlewVectorEnv` has the specification."""
+
+    Config = SlewConfig
+    GOAL = 1
+    HOLDS = False  # the hub rests at any angle
+    VIEW = (-1.15, 1.15, 1.15)
+    UNITS = {"distance": "m", "angle": "rad"}  # noqa: RUF012
+
+    def parameters(self) -> dict[str, Parameter]:
+        inertia = self.config.inertia
+        return {"inertia": Parameter(inertia, inertia / 2, 1.5 * inertia), **super().parameters()}
+
+    def supports(self) -> Any:
+        return (tb.Support(0, position="xyz", rotation="xy"),) if self.config.supports is None else self.config.supports
+
+    def actuators(self) -> tuple[Actuator, ...]:
+        hub = Actuator(tb.PointLoad(0, moment=tb.Input("torque", 3)), [[0.0, 0.0, self.config.torque]])
+        across = torch.eye(3, dtype=self.dtype, device=self.device)[self.axes]
+        return (hub, TipForce(gain=self.force[:, None] * across, follower=True))
+
+    def effects(self, params: dict[str, Tensor]) -> tuple:
+        none = torch.zeros_like(params["inertia"])
+        flat = torch.stack((params["inertia"] / 2, params["inertia"] / 2, params["inertia"]), -1)  # a disc, turned about z
+        return (tb.PointMass(none, inertia=torch.diag_embed(flat), node=0),)  # (k, 3) would be a matrix where k = 3
+
+    def sample_goal(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
+        """(k, 1) rad: the angles."""
+        most = self.config.angle
+        drawn = [[stream.uniform(-most, most)] for stream in streams]
+        return torch.tensor(drawn, dtype=self.dtype, device=self.device)
+
+    def target(self, now: Episodes, ahead: int = 0) -> Tensor:
+        """Tip position of the arm at rest, turned by the goal about the hub's axis."""
+        root = now.start.position[:, 0]
+        x, y, z = (now.start.position[:, -1] - root).unbind(-1)
+        c, s = torch.cos(now.goal[:, 0]), torch.sin(now.goal[:, 0])
+        tip = root + torch.stack((c * x - s * y, s * x + c * y, z), -1)
+        return tip[:, None].expand(-1, ahead + 1, -1)
+
+    def target_high(self) -> np.ndarray:
+        return np.array([*[4.0] * self.directions, 2 * np.pi, 20.0])
+
+    def target_observation(self, now: Episodes, tip: Tensor | None) -> Tensor:
+        angle, rate = self.tracking_error(now)
+        return torch.cat((self.gap(now, now.target[:, 0], tip), angle, rate), -1)
+
+    def cost(self, now: Episodes) -> Tensor:
+        return rounded(now.target[:, 0] - now.beam.position[:, -1], self.length)
+
+    def measures(self, now: Episodes) -> dict[str, Tensor]:
+        turned = quat.multiply(quat.conjugate(now.start.rotation[:, 0]), now.beam.rotation[:, 0])
+        angle = now.goal[:, 0] - quat.logarithm(turned)[:, 2]  # to go, in (-3 pi / 2, 3 pi / 2]
+        return {"distance": distance(now.target[:, 0], now.beam.position[:, -1]), "angle": angle}
+
+    def tracking_error(self, now: Episodes) -> tuple[Tensor, Tensor]:
+        """The hub's: angle to go (rad), and rate over omega."""
+        beam = now.beam
+        rate = quat.rotate(beam.rotation[:, 0], beam.spin[:, 0])[:, 2:] / self.of(now, self.omega)
+        return now.measures["angle"][:, None], rate
 
 
 class SlewVectorEnv(BeamVectorEnv):
@@ -64,8 +150,8 @@ class SlewVectorEnv(BeamVectorEnv):
     `distance` (m) of the tip from its target, `angle` (rad) to go, `solver_failed`, `action_invalid`; masks as in TipReach.
 
     ## Arguments
-    Those of `BeamVectorEnv` (see `envs/core.py`), with its defaults but no gravity, force = (0.3, 0.3) and max_episode_steps =
-    100, and
+    Those of `BeamEnvConfig` (see `envs/config.py`), with its defaults but no gravity, force = (0.3, 0.3) and
+    max_episode_steps = 100, and
     angle    rad, pi / 2: of the largest turn, up to pi / 2
     torque   N m, 1
     inertia  kg m^2, 0.05: of the hub about z (the strip's own about the hub is 0.091)
@@ -80,69 +166,7 @@ class SlewVectorEnv(BeamVectorEnv):
     v0: first version.
     """
 
-    GOAL = 1
-    HUB = 1
-    VIEW = (-1.15, 1.15, 1.15)
-    UNITS = {"distance": "m", "angle": "rad"}  # noqa: RUF012
-
-    def __init__(self, num_envs: int = 1, *, angle: float = math.pi / 2, torque: float = 1.0, inertia: float = 0.05,
-                 force: tuple[float, ...] = (0.3, 0.3), gravity: None = None, max_episode_steps: int | None = 100,
-                 **arguments: Any) -> None:
-        for name, value, most in (("angle", angle, math.pi / 2), ("torque", torque, math.inf), ("inertia", inertia, math.inf)):
-            if not (0 < value <= most and math.isfinite(value)):
-                raise ValueError(f"{name} = {value!r} was given; a positive finite number, an angle up to pi / 2, is wanted")
-        if gravity is not None or arguments.get("form", "nodal") != "nodal":
-            raise ValueError("gravity or another form was given; Slew is without gravity and in the form 'nodal'")
-        self.angle, self.torque, self.inertia = angle, torque, inertia
-        super().__init__(num_envs, force=force, gravity=None, max_episode_steps=max_episode_steps, **arguments)
-
-    def parameters(self) -> dict[str, Parameter]:
-        shared = {name: p for name, p in super().parameters().items() if name != "offset"}
-        return {"inertia": Parameter(self.inertia, self.inertia / 2, 1.5 * self.inertia), **shared}
-
-    def held(self) -> dict[str, Any]:
-        return {"supports": (tb.Support(0, position="xyz", rotation="xy"),)}
-
-    def effects(self, params: dict[str, Tensor]) -> tuple:
-        none = torch.zeros_like(params["inertia"])
-        about_z = torch.diag_embed(torch.stack((none, none, params["inertia"]), -1))  # (k, 3) would be a matrix where k = 3
-        hub = tb.PointMass(none, inertia=about_z, node=0)
-        return (tb.TipLoad(force=tb.Input("force", 3), follower=True), tb.PointLoad(0, moment=tb.Input("torque", 3)), hub)
-
-    def inputs(self, action: Tensor, now: Episodes) -> dict[str, Tensor]:
-        axis = torch.tensor([0.0, 0.0, 1.0], dtype=self.dtype, device=self.device)
-        return {**super().inputs(action, now), "torque": self.torque * action[:, :1] * axis}
-
-    def begin(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
-        """(k, 1) rad: the angles."""
-        drawn = [[stream.uniform(-self.angle, self.angle)] for stream in streams]
-        return torch.tensor(drawn, dtype=self.dtype, device=self.device)
-
-    def aim_high(self) -> np.ndarray:
-        return np.array([*[4.0] * (3 if self.plane is None else 2), 2 * np.pi, 20.0])
-
-    def aim(self, now: Episodes, tip: Tensor | None) -> Tensor:
-        rate = now.beam.node(0).spin[:, 2:] / self.of(now, self.omega)
-        return torch.cat((self.gap(now, self._target(now), tip), self._to_go(now), rate), -1)
-
-    def cost(self, now: Episodes) -> Tensor:
-        return rounded(self._target(now) - now.beam.position[:, -1], self.length)
-
-    def measures(self, now: Episodes) -> dict[str, Tensor]:
-        return {"distance": distance(self._target(now), now.beam.position[:, -1]), "angle": self._to_go(now)[:, 0]}
-
-    def sketch(self, now: Episodes) -> dict[str, Any]:
-        turned = (now.beam.tip.rotation @ self.pushed(now)[..., None])[..., 0]
-        return {"target": self._target(now), "hinge": True, "force": turned}
-
-    def _target(self, now: Episodes) -> Tensor:
-        """(n, 3) m."""
-        return self.length * torch.cat((torch.cos(now.goal), torch.sin(now.goal), torch.zeros_like(now.goal)), -1)
-
-    def _to_go(self, now: Episodes) -> Tensor:
-        """(n, 1) rad, in (-3 pi / 2, 3 pi / 2]."""
-        turned = quat.multiply(quat.conjugate(now.start.rotation[:, 0]), now.beam.rotation[:, 0])
-        return now.goal - quat.logarithm(turned)[:, 2:]
+    task_type = Slew
 
 
 class SlewEnv(SingleEnv):

@@ -2,19 +2,63 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from .config import BeamEnvConfig
 from .core import BeamVectorEnv
 from .episodes import Episodes
-from .plant import aluminium_strip, silicone_rod
-from .reach import Reach, distance, rounded, share_in_ellipse
+from .plant import Plant
+from .reach import distance, rounded, share_in_ellipse
 from .single import SingleEnv
+from .task import Task
 
-__all__ = ["TipReachEnv", "TipReachVectorEnv", "aluminium_strip", "silicone_rod"]
+
+@dataclass(frozen=True, kw_only=True)
+class TipReachConfig(BeamEnvConfig):
+    """reach  share of the actions' range that targets need at most on the usual beam, above 0 and up to 1; the rest as in
+    `BeamEnvConfig`.
+    """
+
+    reach: float = 0.8
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check_numbers("reach", above=0.0, most=1.0)
+
+
+class TipReach(Task):
+    """Bring the tip to a point and hold it there: `TipReachVectorEnv` has the specification."""
+
+    Config = TipReachConfig
+    GOAL = 3
+    VIEW = (-0.12, 1.12, 0.6)
+
+    def prepare(self, plant: Plant) -> None:
+        self.reach = self.within_reach(plant, self.config.reach)
+
+    def sample_goal(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
+        """(k, 3) m: targets that forces in the ellipse hold."""
+        share = share_in_ellipse(np.array([stream.random(2) for stream in streams]), self.actions)
+        return self.reach.tip(torch.as_tensor(share, dtype=self.dtype, device=self.device), rows)
+
+    def target(self, now: Episodes, ahead: int = 0) -> Tensor:
+        return now.goal[:, None].expand(-1, ahead + 1, -1)
+
+    def target_high(self) -> np.ndarray:
+        return np.full(self.directions, 4.0)
+
+    def target_observation(self, now: Episodes, tip: Tensor | None) -> Tensor:
+        return self.gap(now, now.goal, tip)
+
+    def cost(self, now: Episodes) -> Tensor:
+        return rounded(now.goal - now.beam.position[:, -1], self.length)
+
+    def measures(self, now: Episodes) -> dict[str, Tensor]:
+        return {"distance": distance(now.goal, now.beam.position[:, -1])}
 
 
 class TipReachVectorEnv(BeamVectorEnv):
@@ -75,7 +119,7 @@ class TipReachVectorEnv(BeamVectorEnv):
     sub-envs that did not move. SAME_STEP adds `final_obs` (num_envs, 17) and `final_info` with their masks.
 
     ## Arguments
-    Those of `BeamVectorEnv`, with its defaults (see `envs/core.py`), and
+    Those of `BeamEnvConfig`, with its defaults (see `envs/config.py`), and
     reach  0.8: share of the force bounds that targets need at most on the usual strip, above 0 and up to 1
 
     "torchbeam/TipReachPlanar-v0" is this with planar=True: the horizontal plane, one action, 9 + delay observations.
@@ -92,31 +136,7 @@ class TipReachVectorEnv(BeamVectorEnv):
     v0: first version.
     """
 
-    GOAL = 3
-    AIM = (4.0,)
-
-    def __init__(self, num_envs: int = 1, *, reach: float = 0.8, **arguments: Any) -> None:
-        if not 0 < reach <= 1:
-            raise ValueError(f"reach = {reach} was given; a share above 0 and up to 1 is wanted")
-        super().__init__(num_envs, **arguments)
-        self.reach = Reach.of(self.plant.scene, reach * self.force, self.axes)
-
-    def begin(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
-        """(k, 3) m: targets that forces in the ellipse hold."""
-        share = share_in_ellipse(np.array([stream.random(2) for stream in streams]), len(self.force))
-        return self.reach.tip(torch.as_tensor(share, dtype=self.dtype, device=self.device), rows)
-
-    def aim(self, now: Episodes, tip: Tensor | None) -> Tensor:
-        return self.gap(now, now.goal, tip)
-
-    def cost(self, now: Episodes) -> Tensor:
-        return rounded(now.goal - now.beam.position[:, -1], self.length)
-
-    def measures(self, now: Episodes) -> dict[str, Tensor]:
-        return {"distance": distance(now.goal, now.beam.position[:, -1])}
-
-    def sketch(self, now: Episodes) -> dict[str, Any]:
-        return {"target": now.goal}
+    task_type = TipReach
 
 
 class TipReachEnv(SingleEnv):

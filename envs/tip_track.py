@@ -2,22 +2,108 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from .config import BeamEnvConfig, check_whole
 from .core import BeamVectorEnv
 from .episodes import Episodes
-from .reach import Reach, distance, rounded
+from .plant import Plant
+from .reach import distance, rounded
 from .single import SingleEnv
+from .task import Task
 
 PATHS = ("circle", "lemniscate", "random")
 HARMONICS = 3
 RAMP = 0.25  # of the period, in which the path grows from a point
 DRAWN = 96  # points of a path in a picture, and instants at which a random one is measured
+
+
+@dataclass(frozen=True, kw_only=True)
+class TipTrackConfig(BeamEnvConfig):
+    """path, period (s), reach and preview (intervals): see `TipTrackVectorEnv`; the rest as in `BeamEnvConfig`."""
+
+    path: str = "any"
+    period: float = 2.0
+    reach: float = 0.5
+    preview: int = 3
+    max_episode_steps: int | None = 100
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.path not in (*PATHS, "any"):
+            raise ValueError(f"path = {self.path!r} was given; {', '.join(map(repr, PATHS))} or 'any' is wanted")
+        self.check_numbers("reach", above=0.0, most=1.0)
+        self.check_numbers("period", above=0.0)
+        check_whole("preview", self.preview, 1)
+
+
+class TipTrack(Task):
+    """Let the tip follow a moving target: `TipTrackVectorEnv` has the specification."""
+
+    Config = TipTrackConfig
+    VIEW = (-0.12, 1.12, 0.6)
+
+    def __init__(self, config: TipTrackConfig) -> None:
+        super().__init__(config)
+        self.goal_size, self.preview = 2 * HARMONICS * self.actions, config.preview
+        self.harmonics = torch.arange(1, HARMONICS + 1, dtype=self.dtype, device=self.device)
+        self.ahead = torch.arange(config.preview + 1, dtype=self.dtype, device=self.device)
+
+    def prepare(self, plant: Plant) -> None:
+        self.reach = self.within_reach(plant, self.config.reach)
+
+    def sample_goal(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
+        """(k, 2 HARMONICS actions): coefficients a_k, b_k of the paths."""
+        return torch.as_tensor(np.stack([self._draw(stream) for stream in streams]), dtype=self.dtype, device=self.device)
+
+    def _draw(self, stream: np.random.Generator) -> np.ndarray:
+        path = PATHS[stream.integers(len(PATHS))] if self.config.path == "any" else self.config.path
+        size, phase, sense = stream.uniform(0.5, 1), stream.uniform(0, 2 * np.pi), stream.choice([-1, 1])
+        c = np.zeros((HARMONICS, 2, 2))  # harmonic, cosine and sine, axis
+        if path == "random":
+            c = stream.normal(size=c.shape) / np.arange(1, HARMONICS + 1)[:, None, None]
+            largest = np.linalg.norm((_waves(2 * np.pi * np.arange(DRAWN) / DRAWN) @ c.reshape(-1, 2)), axis=1).max()
+            return (c * size / largest)[..., : self.actions].ravel()
+        c[0, :, 0] = size * np.cos(phase), -size * np.sin(phase)  # cos(phi + phase)
+        k, second = (1, size * sense) if path == "circle" else (2, size * sense / 2)
+        c[k - 1, :, 1] = second * np.sin(k * phase), second * np.cos(k * phase)  # sin(k (phi + phase))
+        return c[..., : self.actions].ravel()
+
+    def target(self, now: Episodes, ahead: int = 0) -> Tensor:
+        k = self.ahead if ahead == self.preview else torch.arange(ahead + 1, dtype=self.dtype, device=self.device)
+        return self.target_at(now, (now.steps[:, None] + k) * self.config.control_interval)
+
+    def target_at(self, now: Episodes, t: Tensor) -> Tensor:
+        """(n, m, 3) m: where the targets are at the instants t (n, m) s."""
+        phi = 2 * torch.pi * t[..., None] / self.config.period * self.harmonics
+        waves = torch.stack((torch.cos(phi), torch.sin(phi)), -1).flatten(-2)
+        s = (t / (RAMP * self.config.period)).clamp(0, 1)[..., None]
+        share = s**2 * (3 - 2 * s) * (waves @ now.goal.unflatten(-1, (2 * HARMONICS, -1)))
+        return self.reach.tip(share.flatten(0, 1), now.member.repeat_interleave(t.shape[1])).unflatten(0, t.shape)
+
+    def target_high(self) -> np.ndarray:
+        return np.repeat((4.0, 20.0, *[2.0] * self.preview), self.directions)
+
+    def target_observation(self, now: Episodes, tip: Tensor | None) -> Tensor:
+        target, d = now.target, self.vector
+        velocity = (target[:, 1] - target[:, 0]) / self.config.control_interval / self.of(now, self.speed)
+        ahead = (target[:, 1:] - now.start.position[:, None, -1]) / self.length
+        return torch.cat((self.gap(now, target[:, 0], tip), velocity[:, d], ahead[..., d].flatten(1)), -1)
+
+    def cost(self, now: Episodes) -> Tensor:
+        return rounded(now.target[:, 0] - now.beam.position[:, -1], self.length)
+
+    def measures(self, now: Episodes) -> dict[str, Tensor]:
+        return {"distance": distance(now.target[:, 0], now.beam.position[:, -1])}
+
+    def render_data(self, now: Episodes) -> dict[str, Any]:
+        once = torch.linspace(1, 2, DRAWN, dtype=self.dtype, device=self.device) * self.config.period
+        return {**super().render_data(now), "path": self.target_at(now, once.expand(len(now.goal), DRAWN))}
 
 
 class TipTrackVectorEnv(BeamVectorEnv):
@@ -62,7 +148,7 @@ class TipTrackVectorEnv(BeamVectorEnv):
     `distance` (m) from tip to target, `solver_failed`, `action_invalid`, as in TipReach.
 
     ## Arguments
-    Those of `BeamVectorEnv`, with its defaults (see `envs/core.py`) but max_episode_steps = 100, and
+    Those of `BeamEnvConfig`, with its defaults (see `envs/config.py`) but max_episode_steps = 100, and
     path     "circle", "lemniscate" or "random";  "any" (default): one of them, drawn with the episode
     period   s, 2
     reach    0.5: share of the force bounds that the static force takes at most on the usual strip, above 0 and up to 1
@@ -78,69 +164,7 @@ class TipTrackVectorEnv(BeamVectorEnv):
     v0: first version.
     """
 
-    def __init__(self, num_envs: int = 1, *, path: str = "any", period: float = 2.0, reach: float = 0.5, preview: int = 3,
-                 max_episode_steps: int | None = 100, **arguments: Any) -> None:
-        if path not in (*PATHS, "any"):
-            raise ValueError(f"path = {path!r} was given; {', '.join(map(repr, PATHS))} or 'any' is wanted")
-        if not 0 < reach <= 1:
-            raise ValueError(f"reach = {reach} was given; a share above 0 and up to 1 is wanted")
-        if not 0 < period < math.inf:
-            raise ValueError(f"period = {period!r} was given; a positive finite number (s) is wanted")
-        if not isinstance(preview, int) or preview < 1:
-            raise ValueError(f"preview = {preview!r} was given; a whole number of at least 1 is wanted")
-        self.path, self.period, self.preview = path, period, preview
-        self.AIM = (4.0, 20.0, *[2.0] * preview)
-        super().__init__(num_envs, max_episode_steps=max_episode_steps, **arguments)
-        self.GOAL = 2 * HARMONICS * len(self.force)
-        self.reach = Reach.of(self.plant.scene, reach * self.force, self.axes)
-
-    def begin(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
-        """(k, 2 HARMONICS axes): coefficients a_k, b_k of the paths."""
-        return torch.as_tensor(np.stack([self._draw(stream) for stream in streams]), dtype=self.dtype, device=self.device)
-
-    def _draw(self, stream: np.random.Generator) -> np.ndarray:
-        path = PATHS[stream.integers(len(PATHS))] if self.path == "any" else self.path
-        size, phase, sense = stream.uniform(0.5, 1), stream.uniform(0, 2 * np.pi), stream.choice([-1, 1])
-        c = np.zeros((HARMONICS, 2, 2))  # harmonic, cosine and sine, axis
-        if path == "random":
-            c = stream.normal(size=c.shape) / np.arange(1, HARMONICS + 1)[:, None, None]
-            largest = np.linalg.norm((_waves(2 * np.pi * np.arange(DRAWN) / DRAWN) @ c.reshape(-1, 2)), axis=1).max()
-            return (c * size / largest)[..., : len(self.force)].ravel()
-        c[0, :, 0] = size * np.cos(phase), -size * np.sin(phase)  # cos(phi + phase)
-        k, second = (1, size * sense) if path == "circle" else (2, size * sense / 2)
-        c[k - 1, :, 1] = second * np.sin(k * phase), second * np.cos(k * phase)  # sin(k (phi + phase))
-        return c[..., : len(self.force)].ravel()
-
-    def target(self, now: Episodes, t: Tensor) -> Tensor:
-        """(n, m, 3) m: where the targets are at the instants t (n, m) s."""
-        phi = 2 * torch.pi * t[..., None] / self.period * torch.arange(1, HARMONICS + 1, dtype=t.dtype, device=t.device)
-        waves = torch.stack((torch.cos(phi), torch.sin(phi)), -1).flatten(-2)
-        s = (t / (RAMP * self.period)).clamp(0, 1)[..., None]
-        share = s**2 * (3 - 2 * s) * (waves @ now.goal.unflatten(-1, (2 * HARMONICS, -1)))
-        return self.reach.tip(share.flatten(0, 1), now.member.repeat_interleave(t.shape[1])).unflatten(0, t.shape)
-
-    def instants(self, now: Episodes, ahead: int) -> Tensor:
-        """(n, ahead + 1) s: now, and the ends of the next intervals."""
-        k = torch.arange(ahead + 1, dtype=self.dtype, device=self.device)
-        return (now.steps[:, None] + k) * self.control_interval
-
-    def aim(self, now: Episodes, tip: Tensor | None) -> Tensor:
-        target = self.target(now, self.instants(now, self.preview))
-        velocity = (target[:, 1] - target[:, 0]) / self.control_interval / self.of(now, self.speed)
-        ahead = (target[:, 1:] - now.start.position[:, None, -1]) / self.length
-        d = self.sensors.vector
-        return torch.cat((self.gap(now, target[:, 0], tip), velocity[:, d], ahead[..., d].flatten(1)), -1)
-
-    def cost(self, now: Episodes) -> Tensor:
-        return rounded(self.target(now, self.instants(now, 0))[:, 0] - now.beam.position[:, -1], self.length)
-
-    def measures(self, now: Episodes) -> dict[str, Tensor]:
-        return {"distance": distance(self.target(now, self.instants(now, 0))[:, 0], now.beam.position[:, -1])}
-
-    def sketch(self, now: Episodes) -> dict[str, Any]:
-        once = torch.linspace(1, 2, DRAWN, dtype=self.dtype, device=self.device) * self.period
-        path = self.target(now, once.expand(len(now.goal), DRAWN))
-        return {"target": self.target(now, self.instants(now, 0))[:, 0], "path": path}
+    task_type = TipTrack
 
 
 class TipTrackEnv(SingleEnv):

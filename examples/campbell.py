@@ -15,7 +15,7 @@ import torch
 import torchbeam as tb
 
 torch.set_default_dtype(torch.float64)
-TABLE = json.loads((Path(__file__).parents[1] / "tests/reference/rotating_cantilever_frequencies.json").read_text())["values"]
+TABLE = json.loads((Path(__file__).parents[1] / "torchbeam/data/rotating_cantilever_frequencies.json").read_text())["values"]
 N = 24
 SPEED = torch.tensor([float(row["eta"]) for row in TABLE])  # in units of (EI/(m L^4))^1/2, as all frequencies here
 KNOWN = torch.tensor([sorted(row["lag"][:2] + row["flap"][:2]) for row in TABLE])

@@ -19,7 +19,7 @@ import torchbeam as tb
 torch.set_default_dtype(torch.float64)
 SAMPLES, N = 4096, 16
 LEVELS = torch.tensor([0.01, 0.1, 0.5, 0.9, 0.99])
-TABLE = json.loads((Path(__file__).parents[1] / "tests/reference/elastica_dead_tip_load.json").read_text())["values"]
+TABLE = json.loads((Path(__file__).parents[1] / "torchbeam/data/elastica_dead_tip_load.json").read_text())["values"]
 
 
 SIGMA = math.sqrt(math.log(1 + 0.2**2))

@@ -8,7 +8,6 @@ versions) and .png; with --full over the whole grid, the explicit method and rep
 
 import csv
 import json
-import platform
 import sys
 import time
 from pathlib import Path
@@ -16,9 +15,10 @@ from pathlib import Path
 import torch
 
 import torchbeam as tb
+from torchbeam.core.results import measured_on
 
 torch.set_default_dtype(torch.float64)
-CASE = json.loads((Path(__file__).parents[1] / "tests/reference/dynamic_step_load.json").read_text())
+CASE = json.loads((Path(__file__).parents[1] / "torchbeam/data/dynamic_step_load.json").read_text())
 T, TIP = torch.tensor(CASE["t"]), torch.tensor(CASE["tip"])
 SHORT = [("midpoint", 8, 10.0), ("midpoint", 16, 5.0)]
 FULL = [("midpoint", N, dt) for N in (4, 8, 16, 32) for dt in (20.0, 10.0, 5.0, 2.5)]
@@ -73,9 +73,7 @@ def save(folder: Path = Path("out")) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with open(folder / "work_precision.csv", "w", newline="") as file:
         csv.writer(file).writerows([COLUMNS, *rows])
-    about = dict(machine=platform.machine(), processor=platform.processor(), system=platform.platform(),
-                 python=platform.python_version(), torch=torch.__version__, threads=torch.get_num_threads(), dtype="float64",
-                 time="process CPU seconds, least of the repeats, one simulation at a time")
+    about = {**measured_on(), "time": "process CPU seconds, least of the repeats, one simulation at a time"}
     (folder / "work_precision.json").write_text(json.dumps(about, indent=1) + "\n")
 
 

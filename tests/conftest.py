@@ -1,29 +1,41 @@
-"""What every test shares: float64, one thread, and the reference cases."""
+"""What every test shares: float64, one thread (or OMP_NUM_THREADS), and the reference cases."""
 
 import json
+import os
 import sys
+from importlib import resources
 from pathlib import Path
 
 import pytest
 import torch
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))  # the helpers beside the tests: mixed_cases, nodal_cases
+sys.path.insert(0, str(Path(__file__).parent / "cases"))  # what several tests draw on: nodal_cases, mixed_cases, gradient_cases
 
+THREADS = int(os.environ.get("OMP_NUM_THREADS", 1))
 torch.set_default_dtype(torch.float64)
-torch.set_num_threads(1)
+
+
+def set_threads():
+    """Only where it changes something: after a call of set_num_threads with 2, torch's LU of a batch of matrices from 200 rows
+    on is wrong or raises (torch 2.13, MKL 2024.2), whereas the same threads by OMP_NUM_THREADS alone are right.
+    """
+    if torch.get_num_threads() != THREADS:
+        torch.set_num_threads(THREADS)
+
+
+set_threads()
 
 
 @pytest.fixture(autouse=True)
-def double_precision_on_one_thread():
+def double_precision_on_given_threads():
     """A test that changes the default dtype or the number of threads does not reach the next."""
     torch.set_default_dtype(torch.float64)
-    torch.set_num_threads(1)
+    set_threads()
     yield
     torch.set_default_dtype(torch.float64)
 
 
 @pytest.fixture(scope="session")
 def reference():
-    """reference("heavy_elastica") -> tests/reference/heavy_elastica.json"""
-    return lambda name: json.loads((HERE / "reference" / f"{name}.json").read_text())
+    """reference("heavy_elastica") -> torchbeam/data/heavy_elastica.json, the file that the package's own studies read"""
+    return lambda name: json.loads(resources.files("torchbeam").joinpath(f"data/{name}.json").read_text())

@@ -1,10 +1,21 @@
 """torchbeam: batched, differentiable, geometrically exact beam dynamics in PyTorch."""
 
 from . import plot, sensors
-from .advise import Advice, advise
-from .beam import Beam
-from .critical import Critical, critical_load
-from .effects import (
+from .analysis.advise import Advice, advise
+from .analysis.describe import Description, describe
+from .analysis.identify import Fit, identify
+from .analysis.monte_carlo import Samples, monte_carlo
+from .dynamics.explicit import ExplicitStepper
+from .dynamics.simulate import simulate
+from .dynamics.stepper import Stepper
+from .linear.critical import Critical, critical_load
+from .linear.modes import Modes, modes
+from .linear.state_space import Linear, linearize
+from .mixed.block import BlockRate, block_rate
+from .mixed.consistent import consistent_state
+from .mixed.state import MixedState
+from .scene.beam import Beam
+from .scene.effects import (
     Accelerogram,
     Actuation,
     Along,
@@ -14,7 +25,6 @@ from .effects import (
     History,
     Input,
     LineLoad,
-    Load,
     MassDamping,
     PerElement,
     PointLoad,
@@ -24,30 +34,23 @@ from .effects import (
     TipLoad,
     rayleigh,
 )
-from .identify import Fit, identify
-from .integrate.explicit import ExplicitStepper
-from .integrate.simulate import simulate
-from .integrate.stepper import Stepper
-from .linear import Linear, linearize
-from .mixed.block import BlockRate, block_rate
-from .mixed.consistent import consistent_state
-from .mixed.state import MixedState
-from .modes import Modes, modes
-from .montecarlo import Samples, monte_carlo
-from .paths import Path, path
-from .scene import Scene
-from .section import Section
-from .solution import Energy, Solution, Stats
-from .state import State, rest
-from .statics import equilibrium
-from .stations import Stations, Table
-from .supports import Frame, RootMotion, Support
+from .scene.effects import (
+    CustomLoad as Load,
+)
+from .scene.scene import Scene
+from .scene.section import Section
+from .scene.stations import Stations, Table
+from .scene.supports import Frame, RootMotion, Support
+from .state.solution import Energy, Solution, Stats
+from .state.state import State, rest
+from .statics.equilibrium import equilibrium
+from .statics.path import Path, path
 
 __all__ = [
-    "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Drag", "Energy",
-    "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
-    "MixedState", "Modes", "Path", "PerElement", "PointLoad", "PointMass", "RootMotion", "RootSpring", "Samples", "Scene",
-    "Section", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Support", "Table", "TipLoad", "advise",
-    "block_rate", "consistent_state", "critical_load", "equilibrium", "identify", "linearize", "modes", "monte_carlo", "path",
+    "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Description", "Drag", "Energy",
+    "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping", "MixedState",
+    "Modes", "Path", "PerElement", "PointLoad", "PointMass", "RootMotion", "RootSpring", "Samples", "Scene", "Section",
+    "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Support", "Table", "TipLoad", "advise", "block_rate",
+    "consistent_state", "critical_load", "describe", "equilibrium", "identify", "linearize", "modes", "monte_carlo", "path",
     "plot", "rayleigh", "rest", "sensors", "simulate",
 ]

@@ -12,18 +12,20 @@ So torchbeam imports nothing of the packages that are built on it.
 from __future__ import annotations
 
 import argparse
-import platform
 import runpy
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 import torch
 
+from .analysis.describe import describe
+from .core.files import NotWritten, folder
+from .core.results import measured_on, versions
+
 GROUP = "torchbeam.commands"
-PACKAGES = ("torchbeam", "torch", "torchdiffeq", "gymnasium", "numpy")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -31,7 +33,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = list(sys.argv[1:] if argv is None else argv)
     found = commands()
     if argv and argv[0] in found:
-        return found[argv[0]].load()(argv[1:]) or 0
+        try:
+            return found[argv[0]].load()(argv[1:]) or 0
+        except NotWritten as error:
+            print(f"python -m torchbeam {argv[0]}: error: {error}", file=sys.stderr)
+            return 2
     parser = argparse.ArgumentParser(
         prog="python -m torchbeam", formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Batched, differentiable, geometrically exact beam dynamics.",
@@ -59,19 +65,18 @@ def info(argv: Sequence[str]) -> None:
                         help="a Python file: its `scene` is described, or else each Scene in it")
     given = parser.parse_args(argv).scene
     if given is not None:
-        return _describe(given, parser)
-    facts = {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
-    facts |= versions(*PACKAGES)
-    facts |= {"default dtype": torch.get_default_dtype(), "threads": torch.get_num_threads(),
+        return _described(given, parser)
+    facts = measured_on(dtype=None)
+    facts |= {**facts.pop("versions"), "default dtype": torch.get_default_dtype(),
               "cuda": torch.cuda.get_device_name() if torch.cuda.is_available() else "none"}
     width = max(map(len, facts))
     for name, value in facts.items():
         print(f"{name:<{width}}  {value}")
 
 
-def _describe(path: str, parser: argparse.ArgumentParser) -> None:
-    """Print what is to be said of the scenes in a Python file."""
-    from .scene import Scene
+def _described(path: str, parser: argparse.ArgumentParser) -> None:
+    """Print the descriptions of the scenes in a Python file."""
+    from .scene.scene import Scene
 
     if not Path(path).is_file():
         parser.error(f"{path} was given; a Python file with a torchbeam.Scene in it is wanted")
@@ -82,9 +87,19 @@ def _describe(path: str, parser: argparse.ArgumentParser) -> None:
         scenes = {"scene": scenes["scene"]}
     for name, scene in scenes.items():
         try:
-            print(f"{name}:\n{scene.describe()}\n")
+            print(f"{name}:\n{describe(scene)}\n")
         except ValueError as error:
             parser.error(f"{name}: {error}")
+
+
+def results_folder(parser: argparse.ArgumentParser, path: str | Path) -> Path:
+    """The folder for a command's results, made with those it lies in; called before any work is begun, it ends the command with
+    a sentence and the status 2 where nothing can be written there.
+    """
+    try:
+        return folder(path, parents=True)
+    except ValueError as error:
+        parser.error(f"--out: {error}")
 
 
 @contextmanager
@@ -96,16 +111,6 @@ def threads(count: int) -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
-
-
-def versions(*packages: str) -> dict[str, str]:
-    """Installed versions by package; "not installed" where there is none."""
-    def one(package: str) -> str:
-        try:
-            return version(package)
-        except PackageNotFoundError:
-            return "not installed"
-    return {package: one(package) for package in packages}
 
 
 def _listing(found: dict[str, EntryPoint]) -> str:

@@ -19,7 +19,8 @@ EFFORTS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # weights of the actio
 def pd(task: Task) -> Controller:
     """Gains by random search."""
     env = make(task, 1)
-    controller = PD(env, [1.0, 3.0] * (env.HUB or len(env.force)))
+    env.reset(seed=0)
+    controller = PD(env, [1.0, 3.0] * env.task.tracking_error(env.state)[0].shape[-1])
 
     def score(gains: torch.Tensor) -> torch.Tensor:
         together = make(task, len(gains) * EPISODES)

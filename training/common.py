@@ -6,11 +6,10 @@ import argparse
 import ast
 import csv
 import inspect
-import os
 import textwrap
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol, get_type_hints
@@ -18,8 +17,11 @@ from typing import Any, Protocol, get_type_hints
 import torch
 from gymnasium.vector import VectorEnv
 
+from torchbeam.cli import results_folder
+from torchbeam.core import files
+
 from .evaluate import EPISODES, Controller, evaluate, make
-from .policies import Policy, save, write
+from .policies import Policy, read, save
 from .tuned import TASKS, TRAINING, Task
 
 
@@ -58,15 +60,22 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
     A run whose checkpoint is there goes on from it. With a budget of steps alone, it then ends in the same bits as a run that
     was never stopped. About every `every` steps, and more often at first, the policy is scored on `episodes` held-out episodes
     and a checkpoint is written; the time that takes is not in `seconds`.
+
+    Raises ValueError for a folder that cannot be written, and for a checkpoint that is damaged, of another release or learner,
+    or holds more than tensors and plain data: nothing in it is ever run.
     """
-    folder, each = Path(folder), max(1, round(every / learner.batch))
+    folder, each = files.folder(folder, parents=True), max(1, round(every / learner.batch))
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
     iteration, steps, seconds, judge = 0, 0, 0.0, make(task, episodes)
     if checkpoint.exists():
-        state = torch.load(checkpoint, weights_only=False)  # pickled states of environments: load your own only
-        learner.load_state_dict(state["learner"])
-        iteration, steps, seconds = state["iteration"], state["steps"], state["seconds"]
-        log.rewind(state["rows"])
+        state = read(checkpoint, "checkpoint", ("learner", "iteration", "steps", "seconds", "rows"))
+        try:
+            learner.load_state_dict(state["learner"])
+            iteration, steps, seconds = int(state["iteration"]), int(state["steps"]), float(state["seconds"])
+            log.rewind(int(state["rows"]))
+        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, IndexError):
+            raise ValueError(f"the checkpoint {str(checkpoint)!r} was given, which does not fit this learner; the run starts "
+                             "anew where it is removed") from None
     else:
         log.rewind(0)
         log.write({"iteration": 0, "steps": 0, "seconds": 0.0, **held_out(task, learner.policy, judge)})
@@ -80,8 +89,8 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
             if iteration % max(1, min(each, iteration // 8)) == 0 or over >= 1:
                 scores = held_out(task, learner.policy, judge)
                 log.write({"iteration": iteration, "steps": steps, "seconds": seconds, **scores, **figures})
-                write({"learner": learner.state_dict(), "iteration": iteration, "steps": steps, "seconds": seconds,
-                       "rows": log.rows}, checkpoint)
+                files.save(checkpoint, {"learner": learner.state_dict(), "iteration": iteration, "steps": steps,
+                                        "seconds": seconds, "rows": log.rows})
                 bar.say(f"return {scores['held_out_return']:.1f}")
             bar.to(over)
     result = {"steps": steps, "seconds": seconds, "iterations": iteration, **evaluate(task, learner.policy, final)}
@@ -117,13 +126,8 @@ class Log:
             return list(csv.DictReader(file))
 
     def _write(self, rows: list[dict[str, Any]]) -> None:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        part = self.path.with_name(f"{self.path.name}.{os.getpid()}.part")
-        with open(part, "w", newline="") as file:
-            writer = csv.DictWriter(file, list(dict.fromkeys(name for row in rows for name in row)))
-            writer.writeheader()
-            writer.writerows(rows)
-        os.replace(part, self.path)
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        files.write(self.path, files.csv_text([names, *([row.get(name, "") for name in names] for row in rows)]))
         self.rows = len(rows)
 
 
@@ -156,17 +160,21 @@ class Bar:
 
 
 def environment_state(env: VectorEnv) -> dict[str, Any]:
-    """Where the episodes of a `BeamVectorEnv` and its streams of random numbers stand."""
+    """Where the episodes of a `BeamVectorEnv` and its streams of random numbers stand, as tensors and plain data."""
     env.detach()
-    return {"episodes": env.state, "streams": [stream.bit_generator.state for stream in env.np_random]}
+    now = {name: vars(value) if is_dataclass(value) else value for name, value in vars(env.state).items()}
+    params = {name: value.detach() for name, value in now.pop("plant")["params"].items() if value.ndim}
+    return {"episodes": now, "params": params, "streams": [stream.bit_generator.state for stream in env.np_random]}
 
 
 def restore_environment(env: VectorEnv, state: dict[str, Any]) -> Any:
     """Go on from there; returns the observation."""
-    env.reset(seed=0)
+    env.reset(seed=0, options={"params": state["params"]} if state["params"] else None)
     for stream, at in zip(env.np_random, state["streams"], strict=True):
         stream.bit_generator.state = at
-    return env.set_state(state["episodes"])
+    now = {name: replace(own, **value) if is_dataclass(own := getattr(env.state, name)) else value
+           for name, value in state["episodes"].items()}
+    return env.set_state(replace(env.state, **now))
 
 
 def training_seed(seed: int) -> int:
@@ -192,7 +200,8 @@ def main(argv: Sequence[str] | None, arguments: type, learner: Any, tuned: dict[
     torch.set_num_threads(1)
     settings = arguments(**{**tuned.get(task.name, {}), **own})
     name = f"{task.name}-{learner.NAME}-{settings.seed}"
-    result = train(learner(task, settings), task, given["out"], Budget(given["budget"], given["minutes"]), name=name)
+    folder = results_folder(parser, given["out"])
+    result = train(learner(task, settings), task, folder, Budget(given["budget"], given["minutes"]), name=name)
     print("  ".join(f"{key} {value:.4g}" for key, value in result.items()))
     return 0
 

@@ -60,15 +60,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Score saved policies on the held-out episodes of the task they were trained for."""
     parser = argparse.ArgumentParser(prog="python -m training.evaluate", description=main.__doc__)
     parser.add_argument("policy", nargs="+", help="files that a learner has written")
-    parser.add_argument("--episodes", type=int, default=EPISODES)
+    parser.add_argument("--episodes", type=int, default=EPISODES, help="held-out episodes (default: %(default)s)")
     options = parser.parse_args(argv)
     torch.set_num_threads(1)
-    for path in options.policy:
-        policy = load(path)
-        about: dict[str, Any] = policy.about
-        task = TASKS[about["task"]].varied(**about["arguments"])
+    try:
+        loaded = [(path, policy := load(path), _task(path, policy.about)) for path in options.policy]
+    except ValueError as error:
+        parser.error(str(error))
+    for path, policy, task in loaded:
         print(json.dumps({"policy": path, **evaluate(task, policy, options.episodes)}, indent=2))
     return 0
+
+
+def _task(path: str, about: Any) -> Task:
+    """What a policy was trained for."""
+    try:
+        return TASKS[about["task"]].varied(**about["arguments"])
+    except (KeyError, TypeError):
+        raise ValueError(f"the policy {path!r} was given, which names no task of this release; there are "
+                         f"{', '.join(TASKS)}") from None
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-import os
+import pickle
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor, nn
+
+from torchbeam.core import files
 
 ACTIVATIONS = {"tanh": nn.Tanh, "elu": nn.ELU}
 LIMIT = 10.0  # standard deviations; normalised observations are clipped there
@@ -109,22 +111,36 @@ def network(sizes: Sequence[int], activation: str, last: float = 1.0) -> nn.Sequ
 
 def save(policy: Policy, path: str | Path, **about: Any) -> None:
     """Write the policy and what is to be known about it: plain numbers, texts, lists and dicts of them."""
-    write({"shape": policy.shape, "weights": policy.state_dict(), "about": about}, path)
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    files.save(path, {"shape": policy.shape, "weights": policy.state_dict(), "about": about})
 
 
 def load(path: str | Path) -> Policy:
     """A policy from its file; `.about` is what was saved beside it."""
-    content = torch.load(path, weights_only=True)
-    policy = Policy(**content["shape"], dtype=content["weights"]["log_deviation"].dtype)
-    policy.load_state_dict(content["weights"])
+    content = read(path, "policy", ("shape", "weights", "about"))
+    try:
+        policy = Policy(**content["shape"], dtype=content["weights"]["log_deviation"].dtype)
+        policy.load_state_dict(content["weights"])
+    except (KeyError, TypeError, AttributeError, RuntimeError, ValueError, IndexError):
+        raise ValueError(f"the file {str(path)!r} was given, whose weights fit no policy of this release; another is "
+                         "wanted") from None
     policy.about = content["about"]
     return policy
 
 
-def write(content: Any, path: str | Path) -> None:
-    """torch.save, all or nothing: under another name first."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    torch.save(content, part)
-    os.replace(part, path)
+def read(path: str | Path, what: str, keys: Sequence[str]) -> dict[str, Any]:
+    """A file of tensors, numbers, texts, lists and dicts, with these keys at its top. Nothing in it is ever run.
+
+    Raises ValueError for any other file, an old, damaged or malicious one among them.
+    """
+    try:
+        content = torch.load(path, weights_only=True)
+    except FileNotFoundError:
+        raise ValueError(f"the file {str(path)!r} was given for a {what}, and is not there") from None
+    except Exception as error:  # of a file of something else torch.load may raise anything
+        why = "holds more than tensors and plain data" if isinstance(error, pickle.UnpicklingError) else "cannot be read"
+        raise ValueError(f"the file {str(path)!r} was given for a {what}, and {why}: it is damaged, of another release or none "
+                         "of this package's") from None
+    if not isinstance(content, dict) or not set(keys) <= content.keys():
+        raise ValueError(f"the file {str(path)!r} was given for a {what}, and has no {', '.join(keys)}; another is wanted")
+    return content

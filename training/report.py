@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from torchbeam.cli import PACKAGES, versions
+from torchbeam.core.results import measured_on, sentence
 
 from .tuned import TASKS
 
@@ -30,8 +30,8 @@ def report(out: Path) -> str:
     """Write results.json, results.csv, results.md, curves.png (with matplotlib) and policies/; returns the Markdown table."""
     runs = [json.loads(path.read_text()) for path in sorted((out / "runs").glob("*.json"))]
     rows = table(runs, lambda run: curve(out / "runs", run))
-    packages = versions(*PACKAGES)
-    (out / "results.json").write_text(json.dumps({"rows": rows, "runs": runs, "versions": packages}, indent=2) + "\n")
+    heading = measured_on(dtype=None, threads=1)  # of each run; the runs may have been made side by side
+    (out / "results.json").write_text(json.dumps({**heading, "rows": rows, "runs": runs}, indent=2) + "\n")
     if rows:
         with open(out / "results.csv", "w", newline="") as file:
             writer = csv.DictWriter(file, list(rows[0]))
@@ -39,6 +39,7 @@ def report(out: Path) -> str:
             writer.writerows(rows)
     failed = sorted(path.stem for path in (out / "runs").glob("*.failed"))
     text = markdown(rows) + "".join(f"\n{name}: failed\n" for name in failed)
+    text += f"\n\n{sentence(heading)}"
     (out / "results.md").write_text(text + "\n")
     policies(out, runs)
     try:

@@ -22,6 +22,9 @@ from typing import Any
 
 import torch
 
+from torchbeam.cli import results_folder
+from torchbeam.core.files import write
+
 from . import ppo, shac, tuned
 from .baselines import BASELINES
 from .common import Bar, Budget, train
@@ -55,7 +58,7 @@ def run(task_name: str, algorithm: str, seed: int | None, folder: Path, budget: 
                            final=episodes)
     result = {"task": task_name, "algorithm": algorithm, "seed": seed, "minutes_all": (time.perf_counter() - start) / 60,
               "budget": vars(budget), **result}
-    write_text(folder / f"{name}.json", json.dumps(result, indent=2) + "\n")
+    write(folder / f"{name}.json", json.dumps(result, indent=2) + "\n")
     (folder / f"{name}{FAILED}").unlink(missing_ok=True)
     return result
 
@@ -66,20 +69,13 @@ def attempt(*arguments: Any) -> str:
         run(*arguments)
     except Exception:
         text = traceback.format_exc()
-        write_text(arguments[3] / f"{run_name(*arguments[:3])}{FAILED}", text)
+        write(arguments[3] / f"{run_name(*arguments[:3])}{FAILED}", text)
         return text.strip().splitlines()[-1]
     return ""
 
 
 def run_name(task: str, algorithm: str, seed: int | None) -> str:
     return f"{task}-{algorithm}" if seed is None else f"{task}-{algorithm}-{seed}"
-
-
-def write_text(path: Path, text: str) -> None:
-    """All or nothing: under another name first."""
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    part.write_text(text)
-    os.replace(part, path)
 
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -101,15 +97,16 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
             parser.error(f"--{name} {getattr(options, name)} was given; at least 1 is wanted")
     if not options.minutes > 0:
         parser.error(f"--minutes {options.minutes} was given; a number above 0 is wanted")
+    options.out = results_folder(parser, options.out)
     return options
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Train and score whatever is missing, then write the tables and the picture."""
     options = parse(argv)
-    out = Path(options.out)
+    out = options.out
     folder = out / "runs"
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(exist_ok=True)
     wanted = [(task, algorithm, seed) for seed in range(options.seeds) for algorithm in options.algorithms
               for task in options.tasks if algorithm not in BASELINES]
     wanted += [(task, algorithm, None) for task in options.tasks for algorithm in options.algorithms if algorithm in BASELINES]

@@ -1,4 +1,4 @@
-"""The vector environments behind stable-baselines3's interface, and its PPO and SAC on them (extra `rl`).
+"""stable-baselines3's PPO and SAC on the vector environments (extra `rl`).
 
     python -m training.sb3 --task reach --algorithm sac --budget 100000
 """
@@ -14,11 +14,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+from stable_baselines3.common.vec_env import VecNormalize
+from torchbeam_envs import Sb3VecEnv
+
+from torchbeam.cli import results_folder
 
 from .common import Bar, Budget, Log, held_out, training_seed
 from .evaluate import EPISODES, evaluate
@@ -32,64 +34,6 @@ DEFAULTS = {  # of all tasks, over those of stable-baselines3
     "sac": dict(num_envs=32, learning_rate=1e-3, gradient_steps=8, learning_starts=1600, buffer_size=500_000, batch_size=256,
                 policy_kwargs={"net_arch": [64, 64]}),
 }
-
-
-class Sb3VecEnv(VecEnv):
-    """A Gymnasium vector env as a stable-baselines3 `VecEnv`: its steps stay one batch.
-
-    The env must reset in the step that ends an episode (autoreset_mode="SameStep") and give numpy. `infos[i]` of such a step
-    holds "terminal_observation" and "TimeLimit.truncated", the others hold what the env says of sub-env i.
-    """
-
-    def __init__(self, env: VectorEnv) -> None:
-        if env.metadata["autoreset_mode"] is not AutoresetMode.SAME_STEP or getattr(env, "output", "numpy") != "numpy":
-            raise ValueError("an env with another autoreset mode or output was given; 'SameStep' and numpy are wanted")
-        self.env = env
-        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
-
-    def reset(self) -> np.ndarray:
-        given = any(seed is not None for seed in self._seeds)
-        observation, info = self.env.reset(seed=list(self._seeds) if given else None)
-        self.reset_infos = self._each(info)
-        self._reset_seeds()
-        self._reset_options()
-        return observation
-
-    def step_async(self, actions: np.ndarray) -> None:
-        self.actions = actions
-
-    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        observation, reward, terminated, truncated, info = self.env.step(self.actions)
-        done = terminated | truncated
-        final, last = info.pop("final_obs", None), info.pop("final_info", {})
-        infos = self._each(info if final is None else {**info, **last})
-        for i in np.flatnonzero(done):
-            infos[i]["terminal_observation"] = final[i]
-            infos[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
-        return observation, reward.astype(np.float32), done, infos
-
-    def _each(self, info: dict[str, Any]) -> list[dict[str, Any]]:
-        return [_one(info, i) for i in range(self.num_envs)]
-
-    def close(self) -> None:
-        self.env.close()
-
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
-
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        setattr(self.env, attr_name, value)
-
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        return [getattr(self.env, method_name)(*args, **kwargs)] * len(list(self._get_indices(indices)))
-
-    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        return [False] * len(list(self._get_indices(indices)))
-
-
-def _one(info: dict[str, Any], i: int) -> dict[str, Any]:
-    return {name: _one(value, i) if isinstance(value, dict) else value[i] for name, value in info.items()
-            if not name.startswith("_")}
 
 
 class Greedy:
@@ -170,8 +114,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", default="out/training", help="folder for log and model (default: %(default)s)")
     options = parser.parse_args(argv)
     torch.set_num_threads(1)
+    folder = results_folder(parser, options.out)
     name = f"{options.task}-sb3-{options.algorithm}-{options.seed}"
-    result = train(TASKS[options.task], options.algorithm, options.out, Budget(options.budget, options.minutes),
+    result = train(TASKS[options.task], options.algorithm, folder, Budget(options.budget, options.minutes),
                    seed=options.seed, name=name)
     print("  ".join(f"{key} {value:.4g}" for key, value in result.items()))
     return 0

@@ -1,6 +1,6 @@
-"""Controllers that learn nothing: what a learned one is to be compared with.
+"""Baselines: controllers without learning, to compare learned ones with.
 
-A controller is told of the reset by `begin(env)` and then called with each observation (n, o), numpy or torch; it answers with
+A controller gets the reset by `begin(env)` and is then called with each observation (n, o), numpy or torch; it answers with
 actions (n, a) of the same kind. All of them know the beam of the task exactly, at its usual parameters.
 
     env = torchbeam_envs.TipReachVectorEnv(16)

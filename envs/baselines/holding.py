@@ -56,12 +56,11 @@ class Holding:
         def both(state: State) -> Tensor:
             tip = state.tip.position
             return tip if read is None else torch.cat((tip, read(state)), -1)
-        return cls(Reach.of(env.plant.scene, env.force, env.axes, both))
+        return cls(env.task.within_reach(env.plant, read=both))
 
     def action(self, target: Tensor, guess: Tensor | None = None) -> Tensor:
         """(n, a) for targets (n, 3) m; from a guess (n, a) near it two iterations do."""
-        axes = 1 if self.reach.coefficients.shape[-2] == 1 else 2
-        action = target.new_zeros(len(target), axes) if guess is None else guess
+        action = target.new_zeros(len(target), self.reach.actions) if guess is None else guess
         for _ in range(ITERATIONS if guess is None else 2):
             tip, J = self._slopes(action)
             change = torch.linalg.lstsq(J, (target - tip)[..., None]).solution[..., 0]
@@ -69,7 +68,7 @@ class Holding:
         return action
 
     def at(self, action: Tensor) -> Tensor:
-        """(n, c): what `read` said of the equilibria under these actions."""
+        """(n, c): values of `read` at the equilibria under these actions."""
         return self.reach.tip(action)[:, 3:]
 
     def _slopes(self, action: Tensor) -> tuple[Tensor, Tensor]:
@@ -80,44 +79,49 @@ class Holding:
         return tip(action), torch.stack(J, -1)
 
 
-class Static(Controller):
-    """The action that holds the target in static equilibrium, where the target is when the action acts; none where the task has
-    no target.
+class FeedForward:
+    """Along the targets of an env's episodes, the actions that hold them in static equilibrium.
+
+    model  an env of the task: its beam at the usual parameters is what is known;  read: as in `Holding.of`
     """
 
-    def __init__(self, env: BeamVectorEnv, read: Callable[[State], Tensor] | None = None) -> None:
-        self.model, self.read = env, read
+    def __init__(self, model: BeamVectorEnv, read: Callable[[State], Tensor] | None = None) -> None:
+        self.model, self.read = model, read
 
     @cached_property
     def holding(self) -> Holding:
         return Holding.of(self.model, self.read)
 
     def begin(self, env: BeamVectorEnv) -> None:
-        super().begin(env)
+        self.env = env
         self.held: Tensor | None = None  # the holding actions, flat, once there is a target
 
-    def targets(self) -> Tensor | None:
-        """(n, delay + 2, 3) m: now, and at the ends of the next intervals until an action that is given now has acted."""
-        env, now = self.env, self.env.state
-        if hasattr(env, "target"):
-            return env.target(now, env.instants(now, env.delay + 1))
-        target = env.sketch(now).get("target")
-        return None if target is None else target[:, None].expand(-1, env.delay + 2, -1)
+    def actions(self) -> Tensor:
+        """(n, delay + 2, a): the actions that hold the target now, and at the ends of the next intervals until an action that
+        is given now has acted; zeros where the task has no target, or where none holds it.
+        """
+        env, ahead = self.env, self.env.config.delay + 1
+        target = env.task.target(env.state, ahead) if env.task.HOLDS else None
+        if target is None:
+            return env.high.new_zeros(env.num_envs, ahead + 1, env.task.actions)
+        self.held = self.holding.action(target.flatten(0, 1), self.held)
+        return self.held.unflatten(0, target.shape[:2])
 
-    def hold(self) -> Tensor:
-        """(n, delay + 2, tip forces): the actions that hold `targets`; none where a hub turns: it rests at any angle."""
-        env, targets = self.env, self.targets()
-        if targets is None or env.HUB:
-            return env.high.new_zeros(env.num_envs, env.delay + 2, len(env.force))
-        self.held = self.holding.action(targets.flatten(0, 1), self.held)
-        return self.held.unflatten(0, targets.shape[:2])
 
-    def whole_action(self, force: Tensor) -> Tensor:
-        """(n, a): with no action of the hub."""
-        return torch.cat((force.new_zeros(len(force), self.env.HUB), force), -1)
+class Static(Controller):
+    """The action that holds the target in static equilibrium, where the target is when the action acts; none where the task
+    has no target, or no constant action holds it.
+    """
+
+    def __init__(self, env: BeamVectorEnv) -> None:
+        self.forward = FeedForward(env)
+
+    def begin(self, env: BeamVectorEnv) -> None:
+        super().begin(env)
+        self.forward.begin(env)
 
     def act(self, observation: Tensor) -> Tensor:
-        return self.whole_action(self.hold()[:, -1])
+        return self.forward.actions()[:, -1]
 
 
 def pd(gains: Tensor, gap: Tensor, velocity: Tensor, hold: Tensor) -> Tensor:
@@ -128,11 +132,11 @@ def pd(gains: Tensor, gap: Tensor, velocity: Tensor, hold: Tensor) -> Tensor:
 
 
 class PD(Static):
-    """`pd` around the holding action, from the gap between tip and target over the length, and the tip's velocity less the
-    target's over length * first frequency. Where there is no target, it is the tip's place at the start. Where a hub turns, it
-    is `pd` of its angle (rad) and rate (over the first frequency) instead, and there is no force on the tip.
+    """`pd` of the task's `tracking_error`, around the holding action: of the gap between tip and target (where there is none,
+    the tip's place at the start) and the rate at which it changes; where a hub turns, of its angle and rate. Actions that the
+    error does not tell of are the holding ones.
 
-    gains  (2k,) for k force axes or one hub, or (n, 2k), each sub-env's own
+    gains  (2k,) for an error of k numbers, or (n, 2k), each sub-env's own
     """
 
     def __init__(self, env: BeamVectorEnv, gains: Tensor | Sequence[float]) -> None:
@@ -140,16 +144,9 @@ class PD(Static):
         self.gains = torch.atleast_2d(torch.as_tensor(gains, dtype=env.dtype, device=env.device))
 
     def act(self, observation: Tensor) -> Tensor:
-        env, now, targets = self.env, self.env.state, self.targets()
-        if env.HUB:
-            angle, rate = env.measures(now)["angle"][:, None], now.beam.node(0).spin[:, 2:] * (env.length / env.speed)
-            torque = pd(self.gains, angle, rate, torch.zeros_like(angle))
-            return torch.cat((torque, torque.new_zeros(len(torque), len(env.force))), -1)
-        targets = now.start.tip.position[:, None].expand(-1, 2, -1) if targets is None else targets
-        gap = (targets[:, 0] - now.beam.tip.position) @ env.axes.T / env.length
-        moving = (targets[:, 1] - targets[:, 0]) / env.control_interval
-        velocity = (now.beam.tip.velocity - moving) @ env.axes.T / env.speed
-        return self.whole_action(pd(self.gains, gap, velocity, self.hold()[:, -1]))
+        hold, (error, rate) = super().act(observation), self.env.task.tracking_error(self.env.state)
+        k = error.shape[-1]
+        return torch.cat((pd(self.gains, error, rate, hold[:, :k]), hold[:, k:]), -1)
 
 
 def search(score: Callable[[Tensor], Tensor], first: Sequence[float], *, sets: int, seed: int,

@@ -6,17 +6,17 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam import quaternions as quat
+from torchbeam.math import quaternions as quat
 
 from ..core import BeamVectorEnv
-from .holding import Static
+from .holding import Controller, FeedForward
 
 DOUBLINGS = 60  # of the horizon of a Riccati recursion, at most
 SENSOR, ACTION = 1e-3, 0.1  # standard deviations that the filter reckons with: of readings without noise; of the action
 
 
-class LQR(Static):
-    """u = hold - K [z - z_hold; pending actions - hold], with K from the discrete Riccati equation; tip forces alone.
+class LQR(Controller):
+    """u = hold - K [z - z_hold; pending actions - hold], with K from the discrete Riccati equation.
 
     z is the whole state of the beam (displacements, turns and rates of all nodes), read off the simulation. The model is
     `tb.linearize` about the equilibrium without action, at the usual parameters, exact over control intervals with the action
@@ -27,21 +27,21 @@ class LQR(Static):
 
     effort, speed_weight  of the cost
 
-    Raises ValueError for a task whose hub turns (Slew).
+    Raises ValueError for a task whose targets no constant action holds (Slew: its hub turns).
     """
 
     def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
-        if env.HUB:
-            raise ValueError("a task whose hub turns was given; one with actions on the tip alone is wanted")
+        if not env.task.HOLDS:
+            raise ValueError("a task whose targets no constant action holds was given (a hub turns); LQR wants one that does")
         still = {name: env.high.new_zeros(1, size) for name, size in env.plant.scene.inputs.items()}
         self.rest = tb.equilibrium(env.plant.scene, **still)
-        self.sizes = (12 * env.elements, len(env.sensors.high))  # of the whole state, of the readings
-        super().__init__(env, lambda state: torch.cat((self.whole(state), self.readings(env, state)), -1))
+        self.sizes = (12 * env.task.elements, env.sensors.size)  # of the whole state, of the readings
+        self.forward = FeedForward(env, lambda state: torch.cat((self.whole(state), self.readings(env, state)), -1))
         self.A, self.B, whole, self.C = self._model(env, still)
         self.decode = torch.linalg.pinv(whole)  # whole state -> z
-        actions, delay = self.B.shape[-1], env.delay
-        tip = whole.unflatten(0, (4, env.elements, 3))[:, -1]  # displacement, turn, velocity, spin of the tip
-        scale = 0.1 * env.length, env.speed[0].item() / speed_weight**0.5
+        actions, delay = self.B.shape[-1], env.config.delay
+        tip = whole.unflatten(0, (4, env.task.elements, 3))[:, -1]  # displacement, turn, velocity, spin of the tip
+        scale = 0.1 * env.task.length, env.task.speed[0].item() / speed_weight**0.5
         near = torch.cat((tip[0] / scale[0], tip[2] / scale[1]))
         n = len(self.A)
         A = self.A.new_zeros(n + actions * delay, n + actions * delay)
@@ -60,10 +60,14 @@ class LQR(Static):
     def _model(self, env: BeamVectorEnv, still: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """A, B of a control interval, from actions; C of the whole state and of the readings."""
         sensors = [self.whole, lambda state: self.readings(env, state)]
-        model = tb.linearize(env.plant.scene, self.rest, sensors, **still).discrete(env.control_interval)
-        force = torch.diag(env.force) @ env.axes  # (tip forces, 3) N
+        model = tb.linearize(env.plant.scene, self.rest, sensors, **still).discrete(env.config.control_interval)
         A, B, C = (x[0] if x.ndim > 2 else x for x in (model.A, model.B, model.C))
-        return A, B[:, model.inputs["force"]] @ force.mT, C[:self.sizes[0]], C[self.sizes[0]:]
+        B = torch.cat([B[:, model.inputs[drive.input]] @ drive.gain.mT for drive in env.task.drives], -1)
+        return A, B, C[:self.sizes[0]], C[self.sizes[0]:]
+
+    def begin(self, env: BeamVectorEnv) -> None:
+        super().begin(env)
+        self.forward.begin(env)
 
     def whole(self, state: tb.State) -> Tensor:
         """(..., 12 elements): displacement, turn, velocity and spin of every node but the clamped one, since the start."""
@@ -73,31 +77,31 @@ class LQR(Static):
         return torch.cat([part[..., 1:, :].flatten(-2) for part in parts], -1)
 
     def readings(self, env: BeamVectorEnv, state: tb.State) -> Tensor:
-        """(..., sensors): what the env's sensors say, without noise."""
-        return env.sensors.read(state, self.rest, env.length, env.speed[:1])
+        """(..., sensors): readings of the env's sensors, without noise."""
+        return env.simulation.observer.read(state, self.rest, env.scale if env.scale.ndim == 1 else env.scale[:1])
 
     def reference(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Along the targets: hold (n, delay + 2, tip forces); now: z at rest there (n, z), its rates (n, z) and, with them, the
+        """Along the targets: hold (n, delay + 2, a); now: z at rest there (n, z), its rates (n, z) and, with them, the
         readings (n, s).
         """
-        hold = self.hold()
-        if self.held is None:
+        hold = self.forward.actions()
+        if self.forward.held is None:
             none = hold.new_zeros(len(hold), len(self.A))
             return hold, none, none, hold.new_zeros(len(hold), self.sizes[1])
-        whole, readings = self.holding.at(hold[:, 0]).split(self.sizes, -1)
-        after = self.holding.at(hold[:, 1]).split(self.sizes, -1)[0]
-        moved = (after - whole)[:, :self.sizes[0] // 2] / self.env.control_interval
+        whole, readings = self.forward.holding.at(hold[:, 0]).split(self.sizes, -1)
+        after = self.forward.holding.at(hold[:, 1]).split(self.sizes, -1)[0]
+        moved = (after - whole)[:, :self.sizes[0] // 2] / self.env.config.control_interval
         rates = torch.cat((torch.zeros_like(moved), moved), -1) @ self.decode.mT
         return hold, whole @ self.decode.mT, rates, readings + rates @ self.C.mT
 
     def feedback(self, hold: Tensor, z: Tensor) -> Tensor:
         """(n, a) from departures z (n, z) from the reference."""
-        pending = (self.env.state.pending[..., self.env.HUB:] - hold[:, 1:-1]).flatten(1)
+        pending = (self.env.state.pending - hold[:, 1:-1]).flatten(1)
         return hold[:, -1] - torch.cat((z, pending), -1) @ self.K.mT
 
     def act(self, observation: Tensor) -> Tensor:
         hold, still, rates, _ = self.reference()
-        return self.whole_action(self.feedback(hold, self.whole(self.env.state.beam) @ self.decode.mT - still - rates))
+        return self.feedback(hold, self.whole(self.env.state.beam) @ self.decode.mT - still - rates)
 
 
 class LQG(LQR):
@@ -109,7 +113,7 @@ class LQG(LQR):
 
     def __init__(self, env: BeamVectorEnv, effort: float = 0.01, speed_weight: float = 0.1) -> None:
         super().__init__(env, effort, speed_weight)
-        noise = max(env.noise, SENSOR) ** 2 * torch.eye(len(self.C), dtype=self.C.dtype)
+        noise = max(env.config.noise, SENSOR) ** 2 * torch.eye(len(self.C), dtype=self.C.dtype)
         P = riccati(self.A.mT, self.C.mT, ACTION**2 * self.B @ self.B.mT, noise)  # covariance of the prediction
         self.M = torch.linalg.solve(self.C @ P @ self.C.mT + noise, self.C @ P).mT  # what a reading says of z
 
@@ -126,10 +130,10 @@ class LQG(LQR):
         error = observation[:, first:first + len(self.C)] - readings - z @ self.C.mT
         z = z + error @ self.M.mT
         action = self.feedback(hold, z).clamp(-1, 1)
-        queue = torch.cat((env.state.pending[..., env.HUB:], action[:, None]), 1)
+        queue = torch.cat((env.state.pending, action[:, None]), 1)
         # the equilibrium stays where it is under its own action: still = A still + B hold, whatever the amplitude
         self.z = still + (z + rates) @ self.A.mT + (queue[:, 0] - hold[:, 0]) @ self.B.mT
-        return self.whole_action(action)
+        return action
 
 
 def gain(A: Tensor, B: Tensor, Q: Tensor, R: Tensor) -> Tensor:

@@ -26,6 +26,9 @@ from pathlib import Path
 
 import torch
 
+from torchbeam.cli import results_folder
+from torchbeam.core.files import save, write
+
 TASK = dict(elements=4, substeps=2, control_interval=0.02, max_episode_steps=50)
 FULL = dict(task=TASK, rounds=16, batch=32, spread=0.15, updates=40, rate=1.5e-2, pd_targets=16, pd_sets=40, held_out=256,
             finer=64, stride=1)
@@ -45,19 +48,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ImportError as error:
         raise SystemExit(f"the demo wants {error.name}: pip install 'torchbeam[demo]'") from None
     torch.set_num_threads(options.threads)
-    out = Path(options.out)
-    out.mkdir(parents=True, exist_ok=True)
+    out = options.out
     result, records = run(QUICK if options.quick else FULL, options.seed, out)
     from .figures import animation, picture
 
+    check = {f"{name}, finer model": s for name, s in result["scores_on_finer_model"].items() if name != "model"}
+    scores = table({**result["scores"], **check})
+    print(scores)
+    write(out / "demo.md", scores + "\n")
     with timed(result["seconds"], "pictures"):
         picture(records, result, out / "demo.png")
         animation(records, out / "demo.gif", result["settings"]["stride"])
-    (out / "demo.json").write_text(json.dumps(result, indent=2) + "\n")
-    check = {f"{name}, finer model": s for name, s in result["scores_on_finer_model"].items() if name != "model"}
-    scores = table({**result["scores"], **check})
-    (out / "demo.md").write_text(scores + "\n")
-    print(scores)
+    write(out / "demo.json", json.dumps(result, indent=2) + "\n")
     print(f"{', '.join(f'{name} {value:.0f} s' for name, value in result['seconds'].items())}; "
           f"written to {out}: demo.md, demo.png, demo.gif, demo.json, policy.pt")
     return 0
@@ -66,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m torchbeam demo", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", default="out/demo", help="folder for the results (default: %(default)s)")
+    parser.add_argument("--out", type=Path, default=Path("out/demo"), help="folder for the results (default: %(default)s)")
     parser.add_argument("--quick", action="store_true",
                         help="some seconds on a coarse strip: everything runs, little is learned")
     parser.add_argument("--seed", type=int, default=0, help="of targets, network and search (default: %(default)s)")
@@ -75,6 +77,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     options = parser.parse_args(argv)
     if options.threads < 1:
         parser.error(f"--threads {options.threads} was given; at least 1 is wanted")
+    options.out = results_folder(parser, options.out)
     return options
 
 
@@ -82,7 +85,7 @@ def run(settings: dict, seed: int, out: Path) -> tuple[dict, dict]:
     """Everything but the pictures: (what goes into the JSON, the records of the held-out episodes by controller)."""
     from tqdm import tqdm
 
-    from torchbeam.cli import PACKAGES, versions
+    from torchbeam.core.results import measured_on
 
     from .controllers import PD, nothing, static
     from .episodes import Targets, evaluate, make, varied
@@ -102,7 +105,7 @@ def run(settings: dict, seed: int, out: Path) -> tuple[dict, dict]:
             bar.set_postfix_str(f"final distance {1e3 * entry['final_distance_m']:.2f} mm")
             bar.update()
         policy, history = train(env, pool, updates=settings["updates"], rate=settings["rate"], seed=seed, progress=learned)
-    torch.save(policy.state_dict(), out / "policy.pt")
+    save(out / "policy.pt", policy.state_dict())
 
     with timed(seconds, "tuning PD"), tqdm(total=3, desc="tuning PD", unit="round") as bar:
         gains, search = tune(task, few, sets=settings["pd_sets"], seed=seed, progress=lambda entry: bar.update())
@@ -118,8 +121,7 @@ def run(settings: dict, seed: int, out: Path) -> tuple[dict, dict]:
         "scores": {name: record.scores() for name, record in records.items()},
         "scores_on_finer_model": {"model": FINER, **check},
         "learning": history, "pd_search": search, "training_episodes": steps,
-        "settings": settings, "seed": seed, "threads": torch.get_num_threads(),
-        "versions": versions(*PACKAGES), "seconds": seconds,
+        "settings": settings, "seed": seed, **measured_on(), "seconds": seconds,
     }, records
 
 

@@ -10,8 +10,9 @@ from torch import Tensor
 
 from torchbeam import Section
 
+from ..plant import aluminium_strip
 from ..reach import holding_action
-from ..tip_reach import TipReachVectorEnv, aluminium_strip
+from ..tip_reach import TipReachVectorEnv
 
 Controller = Callable[[Tensor, Tensor], Tensor]
 WINDOW = 0.2  # s at the end of an episode, over which the final distance is the mean
@@ -31,7 +32,7 @@ class Targets:
         holds = []
         for k in range(rounds):
             env.reset(seed=first + k * env.num_envs)
-            holds.append(holding_action(env.scene, env.state.goal, env.force, env.axes))
+            holds.append(holding_action(env.scene, env.state.goal, env.task.actions, env.task.inputs))
         return cls([first + i for i in range(env.num_envs * rounds)], torch.cat(holds))
 
     def pick(self, rows: Tensor) -> Targets:
@@ -102,11 +103,11 @@ def rollout(env: TipReachVectorEnv, controller: Controller, targets: Targets) ->
         action = controller(observation, targets.hold)
         observation, gain, _, _, info = env.step(action)
         distance.append(info["distance"])
-        force.append(action.detach() * env.force)
+        force.append(action.detach() * env.task.force)
         reward.append(gain)
         nodes.append(env.state.beam.nodes.detach())
     return Record(*map(torch.stack, (distance, force, reward, nodes)), env.state.terminated, env.state.goal,
-                  env.control_interval, env.length)
+                  env.config.control_interval, env.task.length)
 
 
 @torch.no_grad()

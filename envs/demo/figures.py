@@ -7,6 +7,8 @@ from pathlib import Path
 import matplotlib
 import torch
 
+from torchbeam.core.files import written
+
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.animation import FuncAnimation, PillowWriter
@@ -32,7 +34,8 @@ def picture(records: dict[str, Record], result: dict, path: Path) -> None:
         _shapes(axes["shapes"], records["learned"], one)
         _paths(axes["paths"], records, one)
         _forces(axes["forces"], records, one)
-        figure.savefig(path, dpi=130)
+        with written(path) as part:
+            figure.savefig(part, dpi=130, format="png")
         plt.close(figure)
 
 
@@ -156,5 +159,6 @@ def animation(records: dict[str, Record], path: Path, stride: int = 1) -> None:
             return []
 
         writer = PillowWriter(fps=max(1, round(0.5 / record.interval / stride)))
-        FuncAnimation(figure, draw, frames=frames).save(path, writer, dpi=90)
+        with written(path, path.suffix) as part:
+            FuncAnimation(figure, draw, frames=frames).save(part, writer, dpi=90)
         plt.close(figure)

@@ -1,1 +1,1 @@
-"""The mixed element of the derivation: its equations, their index-reduced rates, and the minimal form."""
+"""Mixed element of the derivation: residuals, index-reduced rates, minimal form."""

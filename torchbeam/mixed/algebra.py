@@ -1,11 +1,11 @@
-"""The few array operations of which the mixed element is made, and the recursion that runs along the chain."""
+"""Array operations of the mixed element, and the recursions along the chain."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-from ..rotations import shadow
+from ..math.wiener_milenkovic import shadow
 
 
 def cross(a: Tensor, b: Tensor) -> Tensor:
@@ -60,8 +60,8 @@ def backward(d: Tensor) -> Tensor:
 
 
 def crossing(theta: Tensor, root: Tensor) -> Tensor | None:
-    """Which elements (..., N) hold another chart than what lies on their left, the root or the element before: there the
-    parameters differ less after `shadow`. None where no element does.
+    """Mask (..., N) of the elements that hold another chart than what lies on their left, the root or the element before: there
+    the parameters differ less after `shadow`. None where no element does.
     """
     left = torch.cat((root[..., None, :].expand(*theta.shape[:-2], 1, 3), theta[..., :-1, :]), -2)
     q = left.square().sum(-1, keepdim=True)

@@ -1,15 +1,17 @@
-"""block_rate: the block rate matrix and right-hand side at one state, to look at, print, plot or solve."""
+"""Block rate system: matrix and right-hand side at one state."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import torch
 from torch import Tensor
 
-from ..scene import Scene
-from .chain import Chain
+from ..core.derivatives import cached
+from ..core.summary import counted, kind, lines, span
+from ..core.validation import instance, instant
+from ..scene.scene import Scene
+from .model import MixedModel
 from .rates import Terms, block_rows, block_system, solve_scaled, sweep, terms
 from .residuals import residual
 from .state import Fields, MixedState, unpack
@@ -23,17 +25,24 @@ class BlockRate:
     `columns` name the 3x3 blocks' places, `blocks` holds those that exist: (row name, column name) -> (..., 3, 3).
     """
 
-    chain: Chain
+    model: MixedModel
     t: Tensor
     x: Fields
 
-    @cached_property
-    def terms(self) -> Terms:
-        return terms(self.chain, self.t, self.x)
+    def __repr__(self) -> str:
+        N = self.model.count
+        n = 24 * N + 12
+        shape = torch.broadcast_shapes(*(x.shape[:-2] for x in self.x[:8]), *(x.shape[:-1] for x in self.x[8:]))
+        return lines("BlockRate", f"A ({n}, {n}) x' = b ({n},) of {counted(N, 'element')} at t = {span(self.t)} s",
+                     kind(shape, self.x.u))
 
-    @cached_property
+    @cached
+    def terms(self) -> Terms:
+        return terms(self.model, self.t, self.x)
+
+    @cached
     def system(self) -> tuple[Tensor, Tensor]:
-        return block_system(self.chain, self.x, self.terms)
+        return block_system(self.model, self.x, self.terms)
 
     @property
     def A(self) -> Tensor:
@@ -46,14 +55,14 @@ class BlockRate:
     @property
     def rows(self) -> tuple[str, ...]:
         """f_u, f_psi, f_F, f_M of node 1, 2, ...; then u', theta', V', Omega' of the elements."""
-        N = self.chain.count
+        N = self.model.count
         nodes = [f"{f} node {j}" for j in range(1, N + 2) for f in ("f_u", "f_psi", "f_F", "f_M")]
         return (*nodes, *(f"{name}_{i}'" for name in ("u", "theta", "V", "Omega") for i in range(1, N + 1)))
 
     @property
     def columns(self) -> tuple[str, ...]:
         """The state by name; its rate is what the column multiplies."""
-        N = self.chain.count
+        N = self.model.count
         elements = [f"{name}_{i}" for name in Fields._fields[:8] for i in range(1, N + 1)]
         return (*elements, "F*_1", "M*_1", f"u^_{N + 1}", f"theta^_{N + 1}")
 
@@ -62,7 +71,7 @@ class BlockRate:
         rows, columns = self.rows, self.columns
         return {
             (rows[r], columns[c]): block
-            for where, columns_, values in block_rows(self.chain, self.x, self.terms)
+            for where, columns_, values in block_rows(self.model, self.x, self.terms)
             for r, c, block in zip(where, columns_, values.unbind(-3), strict=True)
         }
 
@@ -72,7 +81,7 @@ class BlockRate:
         Raises ValueError for another method.
         """
         if method == "sweep":
-            return sweep(self.chain, self.x, self.terms)
+            return sweep(self.model, self.x, self.terms)
         if method == "dense":
             return solve_scaled(self.A, self.b)
         raise ValueError(f"method = {method!r} was given; 'sweep' or 'dense' is wanted")
@@ -80,7 +89,7 @@ class BlockRate:
     @property
     def drift(self) -> Tensor:
         """Violation of the undifferentiated equations f_u, f_psi, f_F, f_M of each node (..., N+1, 4, 3)."""
-        return residual(self.chain, self.t, self.x)
+        return residual(self.model, self.t, self.x)
 
 
 def block_rate(
@@ -90,12 +99,13 @@ def block_rate(
 
     Raises ValueError where the scene has no block rate form, or for a vector of another length.
     """
-    chain = Chain(scene, "block_rate", {} if inputs is None else inputs)
-    t = torch.as_tensor(t, dtype=scene.dtype, device=scene.device)
+    instance("a scene", scene, Scene)
+    model = MixedModel(scene, "block_rate", {} if inputs is None else inputs)
+    t = instant("t", t, scene.beam.nodes)
     if isinstance(state, MixedState):
-        return BlockRate(chain, t, state.fields)
-    n = 24 * chain.count + 12
+        return BlockRate(model, t, state.fields)
+    n = 24 * model.count + 12
     if not isinstance(state, Tensor) or state.ndim == 0 or state.shape[-1] != n:
         shape = tuple(getattr(state, "shape", ())) or type(state).__name__
         raise ValueError(f"a state of shape {shape} was given; a MixedState or (..., {n}) is wanted")
-    return BlockRate(chain, t, unpack(state, chain.count))
+    return BlockRate(model, t, unpack(state, model.count))

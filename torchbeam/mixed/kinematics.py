@@ -1,4 +1,4 @@
-"""What follows from (u, theta, V, Omega) at time t, once: axes, rates of displacement and rotation, strains, nodes."""
+"""Kinematics of the mixed element: axes, rates, strains and nodes from (u, theta, V, Omega) at time t."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from .. import rotations as rot
+from ..math import wiener_milenkovic as rot
 from .algebra import chart_jump, cross, crossing, forward, mtv, mv, rotation_nodes
-from .chain import Chain
+from .model import MixedModel
 from .residuals import e1
 
 
@@ -23,15 +23,15 @@ class Motion(NamedTuple):
     theta_dot: Tensor
 
 
-def motion(chain: Chain, t: Tensor, u: Tensor, theta: Tensor, V: Tensor, Omega: Tensor) -> Motion:
+def motion(model: MixedModel, t: Tensor, u: Tensor, theta: Tensor, V: Tensor, Omega: Tensor) -> Motion:
     """f_P = 0 and f_H = 0 solved:  u_dot = R V - v_i - ~omega u,  theta_dot = Q^-1 C^ab W;  v_i = v + ~omega x_i."""
-    R, Q_inverse = rot.turn(theta) @ chain.Cab, rot.Q_inverse(theta)
-    v, omega = chain.frame(t)
+    R, Q_inverse = rot.turn(theta) @ model.Cab, rot.Q_inverse(theta)
+    v, omega = model.frame(t)
     W = Omega if omega is None else Omega - mtv(R, omega)
     u_dot = mv(R, V)
     u_dot = u_dot if v is None else u_dot - v
-    u_dot = u_dot if omega is None else u_dot - cross(omega, chain.middle + u)
-    return Motion(R, Q_inverse, W, u_dot, mv(Q_inverse, mv(chain.Cab, W)))
+    u_dot = u_dot if omega is None else u_dot - cross(omega, model.middle + u)
+    return Motion(R, Q_inverse, W, u_dot, mv(Q_inverse, mv(model.Cab, W)))
 
 
 class Nodes(NamedTuple):
@@ -44,9 +44,9 @@ class Nodes(NamedTuple):
     jump: Tensor | None
 
 
-def nodes(chain: Chain, t: Tensor, u: Tensor, theta: Tensor) -> Nodes:
+def nodes(model: MixedModel, t: Tensor, u: Tensor, theta: Tensor) -> Nodes:
     """n_{i+1} = 2 q_i - n_i from the root: f_F^+ and f_F^- (f_M^+ and f_M^-) subtracted."""
-    u_root, theta_root = chain.root(t)
+    u_root, theta_root = model.root(t)
     other = crossing(theta, theta_root)
     theta_nodes = rotation_nodes(theta, theta_root, other)
     jump = None
@@ -56,26 +56,26 @@ def nodes(chain: Chain, t: Tensor, u: Tensor, theta: Tensor) -> Nodes:
     return Nodes(forward(u_root, u), theta_nodes, jump)
 
 
-def node_rates(chain: Chain, t: Tensor, k: Motion, jump: Tensor | None) -> tuple[Tensor, Tensor]:
+def node_rates(model: MixedModel, t: Tensor, k: Motion, jump: Tensor | None) -> tuple[Tensor, Tensor]:
     """d/dt of `nodes` (..., N+1, 3)."""
-    u_root_dot, theta_root_dot = chain.root_rates(t)
+    u_root_dot, theta_root_dot = model.root_rates(t)
     return forward(u_root_dot, k.u_dot), forward(theta_root_dot, k.theta_dot, jump)
 
 
-def strains(chain: Chain, theta: Tensor, R: Tensor, du: Tensor, dtheta: Tensor) -> tuple[Tensor, Tensor]:
+def strains(model: MixedModel, theta: Tensor, R: Tensor, du: Tensor, dtheta: Tensor) -> tuple[Tensor, Tensor]:
     """f_F^- = u^ and f_M^- = theta^ solved:  gamma = R^T (du/h + C^ab e1) - e1,  kappa = C^ba Q dtheta/h, with
     du = u_i - u^_i, dtheta = theta_i - theta^_i: from an element's left end to its middle.
     """
-    gamma = mtv(R, du / chain.h + chain.Cab[..., 0]) - e1(du)
-    return gamma, mtv(chain.Cab, mv(rot.Q(theta), dtheta / chain.h))
+    gamma = mtv(R, du / model.h + model.Cab[..., 0]) - e1(du)
+    return gamma, mtv(model.Cab, mv(rot.Q(theta), dtheta / model.h))
 
 
 def strain_rates(
-    chain: Chain, theta: Tensor, k: Motion, gamma: Tensor, kappa: Tensor, du_dot: Tensor, dtheta_dot: Tensor
+    model: MixedModel, theta: Tensor, k: Motion, gamma: Tensor, kappa: Tensor, du_dot: Tensor, dtheta_dot: Tensor
 ) -> tuple[Tensor, Tensor]:
     """f_F^- and f_M^- differentiated and solved:  gamma_dot = R^T du_dot/h - ~W (e1 + gamma),
     kappa_dot = C^ba Q (dtheta_dot/h - (Q^-1)_dot C^ab kappa).
     """
-    gamma_dot = mtv(k.R, du_dot / chain.h) - cross(k.W, e1(gamma) + gamma)
-    turning = mv(rot.Q_inverse_rate(theta, k.theta_dot), mv(chain.Cab, kappa))
-    return gamma_dot, mtv(chain.Cab, mv(rot.Q(theta), dtheta_dot / chain.h - turning))
+    gamma_dot = mtv(k.R, du_dot / model.h) - cross(k.W, e1(gamma) + gamma)
+    turning = mv(rot.Q_inverse_rate(theta, k.theta_dot), mv(model.Cab, kappa))
+    return gamma_dot, mtv(model.Cab, mv(rot.Q(theta), dtheta_dot / model.h - turning))

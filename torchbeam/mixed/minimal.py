@@ -8,14 +8,14 @@ import torch
 from torch import Tensor
 
 from .algebra import backward, cross, halves, mtv, mv, six
-from .chain import Chain
 from .kinematics import Motion, Nodes, motion, node_rates, nodes, strain_rates, strains
+from .model import MixedModel
 from .residuals import e1
 from .state import pack
 
 
 class Balance(NamedTuple):
-    """What the minimal form works out on its way, per element (..., N, ...): see `Fields`; `root` (..., 6) is all load on
+    """Intermediate results of the minimal form, per element (..., N, ...): see `Fields`; `root` (..., 6) is all load on
     node 1, [F_root; M_root].
     """
 
@@ -28,48 +28,48 @@ class Balance(NamedTuple):
     nodal: Tensor
 
 
-def balance(chain: Chain, t: Tensor, u: Tensor, theta: Tensor, V: Tensor, Omega: Tensor) -> Balance:
+def balance(model: MixedModel, t: Tensor, u: Tensor, theta: Tensor, V: Tensor, Omega: Tensor) -> Balance:
     """Strains from f_F = f_M = 0, stress, and the accelerations from f_u = f_psi = 0 by one backward sweep.
 
     [F; M] = S^-1 [gamma; kappa] (+ damping);  with W_i = f^+_i, E = [R F; R M]
     W_N = load,  W_i = load - W_{i+1} + 2 E_{i+1}
     h R (P_dot + ~Omega P) = W - E + h f,  h R (H_dot + ~Omega H + ~V P - (~e1 + ~gamma) F) = W - E + h m.
     """
-    k = motion(chain, t, u, theta, V, Omega)
-    at = nodes(chain, t, u, theta)
-    gamma, kappa = strains(chain, theta, k.R, u - at.u[..., :-1, :], theta - at.theta[..., :-1, :])
+    k = motion(model, t, u, theta, V, Omega)
+    at = nodes(model, t, u, theta)
+    gamma, kappa = strains(model, theta, k.R, u - at.u[..., :-1, :], theta - at.theta[..., :-1, :])
     strain = six(gamma, kappa)
-    stress = mv(chain.K, strain) + _damping(chain, t, theta, k, at, gamma, kappa)
+    stress = mv(model.K, strain) + _damping(model, t, theta, k, at, gamma, kappa)
     F, M = halves(stress)
-    P, H = halves(mv(chain.Mass, six(V, Omega)))
+    P, H = halves(mv(model.Mass, six(V, Omega)))
 
-    line, nodal = chain.loads(t, chain.places(k.R, u, V, Omega, at.theta, at.u))
+    line, nodal = model.loads(t, model.places(k.R, u, V, Omega, at.theta, at.u))
     E = six(mv(k.R, F), mv(k.R, M))
     W = backward(nodal[..., 1:, :] + 2 * torch.cat((E[..., 1:, :], torch.zeros_like(E[..., :1, :])), -2))
-    force, moment = halves((W - E) / chain.h + line)
+    force, moment = halves((W - E) / model.h + line)
     momentum_rates = six(
         mtv(k.R, force) - cross(Omega, P),
         mtv(k.R, moment) - cross(Omega, H) - cross(V, P) + cross(e1(F) + gamma, F),
     )
-    return Balance(k, at, strain, stress, mv(chain.Mass_inverse, momentum_rates), (W - 2 * E)[..., 0, :], nodal)
+    return Balance(k, at, strain, stress, mv(model.Mass_inverse, momentum_rates), (W - 2 * E)[..., 0, :], nodal)
 
 
-def rates(chain: Chain, t: Tensor, u: Tensor, theta: Tensor, V: Tensor, Omega: Tensor) -> Tensor:
+def rates(model: MixedModel, t: Tensor, u: Tensor, theta: Tensor, V: Tensor, Omega: Tensor) -> Tensor:
     """d/dt of [u, theta, V, Omega] (..., 12 N)."""
-    found = balance(chain, t, u, theta, V, Omega)
+    found = balance(model, t, u, theta, V, Omega)
     return pack((found.k.u_dot, found.k.theta_dot, *halves(found.acceleration)))
 
 
-def _damping(chain: Chain, t: Tensor, theta: Tensor, k: Motion, at: Nodes, gamma: Tensor, kappa: Tensor) -> Tensor | float:
+def _damping(model: MixedModel, t: Tensor, theta: Tensor, k: Motion, at: Nodes, gamma: Tensor, kappa: Tensor) -> Tensor | float:
     """S^-1 tau strain_dot, or D^1/2 S^-1 D^1/2 strain_dot with D = diag(tau) of six."""
-    damping = chain.scene.damping
+    damping = model.scene.damping
     if damping is None:
         return 0.0
-    u_dot, theta_dot = node_rates(chain, t, k, at.jump)
+    u_dot, theta_dot = node_rates(model, t, k, at.jump)
     differences = k.u_dot - u_dot[..., :-1, :], k.theta_dot - theta_dot[..., :-1, :]
-    strain_dot = six(*strain_rates(chain, theta, k, gamma, kappa, *differences))
-    tau = torch.as_tensor(damping.tau, dtype=theta.dtype, device=theta.device)
+    strain_dot = six(*strain_rates(model, theta, k, gamma, kappa, *differences))
+    tau = damping.tau
     if not damping.six:
-        return tau[..., None, None] * mv(chain.K, strain_dot)
+        return tau[..., None, None] * mv(model.K, strain_dot)
     half = tau.sqrt()[..., None, :]
-    return half * mv(chain.K, half * strain_dot)
+    return half * mv(model.K, half * strain_dot)

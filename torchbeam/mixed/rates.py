@@ -17,17 +17,18 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from .. import rotations as rot
-from ..quaternions import hat
+from ..core.functions_of_time import rate_along
+from ..math import wiener_milenkovic as rot
+from ..math.quaternions import skew
 from .algebra import backward, cross, halves, mtv, mv, six
-from .chain import Chain, Places
 from .kinematics import Motion, motion, node_rates, nodes, strain_rates
+from .model import MixedModel, Places
 from .residuals import Element, e1, element, jump_at, with_tip
 from .state import Fields, pack
 
 
 class Terms(NamedTuple):
-    """The lower-order terms of every row (..., N, 3), and what both routes to the rates share.
+    """Lower-order terms of every row (..., N, 3), common to both routes to the rates.
 
     EF, EM      R ~W F, R ~W M: the part of (R F)', (R M)' without F', M'
     T_u, T_psi  rates of the inertia terms without F', M', V'', Omega''
@@ -49,16 +50,16 @@ class Terms(NamedTuple):
     nodal: Tensor
 
 
-def terms(chain: Chain, t: Tensor, x: Fields) -> Terms:
+def terms(model: MixedModel, t: Tensor, x: Fields) -> Terms:
     """R' = R ~W, so (h R j)' = h R (~W j + j') for every vector j of the element's axes.
 
     The derivation's brackets omega_dot C^T .. + 2 C_dot^T .. + C_ddot^T .. are T_u and T_psi: they add up to this, and
     neither omega_dot nor theta_ddot is left.
     """
-    e = element(chain, x)
-    k = motion(chain, t, x.u, x.theta, x.V, x.Omega)
-    jump = jump_at(chain, x, e, t)
-    u_nodes, theta_nodes = node_rates(chain, t, k, jump)
+    e = element(model, x)
+    k = motion(model, t, x.u, x.theta, x.V, x.Omega)
+    jump = jump_at(model, x, e, t)
+    u_nodes, theta_nodes = node_rates(model, t, k, jump)
     stretch = e1(x.u) + e.gamma
     j_u = cross(x.Omega, e.P) + e.P_dot
     j_psi = cross(x.Omega, e.H) + e.H_dot + cross(x.V, e.P) - cross(stretch, x.F)
@@ -74,28 +75,28 @@ def terms(chain: Chain, t: Tensor, x: Fields) -> Terms:
         a_u=e.h * mv(e.R, cross(k.W, stretch)),
         a_theta=e.h * mv(turning, mv(e.Cab, e.kappa)),
         u_nodes=u_nodes, theta_nodes=theta_nodes,
-        **_load_rates(chain, t, x, e, k, u_nodes, theta_nodes),
+        **_load_rates(model, t, x, e, k, u_nodes, theta_nodes),
     )
 
 
 def _load_rates(
-    chain: Chain, t: Tensor, x: Fields, e: Element, k: Motion, u_dot: Tensor, theta_dot: Tensor
+    model: MixedModel, t: Tensor, x: Fields, e: Element, k: Motion, u_dot: Tensor, theta_dot: Tensor
 ) -> dict[str, Tensor]:
     """`u_dot`, `theta_dot` (..., N+1, 3) of the nodes."""
-    axes = chain.frames, torch.zeros_like(chain.frames)
-    u = torch.zeros_like(chain.nodes)
-    if chain.turning or chain.shifting:
-        at = nodes(chain, t, x.u, x.theta)
+    axes = model.frames, torch.zeros_like(model.frames)
+    u = torch.zeros_like(model.nodes)
+    if model.turning or model.shifting:
+        at = nodes(model, t, x.u, x.theta)
         u = with_tip(at.u, x.u_tip)
-        if chain.turning:
-            axes = torch.func.jvp(chain.node_axes, (with_tip(at.theta, x.theta_tip),), (theta_dot,))
-    R_dot = e.R @ hat(k.W) if chain.changing else e.R
-    line, nodal = chain.load_rates(t, Places(e.R, x.u, x.V, x.Omega, axes[0], u),
+        if model.turning:
+            axes = rate_along(model.node_axes, (with_tip(at.theta, x.theta_tip),), (theta_dot,))
+    R_dot = e.R @ skew(k.W) if model.changing else e.R
+    line, nodal = model.load_rates(t, Places(e.R, x.u, x.V, x.Omega, axes[0], u),
                                    Places(R_dot, k.u_dot, x.V_dot, x.Omega_dot, axes[1], u_dot))
     return dict(line=line, nodal=nodal)
 
 
-def sweep(chain: Chain, x: Fields, s: Terms) -> Tensor:
+def sweep(model: MixedModel, x: Fields, s: Terms) -> Tensor:
     """x' (..., 24 N + 12) by the two sweeps.
 
     Forward: q^' along the chain, and y' = S^-1 [gamma'; kappa'] from the differences q' - q^'. Backward, with
@@ -104,8 +105,8 @@ def sweep(chain: Chain, x: Fields, s: Terms) -> Tensor:
     """
     e, k = s.e, s.k
     du_dot, dtheta_dot = k.u_dot - s.u_nodes[..., :-1, :], k.theta_dot - s.theta_nodes[..., :-1, :]
-    gamma_dot, kappa_dot = strain_rates(chain, x.theta, k, e.gamma, e.kappa, du_dot, dtheta_dot)
-    F_dot, M_dot = halves(mv(chain.K, six(gamma_dot, kappa_dot)))
+    gamma_dot, kappa_dot = strain_rates(model, x.theta, k, e.gamma, e.kappa, du_dot, dtheta_dot)
+    F_dot, M_dot = halves(mv(model.K, six(gamma_dot, kappa_dot)))
 
     EF, EM = s.EF + mv(e.R, F_dot), s.EM + mv(e.R, M_dot)
     E = six(EF, EM)
@@ -115,7 +116,7 @@ def sweep(chain: Chain, x: Fields, s: Terms) -> Tensor:
     momentum_rates = six(mtv(e.R, force - s.T_u) / e.h, mtv(e.R, moment - s.T_psi) / e.h - stretching)
     root = (W - 2 * E)[..., 0, :]
     return pack(
-        (k.u_dot, k.theta_dot, F_dot, M_dot, x.V_dot, x.Omega_dot, *halves(mv(chain.Mass_inverse, momentum_rates))),
+        (k.u_dot, k.theta_dot, F_dot, M_dot, x.V_dot, x.Omega_dot, *halves(mv(model.Mass_inverse, momentum_rates))),
         (*halves(root), s.u_nodes[..., -1, :], s.theta_nodes[..., -1, :]),
     )
 
@@ -123,15 +124,15 @@ def sweep(chain: Chain, x: Fields, s: Terms) -> Tensor:
 Blocks = list[tuple[list[int], list[int], Tensor]]  # block rows, block columns, (..., count, 3, 3)
 
 
-def block_rows(chain: Chain, x: Fields, s: Terms) -> Blocks:
+def block_rows(model: MixedModel, x: Fields, s: Terms) -> Blocks:
     """The blocks of A: four rows a node (f_u, f_psi, f_F, f_M), then u', theta', V', Omega' of the elements."""
-    N, e = chain.count, s.e
-    S11, S12, S21, S22 = _quarters(chain.S)
-    M11, M12, M21, M22 = _quarters(chain.Mass)
-    h, R, F = e.h[..., None], e.R, hat(x.F)
+    N, e = model.count, s.e
+    S11, S12, S21, S22 = _quarters(model.S)
+    M11, M12, M21, M22 = _quarters(model.Mass)
+    h, R, F = e.h[..., None], e.R, skew(x.F)
     QC = e.Q_inverse @ e.Cab
     eye = torch.eye(3, dtype=R.dtype, device=R.device).expand(N, 3, 3)
-    stretch = hat(e1(x.F) + e.gamma)
+    stretch = skew(e1(x.F) + e.gamma)
     shared = {  # column -> block, the same at both ends of an element
         (0, "V_dot"): h * R @ M11, (0, "Omega_dot"): h * R @ M12,
         (1, "F"): h * R @ (F @ S11 - stretch), (1, "V_dot"): h * R @ M21, (1, "Omega_dot"): h * R @ M22,
@@ -159,10 +160,10 @@ def block_rows(chain: Chain, x: Fields, s: Terms) -> Blocks:
     return rows
 
 
-def block_system(chain: Chain, x: Fields, s: Terms) -> tuple[Tensor, Tensor]:
+def block_system(model: MixedModel, x: Fields, s: Terms) -> tuple[Tensor, Tensor]:
     """A (..., n, n) and b (..., n) of A x' = b, n = 24 N + 12; rows as in `block_rows`, columns as in `Fields`."""
-    n = 3 * (8 * chain.count + 4)
-    blocks = block_rows(chain, x, s)
+    n = 3 * (8 * model.count + 4)
+    blocks = block_rows(model, x, s)
     batch = torch.broadcast_shapes(*(b.shape[:-3] for *_, b in blocks))
     values = torch.cat([b.expand(*batch, *b.shape[-3:]) for *_, b in blocks], -3)
     at = torch.tensor([3 * r * n + 3 * c for rows, cols, _ in blocks for r, c in zip(rows, cols, strict=True)])

@@ -12,14 +12,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from .. import rotations as rot
+from ..math import wiener_milenkovic as rot
 from .algebra import chart_jump, cross, crossing, forward, halves, mtv, mv, rotation_nodes, six
-from .chain import Chain
+from .model import MixedModel
 from .state import Fields
 
 
 class Element(NamedTuple):
-    """What the six equations read, of every element at once (..., N, ...): h, C^ab, R = C^T C^ab, Q^-1, and vectors."""
+    """Variables of the six equations, of every element at once (..., N, ...): h, C^ab, R = C^T C^ab, Q^-1, and vectors."""
 
     h: Tensor
     Cab: Tensor
@@ -33,13 +33,13 @@ class Element(NamedTuple):
     H_dot: Tensor
 
 
-def element(chain: Chain, x: Fields) -> Element:
+def element(model: MixedModel, x: Fields) -> Element:
     """[gamma; kappa] = S [F; M],  [P; H] = Mass [V; Omega],  R = C^T C^ab."""
     return Element(
-        chain.h, chain.Cab, rot.turn(x.theta) @ chain.Cab, rot.Q_inverse(x.theta),
-        *halves(mv(chain.S, six(x.F, x.M))),
-        *halves(mv(chain.Mass, six(x.V, x.Omega))),
-        *halves(mv(chain.Mass, six(x.V_dot, x.Omega_dot))),
+        model.h, model.Cab, rot.turn(x.theta) @ model.Cab, rot.Q_inverse(x.theta),
+        *halves(mv(model.S, six(x.F, x.M))),
+        *halves(mv(model.Mass, six(x.V, x.Omega))),
+        *halves(mv(model.Mass, six(x.V_dot, x.Omega_dot))),
     )
 
 
@@ -81,7 +81,7 @@ def f_H(e: Element, x: Fields, theta_dot: Tensor, omega: Tensor) -> Tensor:
     return x.Omega - mtv(e.R, omega) - mtv(e.Cab, mv(rot.Q(x.theta), theta_dot))
 
 
-def residual(chain: Chain, t: Tensor, x: Fields) -> Tensor:
+def residual(model: MixedModel, t: Tensor, x: Fields) -> Tensor:
     """The equations f_u, f_psi, f_F, f_M of the nodes 1..N+1, node by node: (..., N+1, 4, 3).
 
     root      f_u^- = F_root,  f_psi^- = M_root;        f_F^- = u^_1(t),  f_M^- = theta^_1(t)
@@ -90,19 +90,19 @@ def residual(chain: Chain, t: Tensor, x: Fields) -> Tensor:
 
     Rotation parameters of neighbours in different charts are compared in the right one's.
     """
-    e = element(chain, x)
-    u_root, theta_root = chain.root(t)
+    e = element(model, x)
+    u_root, theta_root = model.root(t)
     other = crossing(x.theta, theta_root)
     nodes = with_tip(rotation_nodes(x.theta, theta_root, other), x.theta_tip)
-    u_nodes = with_tip(forward(u_root, x.u), x.u_tip) if chain.shifting else x.u
-    line, nodal = chain.loads(t, chain.places(e.R, x.u, x.V, x.Omega, nodes, u_nodes))
+    u_nodes = with_tip(forward(u_root, x.u), x.u_tip) if model.shifting else x.u
+    line, nodal = model.loads(t, model.places(e.R, x.u, x.V, x.Omega, nodes, u_nodes))
     (f, m), (force, moment) = halves(line), halves(nodal)
 
     equations = zip(
         (f_u(-1, e, x, f), f_psi(-1, e, x, m), f_F(-1, e, x), f_M(-1, e, x)),
         (f_u(+1, e, x, f), f_psi(+1, e, x, m), f_F(+1, e, x), _arriving(f_M(+1, e, x), other)),
         (x.F_root, x.M_root, u_root, theta_root if other is None else _in_chart(theta_root, other[..., 0])),
-        (force[..., 1:, :], moment[..., 1:, :], _only_tip(-x.u_tip, chain), _only_tip(-x.theta_tip, chain)),
+        (force[..., 1:, :], moment[..., 1:, :], _only_tip(-x.u_tip, model), _only_tip(-x.theta_tip, model)),
         strict=True,
     )
     return torch.stack(torch.broadcast_tensors(*(_nodes(*four) for four in equations)), -2)
@@ -121,8 +121,8 @@ def with_tip(nodes: Tensor, tip: Tensor) -> Tensor:
     return torch.cat((nodes[..., :-1, :], tip[..., None, :].expand_as(nodes[..., :1, :])), -2)
 
 
-def _only_tip(value: Tensor, chain: Chain) -> Tensor:
-    last = torch.zeros(chain.count, 1, dtype=value.dtype, device=value.device)
+def _only_tip(value: Tensor, model: MixedModel) -> Tensor:
+    last = torch.zeros(model.count, 1, dtype=value.dtype, device=value.device)
     last[-1] = 1
     return last * value[..., None, :]
 
@@ -139,9 +139,9 @@ def _arriving(plus: Tensor, other: Tensor | None) -> Tensor:
     return torch.cat((-_in_chart(-plus[..., :-1, :], other[..., 1:]), plus[..., -1:, :]), -2)
 
 
-def jump_at(chain: Chain, x: Fields, e: Element, t: Tensor) -> Tensor | None:
+def jump_at(model: MixedModel, x: Fields, e: Element, t: Tensor) -> Tensor | None:
     """Derivative of the change of chart on entering each element from the one before; None = no change."""
-    _, root = chain.root(t)
+    _, root = model.root(t)
     other = crossing(x.theta, root)
     if other is None:
         return None

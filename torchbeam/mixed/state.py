@@ -8,7 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..state import Instant, Point
+from ..core.leaves import leaf
+from ..state.state import Instant, Point
 
 
 class Fields(NamedTuple):
@@ -51,7 +52,7 @@ def unpack_minimal(x: Tensor, N: int) -> tuple[Tensor, ...]:
     return x.unflatten(-1, (4, N, 3)).unbind(-3)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MixedState(Instant):
     """The beam at one instant in a mixed form. Leading axes are batch axes (time first in a trajectory).
 
@@ -62,29 +63,29 @@ class MixedState(Instant):
               recursion n_{i+1} = 2 q_i - n_i, which hands on every short wave undiminished: velocities of inner nodes
               are rough
     reaction  (..., 6) load of the support on the beam, frame a, N and N m
-    t (...) s;  status (...) int, 0 = success, see `torchbeam.newton.STATUS`
+    t (...) s;  status (...) int, 0 = success, see `torchbeam.core.status.STATUS`
     """
 
-    u: Tensor
-    theta: Tensor
-    F: Tensor
-    M: Tensor
-    V: Tensor
-    Omega: Tensor
-    V_dot: Tensor
-    Omega_dot: Tensor
-    F_root: Tensor
-    M_root: Tensor
-    u_tip: Tensor
-    theta_tip: Tensor
-    strain: Tensor
-    position: Tensor
-    velocity: Tensor
-    rotation: Tensor
-    spin: Tensor
-    reaction: Tensor
-    t: Tensor
-    status: Tensor
+    u: Tensor = leaf(2)
+    theta: Tensor = leaf(2)
+    F: Tensor = leaf(2)
+    M: Tensor = leaf(2)
+    V: Tensor = leaf(2)
+    Omega: Tensor = leaf(2)
+    V_dot: Tensor = leaf(2)
+    Omega_dot: Tensor = leaf(2)
+    F_root: Tensor = leaf(1)
+    M_root: Tensor = leaf(1)
+    u_tip: Tensor = leaf(1)
+    theta_tip: Tensor = leaf(1)
+    strain: Tensor = leaf(2)
+    position: Tensor = leaf(2)
+    velocity: Tensor = leaf(2)
+    rotation: Tensor = leaf(3)
+    spin: Tensor = leaf(2)
+    reaction: Tensor = leaf(1)
+    t: Tensor = leaf(0)
+    status: Tensor = leaf(0)
 
     @property
     def fields(self) -> Fields:

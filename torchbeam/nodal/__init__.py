@@ -1,1 +1,1 @@
-"""The energy-consistent element between nodes that carry position and rotation."""
+"""The nodal form: local physics of elements and nodes, and the model that they make of a scene."""

@@ -20,16 +20,18 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..solve import ChainSolve, block_tridiagonal, recorded
-from .held import Held
-from .model import Model, times
-from .space import Space
+from ..core.validation import concrete
+from ..math.block_tridiagonal import ChainSolve, block_tridiagonal, recorded
+from .constitutive_law import times
+from .constraints import Constraints
+from .coordinates.spatial import Space
+from .model import Model
 
 
 class Residual(NamedTuple):
     """nodes (..., N+1, w), strain (..., N, k) as above; force, moment, size_strain (...): the largest terms in them."""
 
-    held: Held
+    constraints: Constraints
     nodes: Tensor
     strain: Tensor
     force: Tensor
@@ -39,7 +41,7 @@ class Residual(NamedTuple):
     def measure(self) -> Tensor:
         """(...) the scaled residual: each equation over the largest term in it; not finite where anything is not."""
         number = torch.finfo(self.nodes.dtype)
-        free = self.held.unknown(self.nodes.detach()).abs()
+        free = self.constraints.unknown(self.nodes.detach()).abs()
         p = (free.shape[-1] + 1) // 2  # of 6: 3, of 3: 2
         force = free[..., :p].amax((-1, -2)) / (self.force + number.tiny)
         moment = free[..., p:].amax((-1, -2)) / (self.moment + number.tiny)
@@ -55,7 +57,7 @@ class Linearisation(NamedTuple):
     """The condensed tangent; constants (detached) of one Newton step or of the implicit function theorem."""
 
     space: Space
-    held: Held
+    constraints: Constraints
     D: Tensor  # (..., n, w, w) of the nodes with unknowns
     L: Tensor
     U: Tensor
@@ -63,6 +65,7 @@ class Linearisation(NamedTuple):
     hB: Tensor  # (..., N, k, p + 2 s) h B
     C: Tensor
     E: Tensor  # (..., N, k, p + 2 s)
+    law: Tensor  # S^-1 as the law has it, which C may differ from
 
     @classmethod
     def condense(cls, model: Model, rest: Tensor, diagonal: Tensor | float, hB: Tensor, C: Tensor, E: Tensor,
@@ -74,7 +77,8 @@ class Linearisation(NamedTuple):
         D = D + diagonal
         if coupling is not None:
             U, L = U + coupling[..., 0, :, :], L + coupling[..., -1, :, :]
-        return cls(model.space, model.held, *model.held.matrix(D, L, U), model.held.rows(D, L, U), hB, C, E)
+        constraints = model.constraints
+        return cls(model.space, constraints, *constraints.matrix(D, L, U), constraints.rows(D, L, U), hB, C, E, model.law.C)
 
     def solve(self, g: Tensor, g_strain: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """What a residual asks for: move (..., N+1, w), zero where the beam is held, d[F; M] (..., N, k); and the supports'
@@ -82,22 +86,27 @@ class Linearisation(NamedTuple):
         """
         pushed = g + self.space.to_nodes((self.hB.mT @ times(self.C, g_strain[..., None]))[..., 0])
         solve = ChainSolve.apply if recorded() else block_tridiagonal
-        free = solve(self.D, self.L, self.U, self.held.unknown(-pushed))
-        move = pad(free, (0, 0, self.held.first, 0))
+        free = solve(self.D, self.L, self.U, self.constraints.unknown(-pushed))
+        move = pad(free, (0, 0, self.constraints.first, 0))
         dstress = times(self.C, g_strain[..., None] + self.E @ self.space.to_elements(move)[..., None])[..., 0]
-        return move, dstress, self.held.reaction(self.rows, pushed, move)
+        return move, dstress, self.constraints.reaction(self.rows, pushed, move)
+
+    @property
+    def exact(self) -> bool:
+        """Whether C is the law's: no impossible strain was given more flexibility than the law gives it."""
+        return not concrete(self.C != self.law.detach()).any()
 
     def detach(self) -> Linearisation:
-        return Linearisation(self.space, self.held, *(x.detach() for x in self[2:]))
+        return Linearisation(self.space, self.constraints, *(x.detach() for x in self[2:]))
 
 
-def blocked(model: Model, kin: Any, own: Tensor | float, h: Tensor) -> Tensor | float:
-    """Element forces that the beam's own strain would take to hold back: what it is measured against where nothing else acts;
+def restrained_forces(model: Model, kin: Any, own: Tensor | float, h: Tensor) -> Tensor | float:
+    """Element forces that the beam's eigenstrain would take to hold back: what it is measured against where nothing else acts;
     0.0 where there is none.
     """
     if isinstance(own, float):
         return own
-    stress = times(model.C, own[..., None])[..., 0]
+    stress = model.law.stress(own)
     return model.space.forces(kin, stress.expand(*torch.broadcast_shapes(stress.shape, (model.count, 1))), h)
 
 

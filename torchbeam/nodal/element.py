@@ -1,4 +1,4 @@
-"""The nodal element: strains, the forces that follow from its energy, and their exact tangent.
+"""Beam element of two nodes: strains, the forces that follow from its energy, and their exact tangent.
 
 Node i carries the position r_i and the rotation R_i. With h the element's length and R_i^T R_j = exp(~phi):
 
@@ -14,7 +14,8 @@ w = 4 tan(|phi|/4) n = 4 l/(1 + c), the variations are
     d(gamma) = R^T (d(d) + d x psi)       d(phi) = R^T G (beta - alpha),    G = g I + k l l^T
 
 Everything but strain and stress is written in frame a, so that no matrix needs to be turned. A tangent is taken with
-respect to the nine numbers (dr_j - dr_i, alpha, beta).
+respect to the nine numbers (dr_j - dr_i, alpha, beta). Every function knows one element alone; leading axes are free, and
+(..., N) is one of them.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from .. import quaternions as quat
-from ..quaternions import hat
+from ..math import quaternions as quat
+from ..math.quaternions import skew
 
 
 class Kinematics(NamedTuple):
@@ -47,22 +48,27 @@ class Kinematics(NamedTuple):
         """w/8 (3)."""
         return self.l / (2 + 2 * self.c)
 
-    def turn(self, stress: Tensor) -> tuple[Tensor, Tensor]:
+    def rotate(self, stress: Tensor) -> tuple[Tensor, Tensor]:
         """[F; M] (..., N, 6), frame B -> F, M in frame a."""
         return (stress.unflatten(-1, (2, 3)) @ self.R.mT).unbind(-2)
 
 
-def kinematics(position: Tensor, rotation: Tensor, length: Tensor) -> Kinematics:
-    """position (..., N+1, 3) m, rotation (..., N+1, 4), length (..., N, 1) m -> `Kinematics` of the N elements."""
-    q_i, q_j = rotation[..., :-1, :], rotation[..., 1:, :]
-    relative = quat.multiply(q_j, quat.conjugate(q_i))
-    sign = torch.where(relative[..., :1] < 0, -1.0, 1.0).to(relative)
-    relative = relative * sign
-    R = quat.matrix(quat.normalize(q_i + sign * q_j))
+def kinematics(r_i: Tensor, r_j: Tensor, q_i: Tensor, q_j: Tensor, length: Tensor) -> Kinematics:
+    """Positions (..., 3) m and rotations (..., 4) of the two nodes, length (..., 1) m."""
+    relative, middle = halved(q_i, q_j, quat.multiply(q_j, quat.conjugate(q_i)))
+    R = quat.matrix(middle)
     c, l = relative[..., :1], relative[..., 1:]
     s2 = _dot(l, l)
     g = quat.arc_ratio(c, s2)
-    return Kinematics(R, position.diff(dim=-2) / length, c, l, g, _near_zero(s2, 1 - g, -1 / 6, -3 / 40))
+    return Kinematics(R, (r_j - r_i) / length, c, l, g, _near_zero(s2, 1 - g, -1 / 6, -3 / 40))
+
+
+def halved(q_i: Tensor, q_j: Tensor, relative: Tensor) -> tuple[Tensor, Tensor]:
+    """The relative rotation q_j q_i^-1, of its two signs that of the shorter way, and the rotation half way; in space and in a
+    plane.
+    """
+    sign = torch.where(relative[..., :1] < 0, -1.0, 1.0).to(relative)
+    return relative * sign, quat.normalize(q_i + sign * q_j)
 
 
 def strain(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
@@ -76,7 +82,7 @@ def forces(kin: Kinematics, stress: Tensor, length: Tensor) -> Tensor:
 
     c = h F x d,   n = F,   m_i = c/2 + (c x w)/8 - G M,   m_j = c/2 - (c x w)/8 + G M.
     """
-    F, M = kin.turn(stress)
+    F, M = kin.rotate(stress)
     return torch.cat(_forces(kin, F, M, length), -1)
 
 
@@ -90,7 +96,7 @@ def strain_operator(kin: Kinematics, length: Tensor) -> Tensor:
     """B (..., N, 6, 9): d[gamma; kappa] = B (dr_j - dr_i, spin i, spin j), frame a -> frame B."""
     eye = torch.eye(3, dtype=kin.d.dtype, device=kin.d.device)
     h = length[..., None]
-    half, dw = hat(kin.d / 2), _outer(kin.w, kin.d) - _dot(kin.d, kin.w)[..., None] * eye  # ~d ~w = w d^T - (d.w) I
+    half, dw = skew(kin.d / 2), _outer(kin.w, kin.d) - _dot(kin.d, kin.w)[..., None] * eye  # ~d ~w = w d^T - (d.w) I
     G = (kin.g[..., None] * eye + _outer(kin.k * kin.l, kin.l)) / h
     half_dw_G = torch.broadcast_tensors(half + dw, half - dw, G)
     by_i, by_j, by_turn = (kin.R.mT @ torch.cat(half_dw_G, -1)).split(3, -1)
@@ -112,7 +118,7 @@ def geometric_stiffness(kin: Kinematics, stress: Tensor, length: Tensor) -> Tens
         Y_i   A_i (I/2 + W) - Q    A_i (I/2 - W) + Q       A_i = (I/2 - W) X - ~m_i,  A_j = (I/2 + W) X - ~m_j
         Y_j   A_j (I/2 + W) + Q    A_j (I/2 - W) - Q       Q = (1 + |w|^2/16) ~c/8 - P
     """
-    F, M = kin.turn(stress)
+    F, M = kin.rotate(stress)
     d, l, w = (v.expand_as(F) for v in (kin.d, kin.l, kin.w))
     eye = torch.eye(3, dtype=F.dtype, device=F.device)
     _, m_i, m_j = _forces(kin, F, M, length)
@@ -122,13 +128,13 @@ def geometric_stiffness(kin: Kinematics, stress: Tensor, length: Tensor) -> Tens
     lM = _dot(l, M)
     sum_c = (m_i + m_j) / 8 * (1 + 4 * _dot(w, w))  # (1 + |w|^2/16) c/8, where w here is w/8
     P = _outer(p * M - 2 * lM * (q + kin.k / (1 + kin.c)) * l, l) + _outer(kin.k * l, M) + (kin.k * lM)[..., None] * eye
-    Q = hat(sum_c) - P / 2
-    half_F, wF = hat(F / 2), _outer(F, w) - _dot(F, w)[..., None] * eye
+    Q = skew(sum_c) - P / 2
+    half_F, wF = skew(F / 2), _outer(F, w) - _dot(F, w)[..., None] * eye
     Y_i, Y_j = half_F - wF, half_F + wF
     X = _outer(length * d, F) - (length * _dot(F, d))[..., None] * eye
-    W = hat(w)
+    W = skew(w)
     WX = _outer(length * torch.linalg.cross(w, d), F) - (length * _dot(F, d))[..., None] * W
-    A_i, A_j = X / 2 - WX - hat(m_i), X / 2 + WX - hat(m_j)
+    A_i, A_j = X / 2 - WX - skew(m_i), X / 2 + WX - skew(m_j)
     A = torch.cat((A_i, A_j), -2)
     AW, A, Q = A @ W, A / 2, torch.cat((Q, -Q), -2)
     top = torch.cat((torch.zeros_like(Y_i), Y_i.mT, Y_j.mT), -1)

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..effects import Inputs
-from ..motion import GAP, INCREMENT
-from ..scene import Scene
-from ..solve import level
-from ..state import State, put
-from .external import Nodes, added_mass, advanced_rates
-from .model import Model, times
+from ..core.functions_of_time import with_rate
+from ..math.block_tridiagonal import broadcast_matrices
+from ..scene.effects import INERTIAL, Inputs
+from ..scene.scene import Scene
+from ..state.state import State, set_node
+from .discretise import discretise
+from .inertia import Momenta
+from .loads import Nodes, added_mass, advanced_rates, external
+from .model import Model
 
 
 @dataclass(frozen=True)
@@ -35,9 +37,9 @@ class Rates:
         """Raises ValueError where a block of the mass is singular or a stiffness infinite (both need the implicit form), and
         for supports that move other than a clamp at node 0.
         """
-        model = Model.of(scene, lumped=True)
+        model = discretise(scene, lumped=True)
         J = model.inertia.inertia
-        if J is None or (torch.linalg.det(J[..., model.held.first:, :, :]) <= 0).any():
+        if J is None or (torch.linalg.det(J[..., model.constraints.first:, :, :]) <= 0).any():
             raise ValueError("a section without rotary inertia was given; an explicit method wants some (the implicit "
                              "method 'midpoint' needs none)")
         if any(scene.beam.rigid):
@@ -52,16 +54,17 @@ class Rates:
     def sizes(self) -> list[int]:
         """Of position, rotation, velocity, spin of the nodes with unknowns."""
         space, beam = self.model.space, self.model.scene.beam
-        n = beam.count + 1 - self.model.held.first
-        rotation = space.enter_rotation(beam.frames).shape[-1]
+        n = beam.count + 1 - self.model.constraints.first
+        rotation = space.to_reduced_rotation(beam.frames).shape[-1]
         return [n * space.position, n * rotation, n * space.position, n * space.spin]
 
     def pack(self, state: State) -> Tensor:
         """The state's nodes with unknowns, and what else changes, as one vector."""
         model = self.model
         shape = torch.broadcast_shapes(state.batch_shape, model.scene.batch_shape)
-        state = model.space.enter(state)
-        parts = [x[..., model.held.first:, :].flatten(-2) for x in (state.position, state.rotation, state.velocity, state.spin)]
+        state = model.space.to_reduced(state)
+        motion = state.position, state.rotation, state.velocity, state.spin
+        parts = [x[..., model.constraints.first:, :].flatten(-2) for x in motion]
         parts += [x for x in (state.frame, state.internal) if x is not None]
         return torch.cat([x.expand(*shape, x.shape[-1]) for x in (*parts, state.work[..., None])], -1)
 
@@ -69,7 +72,7 @@ class Rates:
         """(nodes, supports included; spins in section axes; the rotations of nodes with unknowns as they are in y)."""
         model, space = self.model, self.model.space
         *parts, rest = y.split([*self.sizes, y.shape[-1] - sum(self.sizes)], -1)
-        n = model.count + 1 - model.held.first
+        n = model.count + 1 - model.constraints.first
         r, raw, v, spin = (x.unflatten(-1, (n, -1)) for x in parts)
         q = space.normalize(raw)
         z, frame = model.internal_states, None
@@ -77,70 +80,64 @@ class Rates:
             width = rest.shape[-1] - 1 - z
             frame = space.normalize(rest[..., :width])
         internal = rest[..., rest.shape[-1] - 1 - z:-1] if z else None
-        if model.held.first:
+        if model.constraints.first:
             support = model.scene.supports[0]
-            pose = space.pose(*model.carrying.pose(support, t), 0)
-            if model.scene.carried:
-                motion = space.motion(*model.carrying.absolute(support, t, torch.full_like(t, GAP / INCREMENT)))
+            pose = space.pose(*model.prescribed_motion.pose(support, t), 0)
+            if model.scene.has_prescribed_motion:
+                motion = space.motion(*model.prescribed_motion.absolute(support, t))
             else:
                 motion = torch.zeros_like(pose[0]), torch.zeros_like(pose[0][..., :space.spin])
             r, q, v, spin = (torch.cat((first[..., None, :].expand(*x.shape[:-2], 1, x.shape[-1]), x), -2)
                              for first, x in zip((pose[0], pose[1], *motion), (r, q, v, spin), strict=True))
-        a = None
-        if model.adds_mass:  # of a clamp that moves; of what is free it is to be found
-            a = torch.zeros_like(v)
-            if model.scene.carried and model.held.first:
-                a = put(a, 0, self._clamp_acceleration(t))
-        return Nodes(r, q, v, space.to_frame(q, spin), frame, internal, None, a), spin, raw
+        accelerations = ()
+        if model.adds_mass:  # of a clamp that moves; of what is free they are to be found
+            accelerations = torch.zeros_like(v), torch.zeros_like(spin)
+            if model.scene.has_prescribed_motion and model.constraints.first:
+                accelerations = tuple(map(set_node, accelerations, (0, 0), self._clamp_accelerations(t)))
+        return Nodes(r, q, v, space.to_frame(q, spin), frame, internal, None, *accelerations), spin, raw
 
     def stress(self, nodes: Nodes, t: Tensor) -> Tensor:
         """[F; M] (..., N, k) of the strain and, where there is damping, of its rate."""
         model, space = self.model, self.model.space
-        kin = space.kinematics(nodes.position, nodes.rotation, model.length)
-        felt = (space.strains(kin, model.length, model.reference) - model.eigenstrain(t, self.inputs))[..., None]
-        if model.rate is not None:
+        kin = model.kinematics(nodes.position, nodes.rotation)
+
+        def rate() -> Tensor:
             moving = space.to_elements(torch.cat((nodes.velocity, nodes.spin), -1))
-            felt = felt + times(model.rate, space.strain_operator(kin, model.length) @ moving[..., None])
-        return times(model.C, felt)[..., 0]
+            return (space.strain_operator(kin, model.length) @ moving[..., None])[..., 0]
+
+        strain = model.strain(kin) - model.eigenstrain(t, self.inputs)
+        return model.law.stress(model.law.felt(strain, rate))
 
     def balance(self, t: Tensor, nodes: Nodes) -> tuple[Tensor, Tensor]:
         """(loads less internal forces (..., N+1, w) in frame a, loads)"""
         model, space = self.model, self.model.space
-        kin = space.kinematics(nodes.position, nodes.rotation, model.length)
+        kin = model.kinematics(nodes.position, nodes.rotation)
         internal = space.to_nodes(space.forces(kin, self.stress(nodes, t), model.length))
-        loads = model.external(nodes, t, self.inputs) + torch.zeros_like(internal)
+        loads = external(model, nodes, t, self.inputs) + torch.zeros_like(internal)
         return loads - internal, loads
 
     def accelerations(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
         """v' (frame a) and Omega' (section axes) of the nodes with unknowns."""
-        model, space, first = self.model, self.model.space, self.model.held.first
+        model, space, first = self.model, self.model.space, self.model.constraints.first
         inertia, omega, p = model.inertia, model.frame(t)[1], space.position
         q, v, spin, net = (x[..., first:, :] for x in (nodes.rotation, nodes.velocity, spin, net))
         J, m = inertia.inertia[..., first:, :, :], inertia.mass[..., first:, :]
-        bias = torch.zeros_like(v) if omega is None else (space.tilde(omega) @ v[..., None])[..., 0]
-        gyroscopic = (space.hat(spin) @ (J @ spin[..., None]))[..., 0]
-        if inertia.offset is None and model.held.free is None and not model.adds_mass:
+        bias = torch.zeros_like(v) if omega is None else (space.skew(omega) @ v[..., None])[..., 0]
+        gyroscopic = (space.spin_skew(spin) @ (J @ spin[..., None]))[..., 0]
+        if inertia.offset is None and model.constraints.free is None and not model.adds_mass:
             torque = space.to_section(q, net[..., p:]) - gyroscopic
             return net[..., :p] / m - bias, torch.linalg.solve(J, torque[..., None])[..., 0]
-        R = space.spin_matrix(q)
-        by_v, by_spin = m[..., None] * torch.eye(p, dtype=m.dtype, device=m.device), R @ J @ R.mT
-        torque, force = net[..., p:] - space.to_frame(q, gyroscopic), net[..., :p]
-        coupling = torch.zeros_like(by_v[..., :space.spin])
+        lever, transport = None, bias
         if inertia.offset is not None:
-            e = inertia.arm(nodes.rotation)[..., first:, :]
-            tilde, A = space.tilde(space.to_frame(q, spin)), space.arm(e)
-            bias = bias + (tilde @ (tilde @ e[..., None]))[..., 0]
-            coupling = m[..., None] * A
-            by_spin = by_spin + A.mT @ coupling
-            torque = torque - (A.mT @ (m * bias)[..., None])[..., 0]
+            lever, turning = inertia.lever(nodes.rotation)[..., first:, :], space.skew(space.to_frame(q, spin))
+            bias = bias + (turning @ (turning @ lever[..., None]))[..., 0]
+        known = inertia.balance(Momenta(m * bias, space.to_frame(q, gyroscopic)), Momenta, lever, None)
+        block = inertia.matrix(nodes.rotation)[0][..., first:, :, :]
         if model.adds_mass:
-            by_v = by_v + added_mass(model, nodes, t, self.inputs)[..., first:, :p, :p]
-        force = force - (by_v @ bias[..., None])[..., 0]
-        top, bottom = (torch.cat(level(*row), -1)
-                       for row in ((by_v, coupling), (coupling.mT, by_spin)))
-        block = torch.cat(level(top, bottom), -2)
-        right = torch.cat((force, torque), -1)
-        free = model.held.free
+            fluid = added_mass(model, nodes, t, self.inputs)[..., first:, :, :]
+            block, known = block + fluid, known + (fluid[..., :p] @ transport[..., None])[..., 0]
+        right = net - known
+        free = model.constraints.free
         if free is not None:
             block = block * free[..., None] * free[..., None, :] + torch.diag_embed(1 - free)
             right = right * free
@@ -148,7 +145,7 @@ class Rates:
         return found[..., :p], space.to_section(q, found[..., p:])
 
     def __call__(self, t: Tensor, y: Tensor) -> Tensor:
-        model, space, first = self.model, self.model.space, self.model.held.first
+        model, space, first = self.model, self.model.space, self.model.constraints.first
         nodes, spin, raw = self.unpack(t, y)
         net, loads = self.balance(t, nodes)
         acceleration, spin_rate = self.accelerations(t, nodes, spin, net)
@@ -157,20 +154,25 @@ class Rates:
         if v is not None:
             velocity = velocity - v
         if omega is not None:
-            velocity = velocity - (space.tilde(omega) @ nodes.position[..., first:, :, None])[..., 0]
+            velocity = velocity - (space.skew(omega) @ nodes.position[..., first:, :, None])[..., 0]
             turn = turn - space.to_section(nodes.rotation[..., first:, :], omega)
         parts = [x.flatten(-2) for x in (velocity, space.rotation_rate(raw, turn), acceleration, spin_rate)]
         if nodes.frame is not None:
             parts.append(space.rotation_rate(nodes.frame, omega[..., 0, :]))
-        if nodes.internal is not None:
-            parts.append(advanced_rates(model, nodes, t, self.inputs))
         power = (loads * torch.cat((nodes.velocity, nodes.spin), -1)).sum((-1, -2))
         if model.adds_mass:
             a = acceleration if omega is None else acceleration + (
-                space.tilde(omega) @ nodes.velocity[..., first:, :, None])[..., 0]
-            fluid = added_mass(model, nodes, t, self.inputs)[..., first:, :space.position, :space.position] @ a[..., None]
-            power = power - (fluid[..., 0] * nodes.velocity[..., first:, :]).sum((-1, -2))
-        if model.scene.carried and model.held.first:
+                space.skew(omega) @ nodes.velocity[..., first:, :, None])[..., 0]
+            alpha = space.to_frame(nodes.rotation[..., first:, :], spin_rate)
+            fluid = added_mass(model, nodes, t, self.inputs)[..., first:, :, :] @ torch.cat((a, alpha), -1)[..., None]
+            moving = torch.cat((nodes.velocity, nodes.spin), -1)[..., first:, :]
+            power = power - (fluid[..., 0] * moving).sum((-1, -2))
+            found = (torch.cat((known[..., :first, :], free), -2)
+                     for known, free in ((nodes.acceleration, a), (nodes.angular_acceleration, alpha)))
+            nodes = nodes._replace(**dict(zip(INERTIAL, found, strict=True)))
+        if nodes.internal is not None:
+            parts.append(advanced_rates(model, nodes, t, self.inputs))
+        if model.scene.has_prescribed_motion and model.constraints.first:
             moving = torch.cat((nodes.velocity, nodes.spin), -1)[..., 0, :]
             power = power + (self.reaction(t, nodes, net)[..., 0, :] * moving).sum(-1)
         return torch.cat([x.expand(*y.shape[:-1], x.shape[-1]) for x in (*parts, power[..., None])], -1)
@@ -178,17 +180,16 @@ class Rates:
     def reaction(self, t: Tensor, nodes: Nodes, net: Tensor) -> Tensor:
         """(..., K, w): what the balance lacks at the supports, the inertia of a clamp that moves included."""
         model = self.model
-        found = [-model.held.fixed[k] * net[..., node, :] for k, node in enumerate(model.held.nodes)]
+        found = [-model.constraints.fixed[k] * net[..., node, :] for k, node in enumerate(model.constraints.nodes)]
         if not found:
             return net[..., :0, :]
-        if model.scene.carried and model.held.first:
-            before, after = (self._momentum(at) for at in (t - GAP, t + GAP))
+        if model.scene.has_prescribed_motion and model.constraints.first:
+            now, rate = with_rate(self._momentum, t)
             omega, space = model.frame(t)[1], model.space
-            rate = (after - before) / (2 * GAP)
             if omega is not None:
                 p = space.position
-                now, omega = self._momentum(t), omega[..., 0, :]
-                turned = space.tilde(omega) @ now[..., :p, None], space.hat(omega) @ now[..., p:, None]
+                omega = omega[..., 0, :]
+                turned = space.skew(omega) @ now[..., :p, None], space.spin_skew(omega) @ now[..., p:, None]
                 rate = rate + torch.cat(turned, -2)[..., 0]
             if model.inertia.offset is not None:
                 p = model.space.position
@@ -206,13 +207,13 @@ class Rates:
         if arm is not None:
             v = v + (arm @ spin[..., None])[..., 0]
         p = inertia.mass[..., 0, :, None] * v[..., None]
-        return torch.cat(level(p, H[..., None]), -2)[..., 0]
+        return torch.cat(broadcast_matrices(p, H[..., None]), -2)[..., 0]
 
-    def _clamp_acceleration(self, t: Tensor) -> Tensor:
-        """(..., p) of a clamp at node 0, absolute, frame a."""
-        rate = (self._clamp(t + GAP)[1] - self._clamp(t - GAP)[1]) / (2 * GAP)
-        tilde = None if self.model.frame(t)[1] is None else self.model.space.tilde(self.model.frame(t)[1][..., 0, :])
-        return rate if tilde is None else rate + (tilde @ self._clamp(t)[1][..., None])[..., 0]
+    def _clamp_accelerations(self, t: Tensor) -> tuple[Tensor, Tensor]:
+        """Acceleration (..., p) and angular acceleration (..., s) of a clamp at node 0, absolute, frame a."""
+        model = self.model
+        a, alpha = model.prescribed_motion.acceleration(model.scene.supports[0], t).unbind(-2)
+        return model.space.project_vector(a), model.space.project_spin(alpha)
 
     def _clamp(self, t: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor | None]:
         """Of a clamp at node 0: rotation (as if that of every node, for spaces whose nodes have axes of their own), velocity,
@@ -220,10 +221,10 @@ class Rates:
         """
         model, space = self.model, self.model.space
         support = model.scene.supports[0]
-        _, q = space.pose(*model.carrying.pose(support, t), 0)
+        _, q = space.pose(*model.prescribed_motion.pose(support, t), 0)
         q = q[..., None, :].expand(*q.shape[:-1], model.count + 1, q.shape[-1])
-        motion = space.motion(*model.carrying.absolute(support, t, torch.full_like(t, GAP / INCREMENT)))
-        arm = None if model.inertia.offset is None else space.arm(model.inertia.arm(q)[..., 0, :])
+        motion = space.motion(*model.prescribed_motion.absolute(support, t))
+        arm = None if model.inertia.offset is None else space.lever_matrix(model.inertia.lever(q)[..., 0, :])
         return q, *motion, arm
 
     def state(self, t: Tensor, y: Tensor, status: Tensor) -> State:
@@ -231,6 +232,6 @@ class Rates:
         nodes, spin, _ = self.unpack(t, y)
         net, _ = self.balance(t, nodes)
         work = y[..., -1]
-        return self.model.space.leave(State(
+        return self.model.space.to_public(State(
             *nodes[:3], spin, self.stress(nodes, t), self.reaction(t, nodes, net), work, torch.zeros_like(work),
             t.expand(work.shape), status, frame=nodes.frame, internal=nodes.internal))

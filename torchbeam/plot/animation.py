@@ -10,8 +10,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..checks import positive
-from ..solution import Solution
+from ..core.files import folder, written
+from ..core.validation import positive
+from ..state.solution import Solution
 from .canvas import Axes, is_3d, numbers
 from .shapes import POINTS, TRIAD, _curve, _even, _nodes, _prepared
 
@@ -22,24 +23,27 @@ def animate(solution: Solution, path: str | Path, ax: Axes | None = None, *, pla
 
     path    ends in .gif (Pillow) or .mp4 (an ffmpeg program, or the one that comes with the package imageio-ffmpeg)
     ax      to draw on: what is there already stays; None = new ones
-    plane   as in `shape`;  frames: with the section axes of the tip;  trail: the way of the tip
+    plane   as in `shape`;  frames: with the section axes of the tip;  trail: the path of the tip
     fps     pictures a second; each shows the output instant next to its time, so output instants should be as dense
     speed   of the film: 0.1 is ten times slower than the motion
 
-    All samples of a batch move together, each in its own colour. Raises ValueError for another kind of file.
+    All samples of a batch move together, each in its own colour. The file's folder is made where it is missing.
+
+    Raises ValueError for another kind of file, and for a folder that cannot be made or written, or lies in none;
+    files.NotWritten (an OSError) where the disk is full.
     """
     path = Path(path)
     for name, value in (("fps", fps), ("speed", speed)):
         positive(name, torch.as_tensor(float(value)))
     writer, settings = _writer(path, fps)
+    folder(path.parent)
     film = _Film.of(solution, ax, plane, trail, frames)
     span = torch.arange(solution.t[0].item(), solution.t[-1].item() * (1 + 1e-9), speed / fps, dtype=torch.float64)
     instants = solution.t.detach().double().cpu()
     at = torch.searchsorted((instants[1:] + instants[:-1]) / 2, span)
     import matplotlib
 
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with matplotlib.rc_context(settings), writer.saving(film.ax.figure, str(path), dpi):
+    with written(path, path.suffix) as part, matplotlib.rc_context(settings), writer.saving(film.ax.figure, str(part), dpi):
         for k in at.tolist():
             film.show(k)
             writer.grab_frame()
@@ -48,8 +52,8 @@ def animate(solution: Solution, path: str | Path, ax: Axes | None = None, *, pla
 
 @dataclass(frozen=True)
 class _Film:
-    """What moves in the picture: curves (time, samples, points, 2 or 3), tips (time, samples, 2 or 3), and axes of the tip of
-    the first sample (time, 3, 2, 2 or 3), each with its lines.
+    """Moving artists of the picture: curves (time, samples, points, 2 or 3), tips (time, samples, 2 or 3), and axes of the tip
+    of the first sample (time, 3, 2, 2 or 3), each with its lines.
     """
 
     ax: Axes

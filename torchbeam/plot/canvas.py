@@ -8,6 +8,8 @@ from typing import Any
 
 from torch import Tensor
 
+from ..core.files import folder, written
+
 Axes = Any  # matplotlib.axes.Axes; matplotlib is imported where something is drawn
 GREY = "0.6"
 
@@ -26,10 +28,18 @@ def grid(rows: int, columns: int, size: tuple[float, float] | None = None, *, th
 
 
 def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
-    """The figure of `ax` as a file, its folder made where missing: the path."""
+    """The figure of `ax` as a file whose ending says of which kind (.png, .pdf, .svg ...): the path. Its folder is made where
+    it is missing.
+
+    Raises ValueError for a kind that matplotlib does not have, and for a folder that cannot be made or written, or lies in
+    none; files.NotWritten (an OSError) where the disk is full.
+    """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    ax.figure.savefig(path, dpi=dpi)
+    if not path.suffix:
+        raise ValueError(f"the file {path.name!r} was given; one that ends in .png, .pdf, .svg ... is wanted")
+    folder(path.parent)
+    with written(path) as part:
+        ax.figure.savefig(part, dpi=dpi, format=path.suffix[1:])
     return path
 
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..sensors import Sensor
-from ..solution import Solution
+from ..state.solution import Solution
 from .canvas import GREY, Axes, axes, numbers
 
 

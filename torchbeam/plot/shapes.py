@@ -7,9 +7,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .. import quaternions as quat
-from ..modes import Modes
-from ..state import State
+from ..linear.modes import Modes
+from ..math import quaternions as quat
+from ..state.state import State
 from .canvas import GREY, Axes, axes, is_3d, numbers
 
 PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}

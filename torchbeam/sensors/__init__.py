@@ -1,4 +1,4 @@
-"""Sensors: what is read off a beam. One kind of object for environments, identification, linearisation and plots.
+"""Sensors: readings of a beam's state. One kind of object for environments, identification, linearisation and plots.
 
     tip = tb.sensors.TipPosition(reference=start)     tip(state) -> (..., 3) m       tip(solution.state) -> (time, ..., 3)
     tip["z"] or tip[2]                                one component: (..., 1)

@@ -1,4 +1,4 @@
-"""A sensor of acceleration: no part of a state, it follows from the balance of momentum."""
+"""Sensor of acceleration, by the balance of momentum: it is no part of a state."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from .. import quaternions as quat
-from ..motion import GAP, INCREMENT
-from ..nodal.external import Nodes, added_mass
-from ..nodal.model import Model
+from ..core.functions_of_time import shared
+from ..core.validation import as_tensor, axis_last, boolean, concrete, finite, instance
+from ..math import quaternions as quat
+from ..math.block_tridiagonal import block_tridiagonal
+from ..nodal.discretise import discretise
+from ..nodal.loads import Nodes, added_mass
 from ..nodal.rates import Rates
-from ..scene import Scene
-from ..solve import block_tridiagonal
-from ..state import State, put
+from ..scene.scene import Scene
+from ..state.state import State, set_node
 from .node import _OfNode
 from .sensor import XYZ
 
@@ -52,19 +53,22 @@ class NodeAcceleration(_OfNode):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        instance("a scene", self.scene, Scene)
+        boolean("body", self.body)
         if any(self.scene.beam.rigid):
             raise ValueError("a scene with an infinite stiffness was given to NodeAcceleration; finite ones are wanted")
-        if self.scene.carried and not all(s.clamp for s in self.scene.supports):
+        if self.scene.has_prescribed_motion and not all(s.clamp for s in self.scene.supports):
             raise ValueError("a carried beam with a support that is no clamp was given to NodeAcceleration; clamps are wanted")
         if self.proper is not None:
-            object.__setattr__(self, "proper", torch.as_tensor(self.proper, dtype=self.scene.dtype, device=self.scene.device))
-        object.__setattr__(self, "rates", Rates(Model.of(self.scene, self.lumped), self.scene.tensors(self.inputs)))
+            object.__setattr__(self, "proper", finite("proper", axis_last(
+                "proper", as_tensor(self.proper, self.scene.dtype, self.scene.device), 3)))
+        object.__setattr__(self, "rates", Rates(discretise(self.scene, self.lumped), self.scene.tensors(self.inputs)))
 
     def read(self, state: Any) -> Tensor:
         if not isinstance(state, State):
             raise ValueError(f"a {type(state).__name__} was given to NodeAcceleration; a State of the nodal form is wanted")
-        if state.t.numel() > 1 and (state.t != state.t.flatten()[0]).any():  # a trajectory: loads are asked for one instant
-            return torch.stack([self.read(one) for one in (state[k] for k in range(len(state.t)))])
+        if state.t.ndim > 1 and _trajectory(state.t):  # at each instant the loads are asked for once
+            return torch.stack([self.read(state[k]) for k in range(len(state.t))])
         a = self.solve(state)[..., self.node, :]
         a = a if self.proper is None else a - self.proper
         return quat.rotate(quat.conjugate(state.rotation[..., self.node, :]), a) if self.body else a
@@ -76,55 +80,54 @@ class NodeAcceleration(_OfNode):
             M a_c = f      A^T M a_c + J alpha + Omega x J Omega = m      a_c = a + A alpha + Omega x (Omega x e)
         """
         model = self.rates.model
-        t, space, inertia, p = state.t.flatten()[0], model.space, model.inertia, model.space.position
-        state = space.enter(state)
+        t, space, inertia, p = shared(state.t), model.space, model.inertia, model.space.position
+        state = space.to_reduced(state)
         q, spin = state.rotation, state.spin
         nodes = Nodes(state.position, q, state.velocity, space.to_frame(q, spin), state.frame, state.internal)
         right, _ = self.rates.balance(t, nodes)
-        eye, moving = torch.eye(p, dtype=right.dtype, device=right.device), model.held.moving
-        if inertia.offset is None:
-            at, between = inertia.blocks(eye)
+        eye, moving = torch.eye(p, dtype=right.dtype, device=right.device), model.constraints.moving
+        e = A = None
+        if inertia.offset is not None:
+            e, turning = inertia.lever(q), space.skew(nodes.spin)
+            A = space.lever_matrix(e)
+        at, between = inertia.blocks(eye, e, A)
+        if e is None and (inertia.inertia is None or "angular_acceleration" not in model.read):
             moving = moving & (torch.arange(moving.shape[-1], device=moving.device) < p)  # spins have no say
         else:
-            e, turning = inertia.arm(q), space.tilde(nodes.spin)
-            A = space.arm(e)
-            at, between = inertia.blocks(eye, e, A)
             R = space.spin_matrix(q)
             at = at + pad(R @ inertia.inertia @ R.mT, (p, 0, p, 0))
+            gyroscopic = space.to_frame(q, (space.spin_skew(spin) @ (inertia.inertia @ spin[..., None]))[..., 0])
+            right = right - pad(gyroscopic, (p, 0))
+        if e is not None:
             pull = inertia.momentum((turning @ (turning @ e[..., None]))[..., 0])
-            gyroscopic = space.to_frame(q, (space.hat(spin) @ (inertia.inertia @ spin[..., None]))[..., 0])
-            right = right - torch.cat((pull, (A.mT @ pull[..., None])[..., 0] + gyroscopic), -1)
+            right = right - torch.cat((pull, (A.mT @ pull[..., None])[..., 0]), -1)
         if model.adds_mass:
             at = at + added_mass(model, nodes, t, self.rates.inputs)
         between = torch.zeros_like(at[..., 1:, None, :, :]) if between is None else between
         U, L = between[..., 0, :, :], between[..., -1, :, :]
         free = moving.to(right)
-        given = self.given(t, free) if model.scene.carried else torch.zeros_like(free)
+        given = self.given(t, free) if model.scene.has_prescribed_motion else torch.zeros_like(free)
         row, column = free[..., None], free[..., None, :]
         right = right - _times(at, L, U, given)
         D = at * row * column + torch.diag_embed(1 - free)
         found = block_tridiagonal(D, L * row[1:] * column[:-1], U * row[:-1] * column[1:], right * free)
-        return space.whole(found + given)[..., :3]
+        return space.embed(found + given)[..., :3]
 
     def given(self, t: Tensor, free: Tensor) -> Tensor:
-        """Absolute acceleration (..., N+1, w) of the supports' nodes that are carried: by central differences; 0 elsewhere."""
+        """Prescribed absolute acceleration (..., N+1, w) of the nodes at supports; 0 elsewhere."""
         model = self.rates.model
-        space, carrying, whole = model.space, model.carrying, torch.zeros_like(free)
-        _, omega = carrying.frame(t)
+        space, prescribed_motion, whole = model.space, model.prescribed_motion, torch.zeros_like(free)
         for support in model.scene.supports:
-            def motion(t: Tensor, support: Any = support) -> Tensor:
-                """Velocity and spin (..., 2, 3), absolute, in the axes of frame a."""
-                v, spin = carrying.absolute(support, t, torch.full_like(t, GAP / INCREMENT))
-                spin = quat.rotate(carrying.pose(support, t)[1], spin)
-                return torch.stack(torch.broadcast_tensors(v, spin), -2)
-
-            rate = (motion(t + GAP) - motion(t - GAP)) / (2 * GAP)
-            if omega is not None:
-                rate = rate + torch.linalg.cross(*torch.broadcast_tensors(omega[..., None, :], motion(t)))
-            a, alpha = rate.unbind(-2)
-            both = torch.cat((space.part_of_vector(a), space.part_of_spin(alpha)), -1)
-            whole = put(whole.expand(*both.shape[:-1], *whole.shape[-2:]), support.node, both)
+            a, alpha = prescribed_motion.acceleration(support, t).unbind(-2)
+            both = torch.cat((space.project_vector(a), space.project_spin(alpha)), -1)
+            whole = set_node(whole.expand(*both.shape[:-1], *whole.shape[-2:]), support.node, both)
         return whole * (1 - free)
+
+
+def _trajectory(t: Tensor) -> bool:
+    """Whether t (time, ...) differs along its first axis alone."""
+    rows = t.flatten(1)
+    return bool(concrete(rows == rows[:, :1]).all() and concrete(rows[:, 0] != rows[0, 0]).any())
 
 
 def _times(D: Tensor, L: Tensor, U: Tensor, x: Tensor) -> Tensor:

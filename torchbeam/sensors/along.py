@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ..beam import Beam
-from ..checks import Value, as_tensor, finite
+from ..core.validation import Value, as_tensor, finite
+from ..nodal.assembly import ends
 from ..nodal.element import kinematics, strain
-from ..state import State
+from ..scene.beam import Beam
+from ..state.state import State
 from .sensor import Sensor
 
 
@@ -99,7 +100,7 @@ class _Strains(_Along):
         if self.element is not None:  # that element alone
             i = self.element % self.beam.count
             position, rotation, length = position[..., i:i + 2, :], rotation[..., i:i + 2, :], length[..., i:i + 1, :]
-        return strain(kinematics(position, rotation, length), length)
+        return strain(kinematics(*ends(position), *ends(rotation), length), length)
 
     def read(self, state: Any) -> Tensor:
         if self.beam.count + 1 != state.position.shape[-2]:

@@ -8,9 +8,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .. import quaternions as quat
-from ..checks import axis_last
-from ..state import State
+from ..core.validation import as_tensor, axis_last, boolean, choice, common_dtype, finite, rotations, whole
+from ..math import quaternions as quat
+from ..state.state import State
 from .sensor import XYZ, Sensor
 
 
@@ -21,15 +21,15 @@ class _OfNode(Sensor):
     node: int
 
     def __post_init__(self) -> None:
-        if isinstance(self.node, bool) or not isinstance(self.node, int):
-            raise ValueError(f"node = {self.node!r} was given; a whole number is wanted")
+        whole("node", self.node)
 
     @property
     def name(self) -> str:
         return f"{'tip' if self.node == -1 else f'node {self.node}'} {self.what}"
 
     def __call__(self, state: Any) -> Tensor:
-        nodes = getattr(state, "position", torch.empty(0, 0)).shape[-2]
+        position = getattr(state, "position", None)
+        nodes = 0 if position is None else position.shape[-2]
         if nodes and not -nodes <= self.node < nodes:
             raise ValueError(f"node = {self.node} was given; the beam has the nodes 0 to {nodes - 1}")
         return super().__call__(state)
@@ -55,10 +55,10 @@ class NodePosition(_OfNode):
         reference = self.reference
         if hasattr(reference, "position"):
             reference = reference.position[..., self.node, :]
-        elif reference is not None and not isinstance(reference, Tensor):
-            reference = torch.as_tensor(reference, dtype=torch.get_default_dtype())
+        elif reference is not None:
+            reference = as_tensor(reference, *common_dtype(reference))
         if reference is not None:
-            axis_last("reference", reference, 3)
+            finite("reference", axis_last("reference", reference, 3))
         object.__setattr__(self, "reference", reference)
 
     def read(self, state: Any) -> Tensor:
@@ -89,6 +89,10 @@ class Spin(_OfNode):
     unit = "rad/s"
     labels = XYZ
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        boolean("body", self.body)
+
     def read(self, state: Any) -> Tensor:
         if self.body and isinstance(state, State):
             return state.spin[..., self.node, :]
@@ -111,7 +115,7 @@ class _Turned(_OfNode):
         if self.reference is not None:
             given = self.reference
             q = _quaternion(given, self.node) if hasattr(given, "position") else quat.from_matrix(
-                given if isinstance(given, Tensor) else torch.as_tensor(given, dtype=torch.get_default_dtype()))
+                rotations("reference", as_tensor(given, *common_dtype(given))))
             object.__setattr__(self, "reference", quat.conjugate(q))
 
     def quaternion(self, state: Any) -> Tensor:
@@ -149,8 +153,7 @@ class Angles(_Turned):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.kind not in ("tait-bryan", "vector"):
-            raise ValueError(f"kind = {self.kind!r} was given; 'tait-bryan' or 'vector' is wanted")
+        choice("kind", self.kind, ("tait-bryan", "vector"))
 
     @property
     def labels(self) -> tuple[str, ...]:

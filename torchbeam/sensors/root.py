@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..state import State
+from ..state.state import State
 from .sensor import XYZ, Sensor
 
 

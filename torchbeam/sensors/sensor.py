@@ -1,4 +1,4 @@
-"""Sensor: a reading of the beam, its parts, and several as one."""
+"""Base of all sensors, components of a reading, and stacks of sensors."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ..checks import axis_last
+from ..core.validation import axis_last
 
 XYZ = ("x", "y", "z")
 
 
 class Sensor:
-    """What all sensors share; a subclass has `name`, `unit`, `labels` and `read(state)`, and `shape` if that is no vector."""
+    """Base of all sensors; a subclass has `name`, `unit`, `labels` and `read(state)`, and `shape` if that is no vector."""
 
     name: str
     unit: str
@@ -41,7 +41,8 @@ class Sensor:
 
     def flat(self, state: Any) -> Tensor:
         """The reading as a vector, (..., size)."""
-        return self(state).flatten(-len(self.shape))
+        reading, axes = self(state), len(self.shape)
+        return reading if axes == 1 else reading.flatten(-axes)
 
     def __getitem__(self, which: int | str | slice) -> Component:
         """Some of the numbers, by place, slice or label; always with a last axis."""
@@ -88,8 +89,11 @@ class Component(Sensor):
         return tuple(self.of.labels[i] for i in self.places)
 
     def read(self, state: Any) -> Tensor:
-        reading = self.of.flat(state)
-        return torch.stack([reading[..., i] for i in self.places], -1)
+        reading, places = self.of.flat(state), self.places
+        step = places[1] - places[0] if len(places) > 1 else 1
+        if places and step > 0 and places == tuple(range(places[0], places[-1] + 1, step)):
+            return reading[..., places[0]:places[-1] + 1:step]
+        return torch.stack([reading[..., i] for i in places], -1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -115,8 +119,10 @@ class Stack(Sensor):
 
     def read(self, state: Any) -> Tensor:
         readings = [s.flat(state) for s in self.sensors]
-        shape = torch.broadcast_shapes(*(r.shape[:-1] for r in readings))
-        return torch.cat([r.expand(*shape, r.shape[-1]) for r in readings], -1)
+        if len({r.shape[:-1] for r in readings}) > 1:
+            shape = torch.broadcast_shapes(*(r.shape[:-1] for r in readings))
+            readings = [r.expand(*shape, r.shape[-1]) for r in readings]
+        return torch.cat(readings, -1)
 
     def split(self, vector: Tensor) -> tuple[Tensor, ...]:
         """(..., size) -> each sensor's reading (..., *shape)."""

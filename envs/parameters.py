@@ -1,0 +1,94 @@
+"""Parameters of the beam that may change with the episode: ranges, random draws, checks of given values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number that may change with the episode.
+
+    value      what it is unless it varies
+    low, high  the range that randomize=True draws from
+    least      smallest value; `above`: which it must exceed
+    """
+
+    value: float
+    low: float
+    high: float
+    least: float = 0.0
+    above: bool = False
+
+    def check(self, name: str, value: Any) -> None:
+        """ValueError where one of the values is no number, out of bounds, infinite or NaN."""
+        values = numbers(name, value)
+        if not (np.isfinite(values) & ((values > self.least) if self.above else (values >= self.least))).all():
+            raise ValueError(f"{name} = {values.tolist()} was given; {self._wanted} is wanted")
+
+    @property
+    def _wanted(self) -> str:
+        if self.least == -math.inf:
+            return "a finite number"
+        return f"a finite number {'above' if self.above else 'of at least'} {self.least:g}"
+
+
+class Parameters(dict[str, Parameter]):
+    """Parameters that may change with the episode, by name; ValueError for another name or a value out of range."""
+
+    def named(self, name: Any) -> Parameter:
+        if name not in self:
+            wanted = f"there are {', '.join(self)}" if self else "this form of the beam has none"
+            raise ValueError(f"the parameter {name!r} was given; {wanted}")
+        return self[name]
+
+    def ranges(self, randomize: bool | Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
+        """name -> (low, high) of what is drawn at each reset, in the order of the names here."""
+        if randomize is True:
+            if not self:
+                raise ValueError("randomize was given; this form of the beam has no parameters to vary")
+            return {name: (p.low, p.high) for name, p in self.items()}
+        randomize = randomize or {}
+        for name, bounds in randomize.items():
+            self.named(name).check(name, bounds)
+            if np.shape(bounds) != (2,) or bounds[0] > bounds[1]:
+                raise ValueError(f"randomize = {{{name!r}: {bounds!r}}} was given; (low, high) is wanted")
+        return {name: tuple(map(float, randomize[name])) for name in self if name in randomize}
+
+    def given(self, params: Any, count: int, like: Tensor) -> dict[str, Tensor]:
+        """name -> (count,), from a mapping of names to one number or one for each sub-env; tensors keep their gradient."""
+        if params is None:
+            return {}
+        if not isinstance(params, Mapping):
+            raise ValueError(f"params = {params!r} was given; a dictionary of parameters by name is wanted")
+        return {name: self._given(name, value, count, like) for name, value in params.items()}
+
+    def _given(self, name: Any, value: Any, count: int, like: Tensor) -> Tensor:
+        parameter = self.named(name)
+        if not isinstance(value, Tensor):
+            value = numbers(name, value)
+        value = torch.as_tensor(value, dtype=like.dtype, device=like.device)
+        if value.shape not in ((), (count,)):
+            raise ValueError(f"{name} of shape {tuple(value.shape)} was given; one number or {count} are wanted")
+        parameter.check(name, value)
+        return value.expand(count)
+
+
+def numbers(name: str, value: Any) -> np.ndarray:
+    """Real numbers as a float64 array; ValueError for anything else."""
+    if isinstance(value, Tensor):
+        value = value.detach().cpu().numpy()
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        array = np.asarray(None)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} = {value!r} was given; real numbers are wanted")
+    return array.astype(np.float64)

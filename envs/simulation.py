@@ -1,0 +1,176 @@
+"""Simulation: episodes of a task begun and advanced as one batch. Tensors in, tensors out; nothing is written in place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+import torchbeam as tb
+
+from .episodes import Episodes
+from .noise import normal
+from .parameters import Parameters
+from .plant import Plant, stepper
+from .rows import replaced
+from .sensors import Observer
+from .task import Task
+
+
+class Simulation:
+    """`count` episodes of a task.
+
+    plant     of the usual parameters;  rest  the states that its episodes start from: in equilibrium, and the same with what
+              the method remembers of a step without action
+    observer  what is seen of the beam;  high (o,) bounds of whole observations: target, sensors, actions still to act
+    known     the parameters that there are;  ranges  name -> (low, high) of those drawn at each reset
+    varying   names of the parameters that have a value for each sub-env; grows when a reset is given values for others
+    """
+
+    def __init__(self, task: Task, count: int) -> None:
+        self.task, self.count = task, count
+        c = self.config = task.config
+        if task.usual.batch_shape not in ((), (count,)):
+            raise ValueError(f"a beam or section with the batch axes {tuple(task.usual.batch_shape)} was given for {count} "
+                             "sub-envs; none, or one of that many, are wanted")
+        self.varying: set[str] = set()
+        self.known = Parameters(task.parameters() if c.form == "nodal" else {})
+        self.members = torch.arange(count, device=task.device)
+        self.plant = self._plant({}, self.members)
+        self.rest = self._settled(self.plant, count)
+        self.ranges = self.known.ranges(c.randomize)
+        self.varying |= set(self.ranges)
+        task.prepare(self.plant)
+        self.observer = Observer(task.observed(), self.rest[0])
+        high = np.concatenate((task.target_high(), self.observer.high, np.ones(c.delay * task.actions)))
+        self.high = torch.as_tensor(high.astype(np.float32), dtype=task.dtype, device=task.device)
+        self.low = -self.high
+
+    def advance(self, before: Episodes, action: Tensor, active: Tensor) -> tuple[Episodes, Tensor, Tensor]:
+        """The active (n,) episodes one control interval later: (episodes, reward (n,), failed (n,) bool)."""
+        beam, acting, pending = before.beam, before.acting, before.pending
+        everyone = bool(active.all())
+        if everyone or active.any():
+            queue = torch.cat((pending, action[:, None]), 1) if self.config.delay else action[:, None]
+            given = self.task.inputs(queue[:, 0], before)
+            for _ in range(self.config.substeps):
+                beam = before.plant.stepper(beam, active=None if everyone else active, **given)
+            if everyone:
+                acting, pending = queue[:, 0], queue[:, 1:]
+            else:
+                acting = torch.where(active[:, None], queue[:, 0], acting)
+                pending = torch.where(active[:, None, None], queue[:, 1:], pending)
+        steps = before.steps + active
+        after = self._told(replace(before, beam=beam, acting=acting, pending=pending, steps=steps))
+        observation = self._observation(after)
+        failed = active & (after.failed | observation.isnan().any(-1))  # what is infinite has been clipped
+        good = active & ~failed
+        if not good.all():
+            observation = torch.where(good[:, None], observation, before.observation)
+        over = self.task.task_failed(after)
+        ended = failed if over is None else failed | (good & over)
+        reward = -self.task.cost(after) - self.config.control_cost * action.square().sum(-1)
+        reward = torch.where(ended, self.config.failure_reward, reward)
+        if not everyone:
+            reward = torch.where(active, reward, 0.0)
+        terminated, truncated, limit = before.terminated | ended, before.truncated, self.config.max_episode_steps
+        if limit is not None:
+            truncated = truncated | (good & (steps >= limit) & ~terminated)
+        return replace(after, observation=observation, terminated=terminated, truncated=truncated), reward, failed
+
+    def renew(self, episodes: Episodes | None, mask: Tensor, streams: list[np.random.Generator],
+              params: dict[str, Tensor] | None = None, goal: Tensor | None = None) -> Episodes:
+        """The episodes with those in the mask (n,) started afresh: built and solved for these alone, then put in their rows.
+
+        streams  a generator for each sub-env;  params  name -> (n,);  goal (n, g), instead of the one that is drawn
+        """
+        episodes = self._with_room(episodes, set(params or {}))
+        rows = mask.nonzero()[:, 0]
+        own = [streams[i] for i in rows.tolist()]
+        drawn = self.task.sample_goal(own, rows)  # first: neither parameters nor noise change the goals
+        goal = drawn if goal is None else goal[rows]
+        values = {name: [stream.uniform(*self.ranges[name]) for stream in own] for name in self.ranges}
+        values = {name: torch.tensor(each, dtype=self.task.dtype, device=self.task.device) for name, each in values.items()}
+        values |= {name: given[rows] for name, given in (params or {}).items()}
+        plant = self._plant(values, rows) if self.varying else self.plant
+        start, first = self._at_rest(plant, rows)
+        key = torch.tensor([int(s.integers(2**63)) for s in own] if self.config.noise else [0] * len(rows), device=rows.device)
+        zero = torch.zeros(len(rows), dtype=torch.long, device=rows.device)
+        idle = self.high.new_zeros(len(rows), self.task.actions)
+        now = Episodes(plant, rows, start, self.task.initial_state(first, goal), goal, key, idle,
+                       idle[:, None].expand(-1, self.config.delay, -1), zero, zero.bool(), zero.bool(), idle)
+        now = self._told(now)
+        now = replace(now, observation=self._observation(now))
+        return now if episodes is None else replaced(episodes, now, rows, self.count)
+
+    def sensors(self, episodes: Episodes | None) -> tb.sensors.Stack:
+        """The sensors of these episodes, or of the usual start where there are none."""
+        return self.observer.sensors(self.rest[0] if episodes is None else episodes.start)
+
+    # Inside
+
+    def _told(self, now: Episodes) -> Episodes:
+        """With what the task says of them."""
+        now = replace(now, target=self.task.target(now, self.task.preview))
+        return replace(now, measures=self.task.measures(now))
+
+    def _observation(self, now: Episodes) -> Tensor:
+        seen = self.observer.read(now.beam, now.start, self.task.of(now, self.observer.scale))
+        if self.config.noise:
+            seen = seen + self.config.noise * normal(now.key, now.steps, seen.shape[-1], self.task.dtype)
+        tip = None if self.observer.tip is None else seen[:, self.observer.tip]
+        whole = torch.cat((self.task.target_observation(now, tip), seen, now.pending.flatten(1)), -1)
+        return whole.clamp(self.low, self.high)
+
+    def _plant(self, values: dict[str, Tensor], rows: Tensor) -> Plant:
+        """Of the sub-envs rows (k,), with values (k,) of parameters; those that vary and are not given have their usual one."""
+        c, task = self.config, self.task
+        params = {name: torch.tensor(p.value, dtype=task.dtype, device=task.device) for name, p in task.parameters().items()}
+        params |= {name: params[name].expand(len(rows)) for name in self.varying}
+        params |= values
+        scene = task.scene(params, rows, self.varying)
+        return Plant(params, stepper(scene, c.control_interval / c.substeps, c.form, c.method, c.solver or {}))
+
+    def _at_rest(self, plant: Plant, rows: Tensor) -> tuple[tb.State, tb.State]:
+        if plant is not self.plant:
+            return self._settled(plant, len(rows))
+        return self.rest if len(rows) == self.count else tuple(state[rows] for state in self.rest)
+
+    def _settled(self, plant: Plant, count: int) -> tuple[tb.State, tb.State]:
+        """The beam in equilibrium without action, and the same with what the method remembers of a step without action."""
+        idle = {name: torch.zeros(count, size, dtype=self.task.dtype, device=self.task.device)
+                for name, size in plant.scene.inputs.items()}
+        if not self.task.settles:
+            start = plant.stepper.rest((count,))
+        else:
+            start = tb.equilibrium(plant.scene, throw=False, **idle)
+        return start, plant.stepper.begin(start, **idle) if isinstance(plant.stepper, tb.Stepper) else start
+
+    def _with_room(self, episodes: Episodes | None, names: set[str]) -> Episodes | None:
+        """The episodes with room for values of these parameters in their plants."""
+        self.varying |= names
+        if episodes is None or all(episodes.plant.params[name].ndim for name in self.varying):
+            return episodes
+        kept = {name: value for name, value in episodes.plant.params.items() if value.ndim}
+        return replace(episodes, plant=self._plant(kept, self.members))
+
+    def options(self, given: dict[str, Any]) -> dict[str, Any]:
+        """Parameters by name (n,) and goals (n, g) from the options of a reset, checked."""
+        params = self.known.given(given.get("params"), self.count, self.high)
+        goal, shape = given.get("goal"), (self.count, self.task.goal_size)
+        if goal is not None:
+            try:
+                goal = torch.as_tensor(goal, dtype=self.task.dtype, device=self.task.device)
+            except (TypeError, ValueError, RuntimeError):
+                raise ValueError(f"goal = {goal!r} was given; numbers of shape {shape} or {shape[1:]} are wanted") from None
+            if goal.shape not in (shape[1:], shape) or not torch.isfinite(goal).all():
+                raise ValueError(f"a goal of shape {tuple(goal.shape)} was given; finite {shape} or {shape[1:]} is wanted")
+            goal = goal.expand(shape)
+        return {"params": params, "goal": goal}
+
+    def parameters_of(self, now: Episodes) -> dict[str, Tensor]:
+        """name -> (n,), of those that vary."""
+        return {name: now.plant.params[name] for name in sorted(self.varying)}

@@ -1,0 +1,289 @@
+"""Ingredients of the gradient fuzz: every effect with every one of its arguments."""
+
+import torch
+from gradient_ingredients import FORMS, ingredient
+
+import torchbeam as tb
+
+ALONG = ("Along", "PerElement", "PerElement function")
+
+
+def along(d, name, size, form, axial=False):
+    """What may stand where a value along the beam is wanted."""
+    if form not in ALONG:
+        return d.value(name, size, form, axial)
+    if form == "Along":
+        v, rate = d.vector(name, size, axial), d.number(f"{name} rate", 2.0, 5.0)
+        return lambda x: tb.Along(lambda s, t: v(x)[..., None, :] * (torch.cos(s) * (1 + t * rate(x)[..., None]))[..., None])
+    v = d.vector(name, size, axial, d.count)
+    if form == "PerElement":
+        return lambda x: tb.PerElement(v(x))
+    rate = d.number(f"{name} rate", 2.0, 5.0)
+    return lambda x: tb.PerElement(lambda t: v(x) * (1 + torch.sin(rate(x) * t))[..., None, None])
+
+
+@ingredient("effect", "TipLoad force", (*FORMS, "constant function"))
+def tip_force(d, form):
+    f, follower = d.value("TipLoad force", 0.4, form), d.pick(False, True)
+    return lambda x: tb.TipLoad(force=f(x), follower=follower)
+
+
+@ingredient("effect", "TipLoad moment", FORMS)
+def tip_moment(d, form):
+    m, follower = d.value("TipLoad moment", 0.2, form, axial=True), d.pick(False, True)
+    return lambda x: tb.TipLoad(moment=m(x), follower=follower)
+
+
+@ingredient("effect", "PointLoad", FORMS)
+def point_load(d, form):
+    f, m = d.value("PointLoad force", 0.4, form), d.value("PointLoad moment", 0.2, form, axial=True)
+    node, follower = d.pick(1, -2), d.pick(False, True)
+    return lambda x: tb.PointLoad(node=node, force=f(x), moment=m(x), follower=follower)
+
+
+@ingredient("effect", "LineLoad force", (*FORMS, *ALONG))
+def line_force(d, form):
+    f, follower = along(d, "LineLoad force", 0.4, form), d.pick(False, True)
+    return lambda x: tb.LineLoad(force=f(x), follower=follower)
+
+
+@ingredient("effect", "LineLoad moment", (*FORMS, *ALONG))
+def line_moment(d, form):
+    m, follower = along(d, "LineLoad moment", 0.2, form, axial=True), d.pick(False, True)
+    return lambda x: tb.LineLoad(moment=m(x), follower=follower)
+
+
+@ingredient("effect", "History")
+def history(d):
+    t = d.tensor("History t", torch.tensor([-0.3, 0.11, 0.245, 0.375, 2.0]), size=0.05, alone=True)
+    f = d.vector("History values", 0.5, False, 5)
+    return lambda x: tb.TipLoad(force=tb.History(t(x), f(x)))
+
+
+@ingredient("effect", "Gravity", FORMS)
+def gravity(d, form):
+    g = d.value("Gravity g", 1.0, form)
+    return lambda x: tb.Gravity(g(x))
+
+
+@ingredient("effect", "Damping one")
+def damping(d):
+    tau = d.number("Damping tau", 0.01, 0.03)
+    return lambda x: tb.Damping(tau(x))
+
+
+@ingredient("effect", "Damping six")
+def damping_six(d):
+    tau = d.tensor("Damping tau", 0.01 + 0.02 * d.uniform(6))
+    return lambda x: tb.Damping(tau(x))
+
+
+@ingredient("effect", "MassDamping")
+def mass_damping(d):
+    alpha = d.number("MassDamping alpha", 0.5, 2.0)
+    return lambda x: tb.MassDamping(alpha(x))
+
+
+@ingredient("effect", "rayleigh")
+def rayleigh(d):
+    w, z = d.tensor("rayleigh frequency", torch.tensor([4.0, 20.0])), d.tensor("rayleigh ratio", torch.tensor([0.1, 0.12]))
+    return lambda x: tb.rayleigh(w(x), z(x))
+
+
+def _drag(d):
+    return {n: d.number(f"Drag {n}", *r) for n, r in dict(density=(1.0, 2.0), diameter=(0.2, 0.3), normal=(1.0, 1.3),
+                                                          tangential=(0.1, 0.3)).items()}
+
+
+@ingredient("effect", "Drag flow", ("none", "value", "list", "function", "tuple"))
+def drag(d, form):
+    read = _drag(d)
+    if form == "none":
+        return lambda x: tb.Drag(**{n: r(x) for n, r in read.items()})
+    if form in ("value", "list"):
+        flow = d.value("Drag flow", 1.0, form)
+        return lambda x: tb.Drag(**{n: r(x) for n, r in read.items()}, flow=flow(x))
+    v, rate = d.vector("Drag flow", 1.0), d.number("Drag flow rate", 2.0, 5.0)
+
+    def flow(x):
+        def function(position, t):
+            found = v(x)[..., None, :] * (1 + torch.sin(rate(x) * t)[..., None, None] + 0.3 * position.square().sum(-1, True))
+            return found if form == "function" else tuple(found.unbind(-1))
+        return function
+    return lambda x: tb.Drag(**{n: r(x) for n, r in read.items()}, flow=flow(x))
+
+
+@ingredient("effect", "Drag added_mass", ("", "flow"))
+def added_mass(d, form=""):
+    read, added = _drag(d), d.number("Drag added_mass", 0.8, 1.2)
+    flow = d.value("Drag flow", 1.0, "value") if form else lambda x: None
+    return lambda x: tb.Drag(**{n: r(x) for n, r in read.items()}, added_mass=added(x), flow=flow(x))
+
+
+def _node(d):
+    return d.pick(1, -1, -2)
+
+
+@ingredient("effect", "PointMass mass")
+def point_mass(d):
+    m, node = d.number("PointMass mass", 0.1, 0.3), _node(d)
+    return lambda x: tb.PointMass(m(x), node=node)
+
+
+@ingredient("effect", "PointMass inertia", ("three", "matrix"))
+def point_inertia(d, form):
+    m, node = d.number("PointMass mass", 0.1, 0.3), _node(d)
+    A = d.tensor("PointMass inertia", 0.1 + 0.1 * d.uniform(3, 3))
+
+    def inertia(x):
+        a = A(x) if d.plane is None else torch.diag_embed(A(x)[..., 0])
+        B = a @ a.mT
+        J = B.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * torch.eye(3) - B
+        return J if form == "matrix" else J.diagonal(dim1=-2, dim2=-1)
+    return lambda x: tb.PointMass(m(x), inertia(x), node=node)
+
+
+@ingredient("effect", "PointMass offset", ("mass", "inertia", "6x6"))
+def point_offset(d, form):
+    m, e, node = d.number("PointMass mass", 0.1, 0.3), d.vector("PointMass offset", 0.1), _node(d)
+    j = d.number("PointMass inertia", 0.01, 0.02) if form != "mass" else None
+
+    def body(x):
+        if j is None:
+            return tb.PointMass(m(x), offset=e(x), node=node)
+        J = j(x)[..., None, None] * torch.eye(3)
+        if form == "inertia":
+            return tb.PointMass(m(x), J, e(x), node=node)
+        zero = torch.zeros_like(m(x))
+        a, b, c = e(x).unbind(-1)
+        tilde = torch.stack((zero, -c, b, c, zero, -a, -b, a, zero), -1).unflatten(-1, (3, 3))
+        mass = m(x)[..., None, None]
+        rows = (torch.cat((mass * torch.eye(3), -mass * tilde), -1), torch.cat((mass * tilde, J - mass * tilde @ tilde), -1))
+        return tb.PointMass(torch.cat(rows, -2), node=node)
+    return body
+
+
+@ingredient("effect", "Actuation curvature", (*FORMS, "PerElement", "PerElement function"))
+def actuation_curvature(d, form):
+    k = along(d, "Actuation curvature", 0.4, form, axial=True)
+    elements = None if form.startswith("PerElement") else d.pick(None, (0,), (-1,))
+    return lambda x: tb.Actuation(curvature=k(x), elements=elements)
+
+
+@ingredient("effect", "Actuation strain", (*FORMS, "PerElement", "PerElement function"))
+def actuation_strain(d, form):
+    k = along(d, "Actuation strain", 0.05, form)
+    return lambda x: tb.Actuation(strain=k(x))
+
+
+@ingredient("effect", "Actuation both")
+def actuation_both(d):
+    k, e = d.value("Actuation curvature", 0.4, "function", axial=True), d.value("Actuation strain", 0.05, "tuple")
+    return lambda x: tb.Actuation(curvature=k(x), strain=e(x))
+
+
+@ingredient("effect", "Spring to", FORMS)
+def spring(d, form):
+    k, to, node = d.number("Spring stiffness", 0.5, 1.5), d.value("Spring to", 0.8, form), _node(d)
+    return lambda x: tb.Spring(node, k(x), to(x))
+
+
+@ingredient("effect", "Spring length", FORMS)
+def spring_length(d, form):
+    k, to, node = d.number("Spring stiffness", 0.5, 1.5), d.value("Spring to", 0.8, form), _node(d)
+    length = d.number("Spring length", 0.2, 0.4)
+    return lambda x: tb.Spring(node, k(x), to(x), length=length(x))
+
+
+@ingredient("effect", "Spring damping", ("linear", "length"))
+def spring_damping(d, form):
+    k, to, node = d.number("Spring stiffness", 0.5, 1.5), d.value("Spring to", 0.8, "value"), _node(d)
+    c, length = d.number("Spring damping", 0.3, 0.6), d.number("Spring length", 0.2, 0.4) if form == "length" else None
+    return lambda x: tb.Spring(node, k(x), to(x), damping=c(x), **({} if length is None else {"length": length(x)}))
+
+
+@ingredient("effect", "RootSpring stiffness", ("six", "pair"))
+def root_spring(d, form):
+    k = d.tensor("RootSpring stiffness", 3 + 5 * d.uniform(6))
+    return lambda x: tb.RootSpring(_six(k(x), form))
+
+
+def _six(k, form):
+    return k if form == "six" else (k[..., :3], k[..., 3:])
+
+
+@ingredient("effect", "RootSpring damping", ("six", "pair"))
+def root_damping(d, form):
+    k, c = d.tensor("RootSpring stiffness", 3 + 5 * d.uniform(6)), d.tensor("RootSpring damping", 0.1 + 0.2 * d.uniform(6))
+    return lambda x: tb.RootSpring(_six(k(x), form), _six(c(x), form))
+
+
+def _inside(d, force, moment):
+    """What lies in the scene's plane."""
+    if d.plane is None:
+        return force, moment
+    normal = torch.tensor([0.0, 0, 1] if d.plane == "xy" else [0.0, 1, 0])
+    return force * (1 - normal), moment * normal
+
+
+def _load(d, sites):
+    a = {n: d.tensor(f"Load {n}", 0.2 + 0.3 * d.uniform(3)) for n in ("position", "rotation", "velocity", "spin", "time")}
+
+    def made(x):
+        k = {n: r(x)[..., None, :] if sites else r(x) for n, r in a.items()}
+
+        def function(position, rotation, velocity, spin, t, **more):
+            force = -k["position"] * torch.sin(position) - k["velocity"] * velocity + k["time"] * torch.sin(3 * t)
+            moment = 0.3 * (rotation @ k["rotation"][..., None])[..., 0] - 0.1 * k["spin"] * spin
+            for v in more.values():
+                force = force + v * k["time"] * position
+            return _inside(d, force, moment)
+        return function
+    return made
+
+
+@ingredient("effect", "Load node")
+def user_load(d):
+    function, node = _load(d, False), d.pick(1, -1)
+    return lambda x: tb.Load(function(x), node=node)
+
+
+@ingredient("effect", "Load along")
+def user_load_along(d):
+    function = _load(d, True)
+    return lambda x: tb.Load(function(x), node=None)
+
+
+@ingredient("effect", "Load inputs", ("node", "along"))
+def user_load_inputs(d, form):
+    function = _load(d, form == "along")
+    d.inputs["load_input"] = d.vector("load input", 0.5)
+    return lambda x: tb.Load(function(x), node=-1 if form == "node" else None, inputs={"load_input": 3})
+
+
+@ingredient("effect", "Load of")
+def user_load_of(d):
+    k, c = d.tensor("Load stiffness", 0.5 + 0.5 * d.uniform(3)), d.tensor("Load rate", 0.5 + d.uniform(3))
+    of = d.pick(("position",), ("velocity",), ())
+
+    def made(x):
+        def function(position, rotation, velocity, spin, t):
+            looked = position if position is not None else velocity if velocity is not None else torch.ones(3)
+            return _inside(d, -k(x) * torch.cos(looked * (1 + c(x) * t)), torch.zeros(3))[0], None
+        return function
+    return lambda x: tb.Load(made(x), of=of)
+
+
+@ingredient("effect", "Load internal")
+def user_load_internal(d):
+    lag, gain = d.number("Load lag", 5.0, 10.0), d.tensor("Load gain", 0.5 + 0.5 * d.uniform(3))
+    demand = d.tensor("Load demand", 0.5 + 0.5 * d.uniform(2))
+
+    def made(x):
+        def function(position, rotation, velocity, spin, t, z):
+            return _inside(d, gain(x) * (z.sum(-1, keepdim=True) + 0.2 * velocity), torch.zeros(3))[0], None
+
+        def rate(z, position, rotation, velocity, spin, t):
+            return lag(x)[..., None] * (demand(x) * torch.cos(2 * t) - z * (1 + 0.1 * z)) + position[..., :2]
+        return tb.Load(function, internal=2, rate=rate)
+    return made

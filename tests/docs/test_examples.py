@@ -1,0 +1,27 @@
+"""Every example, imported as a user would run it: its check number is what it says (see examples/README.md)."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
+LONG = {"identify"}
+
+
+@pytest.mark.parametrize("path", [pytest.param(p, id=p.stem, marks=[pytest.mark.long] * (p.stem in LONG)) for p in EXAMPLES])
+def test_example(path, tmp_path, monkeypatch):
+    """CHECK within TOLERANCE of EXPECTED; importing draws nothing, writes nothing and needs no matplotlib."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)  # importing it would raise
+    spec = importlib.util.spec_from_file_location(f"example_{path.stem}", path)
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    assert abs(example.CHECK - example.EXPECTED) <= example.TOLERANCE
+    assert not list(tmp_path.iterdir())
+
+
+def test_readme_lists_every_example():
+    text = (EXAMPLES[0].parent / "README.md").read_text()
+    assert [p.name for p in EXAMPLES if f"`{p.name}`" not in text] == []

@@ -1,0 +1,82 @@
+"""README.md and the pages of docs/: their Python runs, their tables are those of the files, their pictures and links exist."""
+
+import importlib.util
+import re
+import warnings
+from pathlib import Path
+
+import pytest
+import torch
+
+ROOT = Path(__file__).parents[2]
+spec = importlib.util.spec_from_file_location("tables", ROOT / "docs" / "tables.py")
+tables = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(tables)
+
+README = ROOT / "README.md"
+PAGES = tables.pages()
+ELSEWHERE = {"works_with.md", "own_environment.md"}  # run by the tests that are named after them
+LINES = 200  # of the README, and about as many of a page
+
+
+def blocks(page: Path) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
+
+
+def run(page: Path, monkeypatch) -> dict:
+    """Every block of a page, top to bottom, as a newcomer types them in the root of the repository."""
+    monkeypatch.chdir(ROOT)
+    monkeypatch.syspath_prepend(str(ROOT))
+    names: dict = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # a page that warns says so by itself
+        warnings.filterwarnings("ignore", category=DeprecationWarning)
+        for k, block in enumerate(blocks(page), 1):
+            exec(compile(block, f"{page.name}, block {k}", "exec"), names)
+    return names
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_readme_runs(dtype, capsys, monkeypatch):
+    """In the default dtype and in float64."""
+    torch.set_default_dtype(dtype)
+    names = run(README, monkeypatch)
+    assert names["tip"].shape == (3, 3) and torch.isfinite(names["force"].grad).all()
+    assert "tensor" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if p != README and p.name not in ELSEWHERE and blocks(p)],
+                         ids=lambda page: page.stem)
+def test_page_runs(page, monkeypatch):
+    """In PyTorch's own default dtype, unless the page sets another."""
+    torch.set_default_dtype(torch.float32)
+    run(page, monkeypatch)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_page(page):
+    """Tables are those of the files; links, anchors and pictures exist; the page is short, but for tables."""
+    text = page.read_text()
+    assert tables.filled(text) == text, "python docs/tables.py makes the tables again"
+    for target in re.findall(r"\]\(([^)]+)\)", text):
+        if target.startswith("http"):
+            continue
+        name, _, anchor = target.partition("#")
+        there = page.parent / name if name else page
+        assert there.exists(), target
+        assert not anchor or anchor in anchors(there), target
+    written = re.sub(r"<!-- (\S+\.md) -->\n.*?<!-- end -->", "", text, flags=re.DOTALL).splitlines()
+    assert len(written) <= LINES, f"{len(written)} lines"
+    assert page != README or len(text.splitlines()) <= LINES
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link to a heading may say, as GitHub makes it."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_index_names_every_page():
+    index = (ROOT / "docs" / "README.md").read_text()
+    for page in PAGES[1:]:
+        assert page.name == "README.md" or f"({page.name})" in index, page.name

@@ -1,0 +1,164 @@
+"""torchbeam_envs.baselines: the gain against closed forms, the model against the simulation, each controller on TipReach."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torchbeam_envs import FlutterHoldVectorEnv, SlewVectorEnv, TipReachVectorEnv, TipTrackVectorEnv
+from torchbeam_envs.baselines import LQG, LQR, PD, Optimum, Static, Zero
+from torchbeam_envs.baselines.holding import Holding, search
+from torchbeam_envs.baselines.linear import gain
+from torchbeam_envs.reach import holding_action
+
+import torchbeam as tb
+
+torch.set_num_threads(1)
+SMALL = dict(elements=2, substeps=1, output="torch", autoreset_mode="Disabled")
+
+
+def make(n=8, **arguments):
+    return TipReachVectorEnv(n, **{**SMALL, **arguments})
+
+
+@torch.no_grad()
+def play(env, controller, seed=0):
+    """(return, distance at the end), means."""
+    observation, _ = env.reset(seed=seed)
+    controller.begin(env)
+    total = 0.0
+    for _ in range(env.max_episode_steps):
+        observation, reward, terminated, _, info = env.step(controller(observation))
+        total = total + reward
+    assert not terminated.any()
+    return total.mean().item(), info["distance"].mean().item()
+
+
+def test_gain_of_a_scalar_is_the_closed_form():
+    """x+ = a x + u, cost x^2 + r u^2: P^2 + (r - r a^2 - 1) P - r = 0, K = a P / (r + P); also for an unstable a."""
+    for a, r in ((0.9, 2.0), (1.0, 0.1), (1.7, 5.0)):
+        b = r - r * a * a - 1
+        P = (-b + math.sqrt(b * b + 4 * r)) / 2
+        K = gain(*(torch.tensor([[v]], dtype=torch.float64) for v in (a, 1.0, 1.0, r)))
+        assert K.item() == pytest.approx(a * P / (r + P), rel=1e-12)
+
+
+def test_gain_refuses_what_cannot_be_stabilised():
+    one, none = torch.eye(1, dtype=torch.float64), torch.zeros(1, 1, dtype=torch.float64)
+    with pytest.raises(ValueError, match="the actions can stabilise is wanted"):
+        gain(1.5 * one, none, one, one)
+
+
+def test_gain_is_optimal():
+    """No nearby gain costs less on a random system: the cost of 400 steps from random starts is least at K, to second order."""
+    g = torch.Generator().manual_seed(0)
+    A, B = (torch.randn(4, k, generator=g, dtype=torch.float64) / 2 for k in (4, 2))
+    Q, R = torch.eye(4, dtype=torch.float64), 0.5 * torch.eye(2, dtype=torch.float64)
+    K = gain(A, B, Q, R).requires_grad_()
+    x, cost = torch.randn(4, 6, generator=g, dtype=torch.float64), 0.0
+    for _ in range(400):
+        u = -K @ x
+        cost = cost + (x * (Q @ x)).sum() + (u * (R @ u)).sum()
+        x = A @ x + B @ u
+    assert torch.autograd.grad(cost, K)[0].abs().max() < 1e-9 * cost.item()
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_holding_agrees_with_the_equilibria(planar):
+    """The way back on the polynomial against Gauss-Newton on equilibria: 1e-4 of an action moves the tip by 1e-4 L."""
+    env = make(16, planar=planar)
+    env.reset(seed=0)
+    target = env.state.goal
+    holding = Holding.of(env, lambda state: state.nodes[..., 1, :])
+    action = holding.action(target)
+    exact = holding_action(env.scene, target, env.task.actions, env.task.inputs)
+    torch.testing.assert_close(action, exact, atol=1e-4, rtol=0)
+    torch.testing.assert_close(holding.action(target, action + 0.05), exact, atol=2e-4, rtol=0)
+    middle = tb.equilibrium(env.scene, **env.task.inputs(exact)).nodes[..., 1, :]
+    torch.testing.assert_close(holding.at(action), middle, atol=1e-4 * env.task.length, rtol=0)
+
+
+def test_model_is_the_simulation_for_small_actions():
+    """Twenty control intervals under actions of 1e-4: the linear model's readings are the env's to a hundredth of the largest.
+    The step of 2 ms keeps the integrator's own phase error out of it.
+    """
+    env = make(1, substeps=10, gravity=None)
+    model = LQR(env)
+    env.reset(seed=0)
+    z = torch.zeros(len(model.A), 1, dtype=torch.float64)
+    pending = torch.zeros(2, 1, dtype=torch.float64)
+    generator, largest, off = torch.Generator().manual_seed(0), 0.0, 0.0
+    for _ in range(20):
+        action = 1e-4 * torch.randn(1, 2, generator=generator, dtype=torch.float64)
+        env.step(action)
+        z, pending = model.A @ z + model.B @ pending, action.mT
+        seen, expected = model.readings(env, env.state.beam)[0], (model.C @ z)[:, 0]
+        largest, off = max(largest, seen.abs().max().item()), max(off, (seen - expected).abs().max().item())
+    assert 0 < off < 0.01 * largest
+
+
+def test_feedback_beats_feedforward_beats_nothing():
+    env = make(4, planar=True, max_episode_steps=40)
+    found = [play(env, one) for one in (Zero(), Static(env), PD(env, [1.0, 3.0]), LQR(env, effort=0.1))]
+    returns = [one[0] for one in found]
+    assert returns == sorted(returns)
+    assert all(distance < 0.02 * env.task.length for _, distance in found[2:])
+
+
+def test_in_space():
+    """Both directions of the force; the filter knows the true start, gravity included."""
+    env = make(4)
+    assert play(env, LQG(env, effort=1.0))[1] < 0.02 * env.task.length
+
+
+def test_reference_moves_with_the_target():
+    """A path sampled along its way: the target's own equilibria with their rates leave the tip within 1 % of the length."""
+    env = TipTrackVectorEnv(2, **{**SMALL, "planar": True, "max_episode_steps": 50})
+    assert play(env, LQG(env, effort=0.1))[1] < 0.01 * env.task.length
+    assert play(env, Static(env))[1] > 0.05 * env.task.length
+
+
+def test_filter_holds_what_is_unstable():
+    """Beyond Beck's load, from velocities that the filter does not know: from 0.1 m/s at the tip to less than 1 mm off."""
+    env = FlutterHoldVectorEnv(3, **{**SMALL, "planar": True, "elements": 6, "substeps": 2, "max_episode_steps": 50})
+    assert torch.linalg.eigvals(LQG(env).A).abs().max() > 1.05
+    assert play(env, LQG(env, effort=0.1))[1] < 1e-3
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_delay_is_in_the_model(delay):
+    assert play(make(4, planar=True, delay=delay), LQR(make(1, planar=True, delay=delay), effort=0.3))[1] < 0.02 * 1.5
+
+
+def test_optimum_beats_its_guess():
+    """Six iterations from the holding actions; the plan is replayed exactly, so its return is what the optimiser saw."""
+    env = make(2, planar=True, max_episode_steps=20)
+    optimum = Optimum(env, iterations=6)
+    assert play(env, optimum)[0] > play(env, Static(env))[0] + 1
+    assert optimum.steps == 6 * 2 * 20
+    with pytest.raises(ValueError, match="output='torch' are wanted"):
+        Optimum(env).begin(make(2, output="numpy"))
+
+
+def test_numpy_in_numpy_out():
+    env = make(3, output="numpy")
+    observation, _ = env.reset(seed=0)
+    controller = LQG(env)
+    controller.begin(env)
+    action = controller(observation)
+    assert isinstance(action, np.ndarray) and action.shape == (3, 2)
+    env.step(action)
+
+
+def test_search_finds_the_bowl():
+    best, least = search(lambda x: (x.log() - torch.tensor([1.0, -1.0])).square().sum(-1), [1.0, 1.0], sets=200, seed=0)
+    assert least < 0.05 and best.log().tolist() == pytest.approx([1, -1], abs=0.25)
+
+
+def test_pd_turns_a_hub():
+    """By its angle alone, with the gains that the search finds for the whole task; the linear model has no hub."""
+    env = SlewVectorEnv(8, planar=True, **SMALL)
+    (rest, far), (turned, near) = play(env, Zero()), play(env, PD(env, [7.0, 22.5]))
+    assert near < 0.1 * far and turned > 0.4 * rest
+    with pytest.raises(ValueError, match="no constant action holds was given"):
+        LQR(env)

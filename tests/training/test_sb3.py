@@ -1,0 +1,69 @@
+"""The adapter to stable-baselines3 keeps what the vector env says, and stable-baselines3 trains through it."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import torchbeam_envs
+
+sys.path.insert(0, str(Path(__file__).parents[2]))  # training is not installed
+pytest.importorskip("stable_baselines3")
+
+from training import sb3
+from training.common import Budget
+from training.tuned import Task
+
+torch.set_num_threads(1)
+TINY = Task("tiny", "torchbeam/TipReachPlanar-v0", dict(elements=2, substeps=1, max_episode_steps=4))
+
+
+@pytest.fixture(autouse=True)
+def single_precision():
+    """stable-baselines3 makes its networks in the default dtype and gives them float32."""
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(torch.float32)
+    yield
+    torch.set_default_dtype(before)
+
+
+def test_adapter_is_the_vector_env():
+    """Two episodes of four steps, beside the env itself: observations, rewards, ends, and the observation before the reset."""
+    env, plain = torchbeam_envs.Sb3VecEnv(TINY.make(3)), TINY.make(3)
+    env.seed(5)
+    np.testing.assert_array_equal(env.reset(), plain.reset(seed=5)[0])
+    push = np.full((3, 1), 0.5, dtype=np.float32)
+    for k in range(8):
+        observation, reward, done, infos = env.step(push)
+        expected = plain.step(push)
+        np.testing.assert_array_equal(observation, expected[0])
+        np.testing.assert_allclose(reward, expected[1], rtol=1e-6)
+        assert done.all() == (k % 4 == 3) and reward.dtype == np.float32
+        for i, info in enumerate(infos):
+            assert ("terminal_observation" in info) == done[i] == info.get("TimeLimit.truncated", False)
+            if done[i]:
+                np.testing.assert_array_equal(info["terminal_observation"], expected[4]["final_obs"][i])
+                assert info["distance"] == expected[4]["final_info"]["distance"][i]
+            else:
+                assert info["distance"] == expected[4]["distance"][i]
+
+
+def test_adapter_refuses_other_envs():
+    for arguments in ({"autoreset_mode": "NextStep"}, {"output": "torch"}):
+        with pytest.raises(ValueError, match="'SameStep' and numpy are wanted"):
+            torchbeam_envs.Sb3VecEnv(TINY.make(2, **arguments))
+
+
+SMALL = {"ppo": dict(n_steps=8, batch_size=16, n_epochs=1), "sac": dict(learning_starts=8, gradient_steps=1, batch_size=8)}
+
+
+@pytest.mark.parametrize("algorithm", SMALL)
+def test_trains_a_few_steps(algorithm, tmp_path):
+    budget = Budget(steps=32)
+    result = sb3.train(TINY, algorithm, tmp_path, budget, name="run", episodes=2, final=2, progress=False, num_envs=4,
+                       **SMALL[algorithm])
+    assert result["steps"] == 32 and np.isfinite(result["return"]) and result["episodes"] == 2
+    assert {path.name for path in tmp_path.iterdir()} == {"run.csv", "run.zip", "run.normal"}
+    rows = (tmp_path / "run.csv").read_text().splitlines()
+    assert rows[0].startswith("steps,seconds,held_out_return") and rows[1].startswith("0,") and rows[-1].startswith("32,")

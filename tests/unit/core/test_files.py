@@ -1,0 +1,74 @@
+"""Files and folders: whole or not at all; commands that say first where nothing can be written."""
+
+import errno
+import os
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from torchbeam import cli
+from torchbeam.core import files
+
+COMMANDS = ("accuracy", "demo", "effects", "envs", "hardcases", "rates", "verify")
+
+
+def full(*_):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_every_command_that_writes_is_here():
+    assert set(COMMANDS) | {"info"} == set(cli.commands())
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_folder_that_cannot_be_written_ends_a_command_first(name, tmp_path, capsys):
+    """Below a file, and a file: a sentence and the status 2, before any of the minutes that each of these takes."""
+    (tmp_path / "file").write_text("")
+    for path, sentence in (("file/x", r"cannot be written"), ("file", "was given for a folder")):
+        with pytest.raises(SystemExit) as end:
+            cli.main([name, "--out", str(tmp_path / path)])
+        said = capsys.readouterr()
+        assert end.value.code == 2 and said.out == ""
+        assert said.err.count("error: --out: the f") == 1 and sentence in said.err
+
+
+def test_a_disk_that_fills_up_ends_a_command_in_a_sentence(tmp_path, capsys, monkeypatch):
+    """What was found is printed all the same."""
+    real, count = os.fsync, []
+    monkeypatch.setattr(os, "fsync", lambda file: (count.append(file), full() if len(count) > 1 else real(file)))
+    assert cli.main(["verify", "--filter", "Greenhill", "--out", str(tmp_path)]) == 2
+    said = capsys.readouterr()
+    assert "Greenhill 1881" in said.out
+    assert said.err.startswith("python -m torchbeam verify: error: ") and "No space left on device" in said.err
+    assert [p.name for p in tmp_path.iterdir()] == ["verify.md"]
+
+
+def test_other_errors_of_a_command_go_through(monkeypatch):
+    monkeypatch.setattr(cli, "commands", lambda: {"x": EntryPoint("x", "tests_that_are_not:there", cli.GROUP)})
+    with pytest.raises(ImportError):
+        cli.main(["x"])
+
+
+def test_a_folder_is_made_but_not_what_it_lies_in(tmp_path):
+    assert files.folder(tmp_path / "a").is_dir() and not list((tmp_path / "a").iterdir())
+    assert files.folder(tmp_path / "b" / "c", parents=True).is_dir()
+    with pytest.raises(ValueError, match=r"no' is no folder; one in a folder that is there is wanted"):
+        files.folder(tmp_path / "no" / "such")
+    assert not (tmp_path / "no").exists()
+
+
+def test_a_file_is_whole_or_as_it_was(tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    files.write(path, "old")
+    for place in ("fsync", "replace"):
+        with monkeypatch.context() as patch:
+            patch.setattr(os, place, full)
+            with pytest.raises(files.NotWritten, match=r"file' could not be written: No space left on device"):
+                files.write(path, "new")
+        assert path.read_text() == "old" and [p.name for p in tmp_path.iterdir()] == ["file"]
+    with pytest.raises(KeyboardInterrupt), files.written(path) as part:
+        part.write_text("half")
+        raise KeyboardInterrupt
+    assert path.read_text() == "old" and [p.name for p in tmp_path.iterdir()] == ["file"]
+    files.write(path, b"new")
+    assert path.read_text() == "new"

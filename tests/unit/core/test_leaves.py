@@ -1,0 +1,99 @@
+"""Leaves: tensors are declared once, and everything that handles them as a whole follows from that."""
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from torchbeam.core.batch_subset import BatchSubset, NotSeparable
+from torchbeam.core.derivatives import cached, no_derivatives
+from torchbeam.core.leaves import Tree, batch_shapes, detached, functions, leaf, leaves, map_leaves, wants_gradient
+
+Value = Any
+
+
+@dataclass(frozen=True)
+class Point(Tree):
+    name: str
+    place: Value = leaf(1)
+    weight: Value = leaf(0, default=1.0)
+    after: torch.Tensor | None = leaf(lambda self: 2 if self.name == "matrix" else 1, default=None)
+
+
+@dataclass(frozen=True)
+class Cloud(Tree):
+    points: tuple[Point, ...]
+    centre: Point | None = None
+    inputs: dict[str, torch.Tensor] = leaf(1, default=None)
+    law: Value = leaf(None, default=None)
+
+    @cached
+    def total(self):
+        return sum(p.weight for p in self.points)
+
+
+def point(**more):
+    return Point("p", torch.arange(12.0).reshape(4, 3), torch.arange(4.0), **more)
+
+
+def test_every_leaf_is_found_once_with_its_axes():
+    cloud = Cloud((point(), Point("matrix", np.ones(3), 2.0, torch.ones(5, 1, 2, 2))), inputs={"u": torch.ones(4, 2)})
+    found = [(one.name, one.axes, one.batch_shape) for one in leaves(cloud)]
+    assert found == [("inputs", 1, (4,)), ("place", 1, (4,)), ("weight", 0, (4,)), ("place", 1, ()), ("weight", 0, None),
+                     ("after", 2, (5, 1))]
+    assert torch.broadcast_shapes(*batch_shapes(cloud)) == (5, 4)
+
+
+def test_a_tensor_that_is_not_declared_is_an_error_where_the_class_is_defined():
+    for kind in ("torch.Tensor", "Tensor | None", "Value", "dict[str, Tensor]"):
+        with pytest.raises(TypeError, match=r"Bad\.x can hold a tensor.*leaf\(axes\)"):
+            type("Bad", (Tree,), {"__annotations__": {"x": kind}})
+    type("Good", (Tree,), {"__annotations__": {"f": "Callable[[Tensor], Tensor]", "n": "int"}})
+
+
+def test_a_mapped_tree_is_a_copy_without_caches_and_shares_what_was_shared():
+    one = point()
+    cloud = Cloud((one, one), one)
+    assert cloud.total.shape == (4,)
+    doubled = map_leaves(lambda value, axes: 2 * value, cloud)
+    assert doubled.points[0] is doubled.points[1] is doubled.centre and not any("total" in name for name in vars(doubled))
+    assert torch.equal(doubled.total, 2 * cloud.total) and torch.equal(one.weight, torch.arange(4.0))
+
+
+def test_gradient_is_seen_wherever_it_is_held():
+    w = torch.ones(4, requires_grad=True)
+    cloud = Cloud((point(),), Point("p", torch.zeros(3), w))
+    assert wants_gradient(cloud) and not wants_gradient(detached(cloud)) and not wants_gradient(Cloud((point(),)))
+    with torch.no_grad():
+        assert not wants_gradient(cloud)
+    torch.func.jvp(lambda x: (_ for _ in ()).throw(AssertionError) if not wants_gradient(Point("p", x)) else x,
+                   (torch.ones(3),), (torch.ones(3),))
+
+
+def test_what_is_cached_without_derivatives_is_not_what_is_cached_with_them():
+    w = torch.ones(4, requires_grad=True)
+    cloud = Cloud((Point("p", torch.zeros(3), w),))
+    with no_derivatives():
+        assert not cloud.total.requires_grad
+    assert cloud.total.requires_grad and cloud.total is cloud.total
+    with torch.no_grad():  # what has them serves without
+        assert (2 * cloud.total).requires_grad is False
+    with pytest.raises(TypeError, match=r"Bad\.x is a functools\.cached_property.*cached is wanted"):
+        type("Bad", (Tree,), {"x": functools.cached_property(lambda self: 0)})
+
+
+def test_samples_are_taken_and_put_back():
+    """Where there is a batch axis: functions by their values, plain numbers as arrays, what is everybody's left alone."""
+    few = BatchSubset(torch.tensor([1, 3]), 4)
+    cloud = Cloud((point(), Point("p", lambda t: t * torch.ones(4, 3), np.arange(4.0))), Point("p", torch.zeros(3)))
+    part = few.gather(cloud)
+    assert torch.equal(part.points[0].place, cloud.points[0].place[[1, 3]])
+    assert part.points[1].place(torch.tensor(2.0)).shape == (2, 3) and part.points[1].weight.tolist() == [1, 3]
+    assert part.centre.place.shape == (3,) and [f.name for f in functions(part)] == ["place"]
+    back = few.scatter(Cloud((point(),)), Cloud((map_leaves(lambda v, axes: -few.take(v, axes), point()),)))
+    assert back.points[0].weight.tolist() == [0, -1, 2, -3]
+    with pytest.raises(NotSeparable):
+        few.gather(Cloud((), law=lambda position: position))

@@ -1,0 +1,137 @@
+"""critical_load: buckling and flutter loads against closed forms, over batches, with gradients.
+
+Elements are of second order: the values of two meshes, N and 2N, extrapolated as (4 x_2N - x_N)/3, are held to 2e-4 (the next
+term, (kh)^4, measured below 1e-4 at N = 8 and 16; for flutter 2e-3, whose second mode is coarser).
+A column under its own weight and one with slight damping are rows of the verification table.
+"""
+
+import math
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+
+INF = math.inf
+NEXT_TERM = 2e-4
+
+
+def along_x(P):
+    return torch.stack((P, 0 * P, 0 * P), -1)
+
+
+def planar(N, *effects, EI=1.0):
+    """A cantilever that bends in the x-z plane alone, inextensible, unshearable, no rotary inertia."""
+    section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=INF, EI=(EI, INF), mass=1.0, inertia=0.0)
+    return tb.Scene(tb.Beam.straight(1.0, N, section), effects)
+
+
+def extrapolated(of):
+    coarse, fine = of(8), of(16)
+    return (4 * fine - coarse) / 3
+
+
+def test_euler(reference):
+    """Dead axial load: (pi/2)^2 EI/L^2, by a batch of EI; d(factor)/d(EI) is factor/EI, backward and forward."""
+    want = reference("stability_limits")["values"][0]["value"]
+    EI = torch.tensor([1.0, 3.0], requires_grad=True)
+
+    def of(EI, N=8):
+        return tb.critical_load(lambda P: planar(N, tb.TipLoad(force=along_x(-P)), EI=EI), 12.0)
+
+    found = of(EI)
+    assert found.divergence.all() and (found.frequency == 0).all()
+    assert_close(extrapolated(lambda N: of(EI.detach(), N).factor), want * EI.detach(), rtol=NEXT_TERM, atol=0)
+    (slope,) = torch.autograd.grad(found.factor.sum(), EI)
+    assert_close(slope, (found.factor / EI).detach(), rtol=1e-4, atol=0)  # rigid strains are 1e-7 flexible, curvature 1
+    forward = torch.func.jvp(lambda EI: of(EI, 4).factor, (EI.detach(),), (torch.ones(2),))[1]
+    assert_close(forward, slope, rtol=0.05, atol=0)  # four elements: 2.6 % and 0.6 % from the elastica's
+
+
+def test_beck(reference):
+    """Tangential load: flutter at 20.0510 EI/L^2 with 11.0156 rad/s (reference 1e-6). Batch of EI; the gradient is the factor
+    over EI, through the point where two eigenvalues meet.
+    """
+    case = reference("stability_limits")["values"][1]
+    EI = torch.tensor([1.0, 2.0], requires_grad=True)
+
+    def of(N, EI=EI):
+        follower = lambda P: planar(N, tb.TipLoad(force=along_x(-P), follower=True), EI=EI)  # noqa: E731
+        return tb.critical_load(follower, 60.0, points=13)
+
+    found = of(8)
+    assert found.flutter.all()
+    assert_close(extrapolated(lambda N: of(N).factor.detach()), case["P_cr_L2_over_EI"] * EI.detach(), rtol=2e-3, atol=0)
+    assert_close(extrapolated(lambda N: of(N).frequency), case["omega_flutter"] * EI.detach().sqrt(), rtol=2e-3, atol=0)
+    (slope,) = torch.autograd.grad(found.factor.sum(), EI)
+    assert_close(slope, (found.factor / EI).detach(), rtol=1e-3, atol=0)
+
+
+def test_beck_in_space():
+    """A round column flutters in all planes at once: eigenvalues come in equal pairs, and the gradient is still there (the
+    factor over EI, less the 1 % that shear, rotary inertia and length do not scale with it).
+    """
+    EI = torch.tensor(1.0, requires_grad=True)
+    section = tb.Section.from_stiffness(EA=4e4, GA=1e4, GJ=0.8, EI=EI, mass=1.0, inertia=1e-3)
+    column = tb.Beam.straight(1.0, 8, section)
+    found = tb.critical_load(lambda P: tb.Scene(column, [tb.TipLoad(force=along_x(-P), follower=True)]), 60.0, points=13)
+    alone = tb.Section.from_stiffness(EA=4e4, GA=1e4, GJ=INF, EI=(1.0, INF), mass=1.0, inertia=1e-3)
+    plane = tb.Beam.straight(1.0, 8, alone)
+    same = tb.critical_load(lambda P: tb.Scene(plane, [tb.TipLoad(force=along_x(-P), follower=True)]), 60.0, points=13)
+    assert_close(found.factor.detach(), same.factor, rtol=1e-5, atol=0)
+    (slope,) = torch.autograd.grad(found.factor, EI)
+    assert_close(slope, found.factor.detach(), rtol=1e-2, atol=0)
+
+
+def test_sideways_under_a_tip_load():
+    """A strip on edge, stiff in the plane of the load: P L^2 = 4.013 sqrt(EI GJ) (Timoshenko and Gere 1961, art. 6.3). The load
+    is an input; batch and gradient in GJ: half the factor over it.
+    """
+    GJ = torch.tensor([0.5, 2.0], requires_grad=True)
+
+    def of(N):
+        section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=GJ, EI=(INF, 1.0), mass=1.0, inertia=0.0)
+        beam = tb.Scene(tb.Beam.straight(1.0, N, section), [tb.TipLoad(force=tb.Input("P", 3))])
+        return tb.critical_load(beam, 12.0, P=torch.tensor([0.0, 0, 1.0]))
+
+    found = of(8)
+    assert_close(extrapolated(lambda N: of(N).factor.detach()), 4.0126 * GJ.detach().sqrt(), rtol=NEXT_TERM, atol=0)
+    (slope,) = torch.autograd.grad(found.factor.sum(), GJ)
+    assert_close(slope, (found.factor / GJ / 2).detach(), rtol=1e-3, atol=0)
+    assert (found.shape[..., -1, 2].abs() < 1e-3 * found.shape[..., -1, 1].abs()).all()  # it gives way to the side
+
+
+def test_the_way_up_ends_at_a_limit_point():
+    """A deep arch, clamped at one foot and hinged at the other, P at its crown: kind 3, at the largest factor of `path` (each
+    to 1 %: the bracket's tolerance, and steps of 0.05).
+    """
+    lean = math.radians(107.5)
+    section = tb.Section.from_stiffness(EA=1e6, GA=INF, GJ=1.0, EI=1.0, mass=1.0, inertia=0.0)
+    arc = tb.Beam.arc(1.0, 2 * lean, 8, section, direction=(math.cos(lean), math.sin(lean), 0), up=(0, 0, -1))
+    arch = tb.Scene(arc, [tb.PointLoad(4, force=tb.Input("P", 3))], plane="xy",
+                    supports=(tb.Support(0), tb.Support(-1, "xyz", "xy")))
+    P = torch.tensor([0.0, -1.0, 0.0])
+    found = tb.critical_load(arch, 14.0, points=5, tolerance=1e-2, P=P)
+    assert found.kind == 3 and found.frequency.isnan()
+    path = tb.path(arch, 14.0, load="P", step=0.05, steps=40, P=P)
+    assert_close(found.factor, path.factor.max(), rtol=2e-2, atol=0)
+
+
+def test_a_stable_path_has_no_critical_load():
+    """A pulled column; and its eigenvalues along the path, the slowest rising."""
+    found = tb.critical_load(lambda P: planar(4, tb.TipLoad(force=along_x(P))), 5.0, points=5)
+    assert found.kind == 0 and found.factor.isnan() and found.frequency.isnan()
+    assert found.eigenvalue.shape == (5, 6) and (found.eigenvalue[:, 0].imag.diff() > 0).all()
+
+
+def test_refusals():
+    pull = lambda P: planar(2, tb.TipLoad(force=along_x(-P)))  # noqa: E731
+    with pytest.raises(ValueError, match="a highest above the lowest is wanted"):
+        tb.critical_load(pull, 1.0, lowest=2.0)
+    with pytest.raises(ValueError, match="unstable or without equilibrium at the lowest factor, 5"):
+        tb.critical_load(pull, 8.0, lowest=5.0)
+    with pytest.raises(ValueError, match="a scene without inputs was given"):
+        tb.critical_load(planar(2), 8.0)
+    with pytest.raises(ValueError, match="returns Tensor"):
+        tb.critical_load(lambda P: P, 8.0)

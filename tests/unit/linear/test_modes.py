@@ -1,0 +1,126 @@
+"""modes: its ways to the eigenvalues against each other, flags, normalisation, derivatives."""
+
+import math
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+from torchbeam.linear.system_matrices import matrices
+from torchbeam.math import quadratic_eigen as eigen
+from torchbeam.nodal.discretise import discretise
+
+INF = math.inf
+
+
+def beam(N=4, *effects, EI=(1.0, 1.3), GJ=0.8, inertia=1e-3, mass=0.2):
+    section = tb.Section.from_stiffness(EA=4e4, GA=1.4e4, GJ=GJ, EI=EI, mass=mass, inertia=inertia)
+    return tb.Scene(tb.Beam.straight(1.0, N, section), effects)
+
+
+def following(P):
+    return tb.TipLoad(force=torch.stack((-P, 0 * P, 0 * P), -1), follower=True)
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_three_ways(rigid):
+    """24 elements, bent by a dead load: subspace iteration, dense symmetric and dense unsymmetric agree to 1e-9 of the
+    frequency; with EA = GA = inf and no rotary inertia (a stiffness matrix of condition 1e10, a singular mass) to 1e-6.
+    """
+    section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=0.8, EI=(1.0, 1.3), mass=torch.tensor([0.2, 0.5]), inertia=0.0)
+    load = tb.TipLoad(force=(0.3, 0.5, 1.0))
+    scene = tb.Scene(tb.Beam.straight(1.0, 24, section), [load]) if rigid else beam(24, load, mass=torch.tensor([0.2, 0.5]))
+    model, state = discretise(scene), tb.equilibrium(scene, tolerance=1e-12)
+    M, D, K = matrices(model, state, torch.tensor(0.0), {})
+    assert D is None
+    fast = tb.modes(scene, state, count=4)
+    whole = eigen._whole((M + M.mT) / 2, (K + K.mT) / 2, 4)[0].rsqrt()
+    general = eigen.slowest(M, None, K, 4, False, False)
+    tolerance = 1e-6 if rigid else 1e-9
+    assert (fast.eigenvalue.real == 0).all()
+    assert_close(fast.eigenvalue.imag, whole, rtol=tolerance, atol=0)
+    assert_close(fast.eigenvalue.imag, general.eigenvalue.imag, rtol=tolerance, atol=0)
+    one, other = fast.shape[..., 1:, :].flatten(-2), eigen.upright(general.right)[0]
+    assert_close(one, other.to(one.dtype), rtol=0, atol=1e-4 if rigid else 1e-6)
+
+
+def test_buckled_columns_are_found_by_either_way():
+    """A column at 0.9 and 1.1 of Euler's load, on few and on many elements: the second diverges, at a real eigenvalue."""
+    for N in (4, 24):
+        critical = tb.critical_load(lambda P, N=N: beam(N, tb.TipLoad(force=torch.stack((-P, 0 * P, 0 * P), -1))), 4.0).factor
+        P = critical * torch.tensor([0.9, 1.1])
+        with pytest.warns(RuntimeWarning, match="unstable"):
+            found = tb.modes(beam(N, tb.TipLoad(force=torch.stack((-P, 0 * P, 0 * P), -1))), count=3)
+        assert found.divergence.sum(-1).tolist() == [0, 1] and not found.flutter.any()
+        assert found.eigenvalue[1, 0].real > 1 and (found.frequency[1] == 0).sum() == 1
+
+
+def test_flutter_is_told_from_divergence():
+    """Beck's column at P = 19 and 22 EI/L^2 (20.05 is critical, 1.5 % more on 16 elements): one mode of the second grows and
+    oscillates.
+    """
+    found = tb.modes(beam(16, following(torch.tensor([19.0, 22.0])), EI=(1.0, 300.0), inertia=1e-5), count=3)
+    assert found.unstable.sum(-1).tolist() == [0, 1] and torch.equal(found.flutter, found.unstable)
+
+
+@pytest.mark.parametrize("effects", [(), (tb.Damping(0.01),)])
+def test_normalised_by_mass(effects):
+    scene = beam(4, *effects)
+    found = tb.modes(scene, count=3, normalize="mass")
+    M = matrices(discretise(scene), tb.rest(scene), torch.tensor(0.0), {})[0].to(found.shape.dtype)
+    v = found.shape[:, 1:].flatten(-2)
+    assert_close(torch.einsum("ki,ij,kj->k", v.conj(), M, v), torch.ones(3, dtype=v.dtype), rtol=1e-10, atol=1e-10)
+    if not effects:  # and orthogonal
+        assert_close(v.conj() @ M @ v.mT, torch.eye(3, dtype=v.dtype), rtol=0, atol=1e-9)
+    assert_close(found.shape[..., :3, :], tb.modes(scene, count=3).shape[..., :3, :] * found.shape.abs().amax((-1, -2), True)
+                 .to(v.dtype), rtol=1e-9, atol=1e-9)
+
+
+KINDS = {"conservative": (3, ()), "damped": (3, (tb.Damping(0.01),)), "follower": (3, (following(torch.tensor(5.0)),)),
+         "many": (20, ())}
+
+
+@pytest.mark.parametrize("normalize", ["largest", "mass"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives(kind, normalize):
+    """Of eigenvalues and shapes by EI, GJ and mass of a beam bent by a dead load, backward and forward, against central
+    differences (1e-5 apart, tolerance of the equilibrium 1e-12: 2e-6 of the largest; with many elements 1e-5, for subspace
+    iteration ends at 1e-11).
+    """
+    N, effects = KINDS[kind]
+
+    def of(p):
+        scene = beam(N, tb.TipLoad(force=(0.1, 0.3, 0.4)), *effects, EI=(p[0], 1.3 * p[0]), GJ=0.8 * p[1], mass=0.2 * p[2])
+        found = tb.modes(scene, tb.equilibrium(scene, tolerance=1e-12), count=2, normalize=normalize)
+        value, shape = torch.view_as_real(found.eigenvalue), torch.view_as_real(found.shape[..., 1:, :])
+        weight = torch.cos(torch.arange(shape.numel()).reshape(shape.shape).to(shape))
+        return torch.stack((*value.flatten(), (weight * shape).sum()))
+
+    p = torch.ones(3)
+    way = torch.tensor([1.0, -0.7, 0.4])
+    wanted = (of(p + 1e-5 * way) - of(p - 1e-5 * way)) / 2e-5
+    size = wanted.abs().max().item()
+    forward = torch.func.jvp(of, (p,), (way,))[1]
+    assert_close(forward, wanted, rtol=0, atol=(1e-5 if N > 16 else 2e-6) * size)
+    leaf = p.clone().requires_grad_()
+    values = of(leaf)
+    for k in (1, len(values) - 1):
+        (slope,) = torch.autograd.grad(values[k], leaf, retain_graph=True)
+        assert_close(slope @ way, forward[k], rtol=0, atol=1e-7 * size)
+
+
+def test_repeated_eigenvalues_have_no_derivative():
+    """A round section bends alike in two planes: a sentence, not NaN; its first torsion or stretching mode has one."""
+    EI = torch.tensor(1.0, requires_grad=True)
+    found = tb.modes(beam(3, EI=EI, inertia=1e-2), count=6)
+    torsion = int(found.shape[:, -1, 3].abs().argmax())
+    (slope,) = torch.autograd.grad(found.frequency[torsion], EI, retain_graph=True)
+    assert slope.abs() < 1e-6
+    with pytest.raises(RuntimeError, match="derivative of a repeated eigenvalue"):
+        torch.autograd.grad(found.frequency[0], EI)
+
+
+def test_refusals():
+    with pytest.raises(ValueError, match="normalize = 'unit' was given; 'largest', 'mass' are there"):
+        tb.modes(beam(), normalize="unit")

@@ -1,0 +1,213 @@
+"""Pictures: each is a real image whose lines hold the numbers they should; nothing needs matplotlib until it is drawn."""
+
+import errno
+import math
+import os
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+
+pytest.importorskip("matplotlib")
+Image = pytest.importorskip("PIL.Image")
+SECTION = tb.Section.rectangle(width=0.03, height=0.002, E=69e9, nu=0.33, rho=2700.0)
+BEAM = tb.Beam.straight(1.0, 4, SECTION)
+SCENE = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.005)])
+ROUND = tb.Scene(tb.Beam.curve(1.0, 4, SECTION, (0, 0.5, 1.0)), [tb.TipLoad(force=(0, 0.5, 1.0))])
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return tb.simulate(SCENE, torch.linspace(0, 0.4, 9), step=0.05)
+
+
+def drawn(ax, path):
+    """Save: the picture's pixels, of which some and not all are ink."""
+    pixels = np.asarray(Image.open(tb.plot.save(ax, path, dpi=60)).convert("L"))
+    ink = (pixels < 200).mean()
+    assert 0.002 < ink < 0.4, ink
+    return pixels
+
+
+def data(ax):
+    """Every line's points, by its place."""
+    lines = [np.stack(line.get_data_3d() if ax.name == "3d" else line.get_data(), -1).astype(float) for line in ax.lines]
+    return [torch.from_numpy(x) for x in lines]
+
+
+def test_shape_in_a_plane(solution, tmp_path):
+    """A beam that stays in the x-z plane is drawn flat, through its nodes."""
+    ax = tb.plot.shape(solution.state[::4])
+    drawn(ax, tmp_path / "deep" / "shape.png")
+    curve, dots = data(ax)[:2]
+    assert ax.name != "3d" and ax.get_ylabel() == "z / m"
+    assert_close(dots, solution.nodes[0][:, [0, 2]])
+    assert_close(curve[::8], dots)
+    assert len(ax.lines) == 6  # a curve and its nodes, three times
+
+
+def test_shape_is_the_circle_between_nodes():
+    """A quarter of a circle in four elements of the angle phi: the cubic's tangents are as long as the chords, and half way it
+    leaves the circle by 2 sin(phi/4)^4, by hand: 1.8e-4 of the radius.
+    """
+    ax = tb.plot.shape(tb.rest(tb.Scene(tb.Beam.arc(1.0, math.pi / 2, 4, SECTION))))
+    radius = (data(ax)[0] - torch.tensor([0.0, 1.0])).norm(dim=-1)
+    assert_close((radius - 1).abs().max(), torch.tensor(2 * math.sin(math.pi / 32) ** 4), rtol=1e-6, atol=0)
+
+
+def test_shape_in_space(tmp_path):
+    """With the axes of five sections, three each."""
+    ax = tb.plot.shape(tb.equilibrium(ROUND), frames=True)
+    drawn(ax, tmp_path / "shape.png")
+    assert ax.name == "3d" and len(ax.lines) == 2 + 15
+    flat = tb.plot.shape(tb.equilibrium(ROUND), plane="xy", nodes=False, color="k")
+    drawn(flat, tmp_path / "flat.png")
+    assert flat.name != "3d" and len(flat.lines) == 1
+
+
+def test_mode_shapes(tmp_path):
+    """The first bending mode at rest: largest displacement 0.15 of the length, at the tip; frequencies in the legend."""
+    still = tb.Scene(BEAM)
+    modes = tb.modes(still, count=3)
+    ax = tb.plot.mode_shapes(tb.rest(still), modes, count=3, plane="xz")
+    drawn(ax, tmp_path / "modes.png")
+    first = data(ax)[1]
+    assert_close(first[:, 1].abs().amax(), torch.tensor(0.15))
+    assert_close(first[-1, 1].abs(), torch.tensor(0.15))
+    hz = [float(text.get_text().split()[1]) for text in ax.get_legend().get_texts()]
+    assert_close(torch.tensor(hz), modes.frequency / (2 * torch.pi), rtol=1e-3, atol=0)
+
+
+def test_history_and_energies(solution, tmp_path):
+    left, right = tb.plot.grid(1, 2)
+    assert tb.plot.history(solution, tb.sensors.TipPosition(), left, label="tip") is left
+    tb.plot.energies(solution, right)
+    drawn(left, tmp_path / "both.png")
+    for line, k in zip(data(left), range(3), strict=True):
+        assert_close(line[:, 1], solution.tip.position[:, k])
+    assert [t.get_text() for t in left.get_legend().get_texts()] == ["tip x", "tip y", "tip z"]
+    assert left.get_ylabel() == "tip position / m"
+    assert_close(data(right)[2][:, 1], solution.energy.kinetic + solution.energy.strain)
+
+
+def test_history_of_a_batch(tmp_path):
+    batch = tb.simulate(tb.Scene(BEAM, [tb.TipLoad(force=torch.rand(5, 3))]), [0.0, 0.05, 0.1], step=0.05)
+    ax = tb.plot.history(batch, tb.sensors.TipPosition()["z"])
+    drawn(ax, tmp_path / "batch.png")
+    assert len(ax.lines) == 5
+    with pytest.raises(ValueError, match=r"a batch \(5,\) of solutions"):
+        tb.plot.energies(batch)
+
+
+def test_load_path(tmp_path):
+    """Equilibria under a growing load: solid, dashed from where they are called unstable, up to the last valid one, a dot at
+    the limit point; the pieces join.
+    """
+    states = [tb.equilibrium(tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, f))])) for f in range(8)]
+    path = SimpleNamespace(factor=torch.arange(8.0), state=tb.State.stack(states), stable=torch.arange(8) < 4,
+                           valid=torch.arange(8) < 7, kind=(torch.arange(8) == 4).long())
+    ax = tb.plot.load_path(path, tb.sensors.TipPosition()["z"], label="strip", name="force / N")
+    drawn(ax, tmp_path / "path.png")
+    solid, dashed, dot, *_ = data(ax)
+    assert [line.get_linestyle() for line in ax.lines[:2]] == ["-", "--"] and (solid[-1] == dashed[0]).all()
+    assert_close(torch.cat((solid, dashed[1:])), torch.stack((path.state.tip.position[:7, 2], path.factor[:7]), -1))
+    assert_close(dot, dashed[1:2])
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("tip position / m", "force / N")
+
+
+def test_campbell(tmp_path):
+    speed = torch.linspace(0, 30, 7)
+    frequency = torch.stack((9 + 0.1 * speed, 40 - 0.2 * speed), -1)
+    ax = tb.plot.campbell(speed, frequency, orders=(1, 2), names=("flap", "edge"))
+    drawn(ax, tmp_path / "campbell.png")
+    assert_close(data(ax)[1][:, 1], frequency[:, 1])
+    ray = data(ax)[3]
+    assert_close(ray[1, 1], 2 * ray[1, 0])
+
+
+def test_animation(solution, tmp_path):
+    """0.4 s at half speed and 10 pictures a second: 9 pictures that move, each with its time."""
+    path = tb.plot.animate(solution, tmp_path / "motion.gif", fps=10, speed=0.5, dpi=50, frames=True)
+    film = Image.open(path)
+    assert film.n_frames == 9 and film.info["duration"] == 100
+    pictures = []
+    for k in (0, 4):
+        film.seek(k)
+        pictures.append(np.asarray(film.convert("L")).astype(float))
+    assert 1e-3 < (abs(pictures[0] - pictures[1]) > 50).mean() < 0.2
+
+
+def test_animation_as_mp4(solution, tmp_path):
+    pytest.importorskip("imageio_ffmpeg")
+    path = tb.plot.animate(solution, tmp_path / "motion.mp4", fps=10, plane="xz", dpi=50)
+    assert path.read_bytes()[4:8] == b"ftyp" and path.stat().st_size > 2000
+
+
+CASES = {
+    "solution for a state": (lambda s: tb.plot.shape(s), "Solution was given to a picture of the beam; a state"),
+    "unknown plane": (lambda s: tb.plot.shape(s.state, plane="zx"), "plane = 'zx' was given"),
+    "flat axes": (lambda s: tb.plot.shape(tb.rest(ROUND), tb.plot.axes()), "flat axes were given"),
+    "many samples": (lambda s: tb.plot.mode_shapes(s.state, tb.modes(tb.Scene(BEAM), count=1)), "one sample is wanted"),
+    "flat frequencies": (lambda s: tb.plot.campbell(torch.zeros(2), torch.zeros(2)), r"\(n,\) and \(n, count\)"),
+    "another file": (lambda s: tb.plot.animate(s, "motion.avi"), "one that ends in .gif or .mp4"),
+    "no pictures": (lambda s: tb.plot.animate(s, "motion.gif", fps=0.0), "fps = 0 was given"),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_refused(name, solution):
+    call, sentence = CASES[name]
+    with pytest.raises(ValueError, match=sentence):
+        call(solution)
+
+
+def writers(solution):
+    return (lambda path: tb.plot.save(tb.plot.history(solution, tb.sensors.TipPosition()), path.with_suffix(".png")),
+            lambda path: tb.plot.animate(solution, path.with_suffix(".gif"), fps=5, dpi=30))
+
+
+def test_where_pictures_go(solution, tmp_path):
+    """The file's folder is made; one whose own folder is missing, or a file, is refused in a sentence, and nothing is made."""
+    (tmp_path / "file").write_text("")
+    for k, write in enumerate(writers(solution)):
+        assert write(tmp_path / f"new {k}" / "picture").exists()
+        for folder, sentence in (("no/such", "no' is no folder; one in a folder"), ("file/x", "file' is no folder"),
+                                 ("file", "was given for a folder")):
+            with pytest.raises(ValueError, match=sentence):
+                write(tmp_path / folder / "picture")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "new 0", "new 1"]
+    with pytest.raises(ValueError, match=r"the file 'picture' was given; one that ends in .png"):
+        tb.plot.save(tb.plot.axes(), tmp_path / "picture")
+    with pytest.raises(ValueError, match="xyz"):
+        tb.plot.save(tb.plot.axes(), tmp_path / "picture.xyz")
+
+
+def test_a_picture_is_whole_or_as_it_was(solution, tmp_path, monkeypatch):
+    """A full disk: one sentence, the picture of before, and no other file."""
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    for write in writers(solution):
+        path = write(tmp_path / "picture")
+        before = path.read_bytes()
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "fsync", full)
+            with pytest.raises(OSError, match=f"{path.name}' could not be written: No space left on device"):
+                write(tmp_path / "picture")
+        assert path.read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["picture.gif", "picture.png"]
+
+
+def test_without_matplotlib(solution, monkeypatch):
+    """One sentence that names the extra; and importing torchbeam imports no matplotlib."""
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(ImportError, match=r"pip install 'torchbeam\[plot\]'"):
+        tb.plot.shape(solution.state)
+    code = "import sys, torchbeam; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0

@@ -1,0 +1,215 @@
+"""Effects, one row each: absent = zero operations, zero value = absent, a closed-form limit, gradients."""
+
+from typing import NamedTuple
+
+import pytest
+import torch
+from nodal_cases import state as random_state
+from torch.testing import assert_close
+from torch.utils._python_dispatch import TorchDispatchMode
+
+import torchbeam as tb
+from torchbeam.dynamics.midpoint import MidpointProblem
+from torchbeam.nodal.discretise import discretise
+from torchbeam.nodal.loads import Nodes, external
+
+N, SMALL = 16, 1e-4
+SECTION = tb.Section.from_stiffness(EA=1e6, GA=1e6, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
+BEAM = tb.Beam.straight(1.0, N, SECTION)
+
+
+class Row(NamedTuple):
+    """effect: (value, N) -> effect, `value` its unit; moved: tip displacement and rotation vector by small-displacement theory,
+    L = EI = 1, GJ = 0.8, for that value.
+    """
+
+    effect: object
+    value: tuple
+    moved: tuple
+
+
+def pulled(v):
+    """A spring so soft and long that it pulls with the force v: 1e-3 of it is lost by the tip's motion."""
+    v = torch.as_tensor(v, dtype=torch.float64)
+    return tb.Spring(-1, 1e-3, to=v / 1e-3 + BEAM.nodes[-1])
+
+
+def outer_half(v, N):
+    return tb.PerElement((torch.arange(N) >= N / 2).double()[:, None] * torch.as_tensor(v, dtype=torch.float64))
+
+
+def along_s(v):
+    return tb.Along(lambda s, t: s[..., None] * torch.as_tensor(v, dtype=torch.float64))
+
+
+def dead(v):
+    return lambda x, R, V, w, t: (torch.as_tensor(v, dtype=torch.float64), None)
+
+
+def follower(v):
+    return lambda x, R, V, w, t: (R @ torch.as_tensor(v, dtype=torch.float64), None)
+
+
+# Euler-Bernoulli: P L^3/3, P L^2/2; M L^2/2, M L; q L^4/8, q L^3/6; m L^3/3, m L^2/2; torsion M L/GJ, m L^2/2GJ;
+# P at a = L/2: P a^2 (3 L - a)/6, P a^2/2; q s/L: 11 q L^4/120, q L^3/8; q on the outer half: 41 q L^4/384, 7 q L^3/48;
+# curvature k: k L^2/2, k L. A force along z turns the tip about -y, a moment about y moves it along -z.
+TABLE = {
+    "TipLoad force": Row(lambda v, N: tb.TipLoad(force=v), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
+    "TipLoad moment": Row(lambda v, N: tb.TipLoad(moment=v), (0.8, 2, 4), (0, 2, -1, 1, 2, 4)),
+    "TipLoad follower": Row(lambda v, N: tb.TipLoad(force=v, follower=True), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
+    "PointLoad": Row(lambda v, N: tb.PointLoad(force=v, node=max(1, N // 2)), (0, 0, 48), (0, 0, 5, 0, -6, 0)),
+    "LineLoad force": Row(lambda v, N: tb.LineLoad(force=v), (0, 24, 48), (0, 3, 6, 0, -8, 4)),
+    "LineLoad moment": Row(lambda v, N: tb.LineLoad(moment=v), (1.6, 6, 3), (0, 1, -2, 1, 3, 1.5)),
+    "LineLoad follower": Row(lambda v, N: tb.LineLoad(force=v, follower=True), (0, 24, 48), (0, 3, 6, 0, -8, 4)),
+    "LineLoad of s": Row(lambda v, N: tb.LineLoad(force=along_s(v)), (0, 24, 48), (0, 2.2, 4.4, 0, -6, 3)),
+    "LineLoad per element": Row(lambda v, N: tb.LineLoad(force=outer_half(v, N)), (0, 48, 96), (0, 5.125, 10.25, 0, -14, 7)),
+    "Gravity": Row(lambda v, N: tb.Gravity(v), (0, 48, 96), (0, 3, 6, 0, -8, 4)),
+    "Load": Row(lambda v, N: tb.Load(dead(v), of=()), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
+    "Load follower": Row(lambda v, N: tb.Load(follower(v), of="rotation"), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
+    "Load along": Row(lambda v, N: tb.Load(follower(v), node=None, of="rotation"), (0, 24, 48), (0, 3, 6, 0, -8, 4)),
+    "Spring": Row(lambda v, N: pulled(v), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
+    "Actuation": Row(lambda v, N: tb.Actuation(curvature=v), (1.0, 2, 4), (0, 2, -1, 1, 2, 4)),
+}
+TENSORS = [name for name in TABLE if not name.startswith("Load") and "of s" not in name and "per element" not in name
+           and name != "Spring"]  # those that take a function of t in place of the value
+rows = pytest.mark.parametrize("name", TABLE)
+
+
+class Counter(TorchDispatchMode):
+    count = 0
+
+    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
+        self.count += 1
+        return function(*args, **(kwargs or {}))
+
+
+def operations(*effects):
+    """Tensor operations of a step's residual and of the loads' sum alone."""
+    scene = tb.Scene(BEAM, effects)
+    model, start = discretise(scene), tb.rest(scene)
+    t = torch.tensor(0.0)
+    problem = MidpointProblem(model, start, torch.tensor(0.1), t, {})
+    x = problem.predictor()
+    with Counter() as whole:
+        problem.residual(x)
+    with Counter() as loads:
+        external(model, Nodes(start.position, start.rotation, start.velocity, start.spin, None, start.internal), t, {})
+    return whole.count, loads.count
+
+
+def test_absent_is_no_operation():
+    """A scene without effects sums no loads: zero operations. Each load adds some there; damping and actuation add some to the
+    strain law alone; a mass in a node's middle none at all, with an offset some to the inertia alone.
+    """
+    without = operations()
+    assert without[1] == 0
+    effects = {name: row.effect(row.value, N) for name, row in TABLE.items()} | {n: zero() for n, zero in ZERO.items()}
+    for name, effect in effects.items():
+        with_ = operations(effect)
+        assert with_[0] > without[0], name
+        assert (with_[1] > 0) == (effect.kind == "load"), name
+    assert operations(tb.PointMass(1.0)) == without
+
+
+def test_absent_damping_is_no_operation():
+    without, with_ = operations(), operations(tb.Damping(0.1))
+    assert with_[0] > without[0] and with_[1] == without[1] == 0
+    assert not discretise(tb.Scene(BEAM)).law.damped
+
+
+ZERO = {
+    "Damping": lambda: tb.Damping(0.0),
+    "Damping six": lambda: tb.Damping(torch.zeros(6)),
+    "MassDamping": lambda: tb.MassDamping(0.0),
+    "Drag": lambda: tb.Drag(0.0, 0.1, tangential=0.1),
+    "Drag in a flow": lambda: tb.Drag(1.0, 0.0, flow=lambda x, t: x),
+    "Spring": lambda: tb.Spring(-1, 0.0, to=(0.3, 0.2, 0.1), length=0.1),
+    "PointMass": lambda: tb.PointMass(0.0, inertia=(0.0, 0, 0), offset=(0.1, 0, 0)),
+    "Load with a lag": lambda: tb.Load(lambda x, R, v, w, t, z: (z * x, None), internal=3,
+                                       rate=lambda z, x, R, v, w, t: -z, of="position"),
+}
+
+
+@pytest.mark.parametrize("name", [*TABLE, *(name for name in ZERO if name not in TABLE)])
+def test_zero_is_absent(name):
+    """Three steps from a random state with the effect at zero = the same without it (rounding of sums with zero)."""
+    zero = ZERO[name]() if name in ZERO else TABLE[name].effect((0.0, 0, 0), N)
+    section = tb.Section.from_stiffness(EA=10.0, GA=10.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
+    ends = []
+    for effects in ((), (zero,)):
+        scene = tb.Scene(tb.Beam.straight(1.0, N, section), effects)
+        stepper, state = tb.Stepper(scene, 0.02), random_state(scene, size=0.01)
+        for _ in range(3):
+            state = stepper(state)
+        ends.append(state)
+    assert_close(ends[1].position, ends[0].position, rtol=0, atol=1e-14)
+    assert_close(ends[1].spin, ends[0].spin, rtol=0, atol=1e-11)
+
+
+@rows
+def test_small_load_is_the_textbook(name):
+    """Tip displacement and rotation at 1e-4 of the unit load against beam theory. Relative to the largest entry: 1e-2, of
+    which shear gives 1e-6 and one-point elements up to 1/(2 N^2) = 0.2 %; large rotation 1e-4.
+    """
+    row = TABLE[name]
+    state = tb.equilibrium(tb.Scene(BEAM, [row.effect(tuple(SMALL * v for v in row.value), N)]))
+    assert (state.status == 0).all()
+    R = state.tip.rotation
+    turn = torch.stack((R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1])) / 2
+    moved = torch.cat((state.tip.position - BEAM.nodes[-1], turn)) / SMALL
+    assert_close(moved, torch.tensor(row.moved, dtype=torch.float64), rtol=0, atol=5e-3 * max(map(abs, row.moved)))
+
+
+@rows
+def test_gradient_by_the_value(name):
+    """Equilibrium and three steps against central differences, reverse and forward mode; size one: large displacements."""
+    row = TABLE[name]
+    value = (torch.tensor(row.value, dtype=torch.float64) / 10 + 0.01).requires_grad_()
+    beam = tb.Beam.straight(1.0, 3, tb.Section.from_stiffness(EA=50.0, GA=30.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01))
+
+    def scene(value):
+        return tb.Scene(beam, [row.effect(value, 3)])
+
+    def moved(value):
+        stepper = tb.Stepper(scene(value), 0.1, tolerance=1e-12)
+        state = stepper.rest()
+        for _ in range(3):
+            state = stepper(state)
+        return state.tip.position, *state.root
+
+    def still(value):
+        state = tb.equilibrium(scene(value), tolerance=1e-12)
+        return state.tip.position, *state.root
+
+    for function in (still, moved):
+        assert torch.autograd.gradcheck(function, value, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True,
+                                        fast_mode=True)
+
+
+@pytest.mark.parametrize("six", [False, True])
+def test_gradient_by_tau(six):
+    """The same for damping, one value and six."""
+    tau = (0.05 + 0.05 * torch.rand(6) if six else torch.tensor(0.05)).requires_grad_()
+    section = tb.Section.from_stiffness(EA=50.0, GA=30.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
+
+    def moved(tau):
+        scene = tb.Scene(tb.Beam.straight(1.0, 3, section), [tb.Damping(tau), tb.TipLoad(force=(0.1, 0.2, 1.0))])
+        stepper = tb.Stepper(scene, 0.1, tolerance=1e-12)
+        state = stepper.rest()
+        for _ in range(3):
+            state = stepper(state)
+        return state.tip.position, *state.root
+
+    assert torch.autograd.gradcheck(moved, tau, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True,
+                                        fast_mode=True)
+
+
+@pytest.mark.parametrize("name", TENSORS)
+def test_a_function_of_time_is_its_value_then(name):
+    """The load as a function that is constant = the constant; the implicit step takes it at mid step."""
+    row = TABLE[name]
+    value = torch.tensor(row.value, dtype=torch.float64) / 10
+    scenes = [tb.Scene(BEAM, [row.effect(v, N)]) for v in (lambda t: value * t / 0.05, value)]
+    steppers = [tb.Stepper(scene, 0.1) for scene in scenes]
+    one, other = (stepper(stepper.rest()) for stepper in steppers)
+    assert_close(one.position, other.position, rtol=0, atol=1e-13)

@@ -1,0 +1,130 @@
+"""Scene: what it finds in its effects, batches, inputs. Bad input: test_refusals."""
+
+from dataclasses import replace
+
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+
+SECTION = tb.Section.from_stiffness(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
+BEAM = tb.Beam.straight(1.0, 2, SECTION)
+RK4 = dict(method="rk4", options={"step_size": 0.01})
+FORMS = {"nodal": dict(step=0.01), "minimal": RK4, "block_rate": RK4}
+
+
+def test_effects_are_sorted_by_hook():
+    load, weight, damping = tb.TipLoad(force=(0, 0, 1.0)), tb.Gravity((0, 0, -9.81)), tb.Damping(0.1)
+    scene = tb.Scene(BEAM, [load, damping, weight])
+    assert [type(e) for e in scene.loads] == [tb.TipLoad, tb.Gravity] and isinstance(scene.damping, tb.Damping)
+    assert [type(e) for e in scene.effects] == [tb.TipLoad, tb.Damping, tb.Gravity]
+    bare = tb.Scene(BEAM)
+    assert bare.loads == () and bare.damping is None and bare.inputs == {} and bare.batch_shape == ()
+
+
+def test_a_single_effect_needs_no_list():
+    load = tb.TipLoad(force=(0, 0, 1.0))
+    assert [type(e) for e in tb.Scene(BEAM, load).loads] == [tb.TipLoad]
+
+
+def test_batch_is_that_of_everything_together():
+    """Lengths (4, 1), a load (3,), tau (4, 1): 4 x 3 scenes; a six-valued tau's last axis is not a batch axis."""
+    beam = tb.Beam.straight(torch.rand(4, 1) + 1, 2, SECTION)
+    load = tb.TipLoad(force=torch.rand(3, 3))
+    assert tb.Scene(beam, [load, tb.Damping(torch.rand(4, 1))]).batch_shape == (4, 3)
+    assert tb.Scene(BEAM, [tb.Damping(torch.rand(6))]).batch_shape == ()
+    assert tb.Scene(BEAM, [tb.Damping(torch.rand(6), six=False)]).batch_shape == (6,)
+
+
+def test_inputs_are_found_and_made_tensors():
+    """One name may drive two loads; numbers become tensors of the scene's dtype."""
+    u = tb.Input("u", 3)
+    scene = tb.Scene(BEAM, [tb.TipLoad(force=u, moment=tb.Input("m", 3)), tb.LineLoad(force=u)])
+    assert scene.inputs == {"u": 3, "m": 3}
+    given = scene.tensors({"u": (0, 0, 1), "m": torch.zeros(5, 3)})
+    assert given["u"].dtype == torch.float64 and given["m"].shape == (5, 3)
+
+
+def test_an_input_is_the_load_it_stands_for():
+    """Equilibrium and a step under an input = the same under the load's value, bit for bit."""
+    force = torch.tensor([0.1, 0.2, 0.3])
+    fixed, driven = (tb.Scene(BEAM, [tb.TipLoad(force=f)]) for f in (force, tb.Input("u", 3)))
+    assert_close(tb.equilibrium(driven, u=force).position, tb.equilibrium(fixed).position, rtol=0, atol=0)
+    one, other = tb.Stepper(fixed, 0.1), tb.Stepper(driven, 0.1)
+    assert_close(other(other.rest(), u=force).position, one(one.rest()).position, rtol=0, atol=0)
+
+
+def test_inputs_go_by_keyword_or_by_name():
+    """Everywhere: the same bits either way; a name that is a keyword of the function itself goes by name."""
+    force = torch.tensor([0.1, 0.2, 0.3])
+    t = torch.tensor([0.0, 0.02])
+
+    def ends(scene, **given):
+        stepper = tb.Stepper(scene, 0.1)
+        yield stepper(stepper.rest(), **given)
+        yield tb.equilibrium(scene, **given)
+        for form, how in FORMS.items():
+            yield tb.simulate(scene, t, form=form, **how, **given).state[-1]
+
+    for name in ("u", "dt"):
+        scene = tb.Scene(BEAM, [tb.TipLoad(force=tb.Input(name, 3))])
+        by_name = [s.position for s in ends(scene, inputs={name: force})]
+        assert all(position[-1, 1] > 0 for position in by_name)
+        if name == "u":
+            for state, position in zip(ends(scene, u=force), by_name, strict=True):
+                assert_close(state.position, position, rtol=0, atol=0)
+
+
+def test_replace_finds_the_supports_afresh():
+    """A root spring frees a clamp that nobody asked for, and gives it back; a root's motion goes and changes with the root."""
+    clamped = tb.Scene(BEAM)
+    spring = tb.RootSpring((torch.full((3,), 1e3), torch.full((3,), 10.0)))
+    sprung = replace(clamped, effects=[spring])
+    assert clamped.supports == (tb.Support(0),) == replace(sprung, effects=[]).supports and sprung.supports == ()
+    moved, other = tb.RootMotion(displacement=lambda t: t.expand(3)), tb.RootMotion(displacement=lambda t: -t.expand(3))
+    scene = replace(clamped, root=moved)
+    assert scene.supports[0].displacement is moved.displacement
+    assert replace(scene, root=other).supports[0].displacement is other.displacement
+    assert replace(scene, root=None).supports == clamped.supports
+    propped = tb.Scene(BEAM, supports=(tb.Support(0), tb.Support(-1, rotation="")))
+    longer = replace(propped, beam=tb.Beam.straight(2.0, 5, SECTION))
+    assert [s.node for s in propped.supports] == [0, 2] and [s.node for s in longer.supports] == [0, 5]
+    assert replace(propped, plane="xz", small=False).supports == propped.supports
+
+
+def test_a_clamp_moves_in_every_form():
+    """A motion given by the clamp itself is that of the same `RootMotion`, in the mixed forms too."""
+    def place(t):
+        return torch.stack((torch.zeros_like(t), torch.zeros_like(t), t * t))
+
+    t = torch.tensor([0.0, 0.02])
+    for form, how in FORMS.items():
+        ends = [tb.simulate(tb.Scene(BEAM, **held), t, form=form, **how).state[-1].position for held in (
+            dict(root=tb.RootMotion(displacement=place)), dict(supports=tb.Support(0, displacement=place)))]
+        assert_close(ends[1], ends[0], rtol=0, atol=0)
+        assert_close(ends[0][0, 2], t[-1] ** 2, rtol=0, atol=1e-12)
+
+
+def test_numbers_take_the_dtype_of_the_beam():
+    """A float32 beam with plain numbers for loads is a float32 scene."""
+    of = tb.Section.from_stiffness(EA=torch.tensor(10.0, dtype=torch.float32), GA=4.0, GJ=0.5, EI=1.0, mass=0.3)
+    scene = tb.Scene(tb.Beam.straight(1.0, 2, of), [tb.TipLoad(force=(0, 0, 0.1)), tb.Damping(0.1)])
+    assert scene.dtype == torch.float32 and tb.equilibrium(scene).position.dtype == torch.float32
+
+
+def test_root_state_and_views():
+    """rest: undeformed, at rest, batched; node(-1) is the tip; a state survives clone, detach and torch.save."""
+    state = tb.rest(tb.Scene(BEAM), batch_shape=(5,))
+    assert state.position.shape == (5, 3, 3) and state.batch_shape == (5,) and state.status.tolist() == [0] * 5
+    assert_close(state.tip.position, torch.tensor([1.0, 0, 0]).expand(5, 3))
+    assert_close(state.tip.rotation, torch.eye(3).expand(5, 3, 3))
+    assert_close(state.node(1).position, state.nodes[:, 1])
+    assert_close(state.clone().detach().position, state.position)
+
+
+def test_state_survives_a_file(tmp_path):
+    state = tb.equilibrium(tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 0.1))]))
+    torch.save(state, tmp_path / "state.pt")
+    again = torch.load(tmp_path / "state.pt")
+    assert_close(again.position, state.position, rtol=0, atol=0)
+    assert_close(again.root.force, state.root.force, rtol=0, atol=0)

@@ -1,0 +1,131 @@
+"""Newton's method and the implicit function theorem: what they ask of a problem, beams or not, and that neither disturbs the
+other.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+import torchbeam as tb
+from torchbeam.core.derivatives import cached, no_derivatives
+from torchbeam.core.leaves import Tree, leaf
+from torchbeam.core.status import SUCCESS
+from torchbeam.dynamics.generalized_alpha import GeneralizedAlphaProblem
+from torchbeam.dynamics.midpoint import MidpointProblem
+from torchbeam.nodal.discretise import discretise
+from torchbeam.solvers.implicit_gradient import differentiated, implicit_gradient
+from torchbeam.solvers.newton import newton
+from torchbeam.statics.steady import Configuration, SteadyProblem
+
+SOFT = dict(EA=4e3, GA=2e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
+
+
+class Root(NamedTuple):
+    x: Tensor
+
+
+class Square(NamedTuple):
+    nodes: Tensor
+    strain: Tensor
+
+    def measure(self):
+        return self.nodes.detach().abs()[..., 0, 0]
+
+
+class Slope(NamedTuple):
+    slope: Tensor
+    exact: bool = True
+
+    def solve(self, nodes, strain):
+        return -nodes / self.slope, nodes
+
+    def detach(self):
+        return Slope(self.slope.detach())
+
+
+@dataclass(frozen=True)
+class SquareRoot(Tree):
+    """x^2 = e^a, the least that Newton's method takes."""
+
+    a: Tensor = leaf(0)
+
+    @cached
+    def square(self) -> Tensor:
+        return self.a.exp()[..., None, None]
+
+    def residual(self, x):
+        return Square(x.x**2 - self.square, 0 * x.x), x.x
+
+    def linearise(self, x, about):
+        return Slope(2 * about)
+
+    def update(self, x, change):
+        return Root(x.x + change)
+
+
+class Whole:
+    """The same, not a tree."""
+
+    def __init__(self, a):
+        self.inner = SquareRoot(a)
+        self.residual, self.linearise, self.update = self.inner.residual, self.inner.linearise, self.inner.update
+
+
+@pytest.mark.parametrize("kind", (SquareRoot, Whole))
+def test_a_problem_is_what_the_protocol_says(kind):
+    """100 square roots, most of them next to the guess: those that go on do so as a problem of their own, if there is one."""
+    a = torch.cat((torch.full((90,), 1e-3), torch.linspace(3.0, 9.0, 10)))
+    x, _, status, iterations = newton(kind(a), Root(torch.ones(100, 1, 1)), tolerance=1e-12)
+    assert (status == SUCCESS).all() and iterations[0] < iterations[-1]
+    assert_close(x.x[:, 0, 0], (a / 2).exp(), rtol=1e-13, atol=0)
+
+
+def test_what_newton_has_cached_is_not_differentiated():
+    """The same problem solved without derivatives and differentiated: dx/da = x/2, whatever was asked for first."""
+    a = torch.tensor([0.3, 1.0], requires_grad=True)
+    problem = SquareRoot(a)
+    x, _, status, _ = newton(problem, Root(torch.ones(2, 1, 1)), tolerance=1e-12)
+    assert differentiated(problem, x)
+    x, _ = implicit_gradient(problem, x, status == SUCCESS)
+    (slope,) = torch.autograd.grad(x.x.sum(), a)
+    assert_close(slope, (a / 2).exp() / 2, rtol=1e-12, atol=0)
+
+
+def problems():
+    """Of each kind, from tensors that enter by what is cached."""
+    curvature, omega = torch.tensor([0.0, 0.3, 0.1], requires_grad=True), torch.tensor([0.0, 0.0, 0.7], requires_grad=True)
+    bent = tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(**SOFT)), [tb.Actuation(curvature=curvature)],
+                    frame=tb.Frame(angular_velocity=omega))
+    still = replace(bent, frame=None)
+    dt = torch.tensor(0.01, requires_grad=True)
+    yield SteadyProblem(discretise(bent), torch.tensor(0.0), {}, torch.ones(())), (curvature, omega)
+    for scene, kind in ((bent, MidpointProblem), (still, GeneralizedAlphaProblem)):
+        stepper = tb.Stepper(scene, 0.01, "midpoint" if kind is MidpointProblem else "generalized_alpha")
+        start = stepper.model.space.to_reduced(stepper.begin(tb.rest(scene)))
+        yield kind(stepper.model, start, dt, torch.tensor(0.0), {}), (curvature, dt, *((omega,) if scene is bent else ()))
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_a_problem_has_its_derivatives_whatever_was_asked_without_them(number):
+    """Residual and tangent without derivatives first, on the very same object: the residual's gradient afterwards is that of a
+    fresh one, to the bit.
+    """
+    gradients = []
+    for first in (False, True):
+        problem, tensors = list(problems())[number]
+        start = problem.model.space.start(tb.rest(problem.model.scene))
+        with no_derivatives():
+            x = Configuration(start.position, start.rotation, start.stress)
+            x = x if number == 0 else list(problems())[number][0].predictor()
+            if first:
+                problem.linearise(x, *problem.residual(x)[1:])
+        residual = problem.residual(x)[0]
+        weights = torch.linspace(1, 2, residual.nodes.numel()).view_as(residual.nodes)
+        total = (weights * residual.nodes).sum() + residual.strain.square().sum() + residual.strain.sum()
+        gradients.append(torch.autograd.grad(total, tensors))
+    assert all(x.abs().max() > 0 for x in gradients[0])
+    assert_close(gradients[1], gradients[0], rtol=0, atol=0)

@@ -1,0 +1,196 @@
+"""path: limit points, snap-through, bifurcation and the branches behind it; what equilibrium makes of them."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+from torchbeam.statics.path import BRANCH_POINT, LIMIT_POINT, REGULAR
+
+INF = math.inf
+# Timoshenko and Gere, Theory of Elastic Stability (1961), table 2.4: angle of the tip, P/Pcr, x/L, y/L
+ELASTICA = torch.tensor([[40, 1.063, 0.881, 0.422], [80, 1.293, 0.560, 0.719], [120, 1.884, 0.123, 0.803],
+                         [160, 4.029, -0.340, 0.625]])
+
+
+def column(P, lean=0.0, N=16, EI=(1.0, 1.0), **options):
+    """Inextensible, under a dead axial load and a share `lean` of it across."""
+    P = torch.as_tensor(P)
+    section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=EI, mass=1.0, inertia=0.01)
+    load = tb.TipLoad(force=torch.stack((-P, lean * P, 0 * P), -1))
+    return tb.Scene(tb.Beam.straight(1.0, N, section), [load], **options)
+
+
+def test_a_path_without_events_ends_where_equilibrium_does():
+    """A batch of transverse loads, all loads scaled: the last state is the equilibrium's, to its tolerance."""
+    section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=1.0, mass=1.0, inertia=0.01)
+    P = torch.tensor([1.0, 10.0])
+    scene = tb.Scene(tb.Beam.straight(1.0, 8, section), [tb.TipLoad(force=torch.stack((0 * P, 0 * P, P), -1))])
+    path, want = tb.path(scene, step=0.3), tb.equilibrium(scene)
+    assert path.reached.all() and path.stable.all() and (path.kind == REGULAR).all() and (path.state.status == 0).all()
+    assert_close(path.factor[-1], torch.ones(2), rtol=0, atol=1e-12)
+    assert_close(path.state.tip.position[-1], want.tip.position, rtol=0, atol=1e-7)
+    assert_close(path.state.root.moment[-1], want.root.moment, rtol=1e-6, atol=1e-6)
+    assert (path.valid.sum(0)[0] < path.valid.sum(0)[1]) and (path.factor.diff(dim=0) >= 0).all()
+
+
+def test_a_named_input_alone_is_scaled():
+    """Gravity stays, the input rises: at factor 0 the beam is bent already."""
+    section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=1.0, mass=1.0, inertia=0.01)
+    scene = tb.Scene(tb.Beam.straight(1.0, 8, section), [tb.Gravity((0, 0, -1.0)), tb.TipLoad(force=tb.Input("u", 3))])
+    bent = tb.equilibrium(scene, u=torch.zeros(3))
+    u = torch.tensor([0.0, 1.0, 0])
+    path, want = tb.path(scene, load="u", initial=bent, u=u), tb.equilibrium(scene, u=u).tip.position
+    assert_close(path.state.tip.position[0], bent.tip.position, rtol=0, atol=1e-12)
+    assert_close(path.state.tip.position[-1], want, rtol=0, atol=1e-6)  # 1e-8 of the load, times 12
+
+
+def test_many_samples_take_the_path_that_each_takes_alone():
+    """80 loads, most of them small: Newton's method goes on with the few that have not converged, by their own problem."""
+    section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=1.0, mass=1.0, inertia=0.01)
+    P = torch.cat((torch.linspace(0.01, 0.05, 72), torch.linspace(5.0, 20.0, 8)))
+    def path(P, force="force"):
+        load = tb.TipLoad(force=tb.Input("u", 3) if force == "u" else torch.stack((0 * P, 0 * P, P), -1))
+        return tb.path(tb.Scene(tb.Beam.straight(1.0, 2, section), [load]), step=0.5, **(
+            dict(load="u", u=torch.stack((0 * P, 0 * P, P), -1)) if force == "u" else {}))
+    for force in ("force", "u"):
+        all_, one = path(P, force), path(P[-1], force)
+        assert all_.reached.all()
+        assert_close(all_.state.tip.position[-1, -1], one.state.tip.position[-1], rtol=0, atol=1e-10)
+
+
+def test_the_straight_column_is_left_where_it_buckles():
+    """Perfect column to twice Euler's load: without `branch` the straight path, unstable from pi^2/4; with it the buckled one,
+    stable. The jump is between the two path points around the critical load.
+    """
+    straight, buckled = (tb.path(column(5.0, EI=(3.0, 1.0)), branch=branch) for branch in (False, True))
+    event = int((straight.kind == BRANCH_POINT).nonzero()[0, 0])
+    assert straight.factor[event - 1] * 5 < math.pi**2 / 4 < straight.factor[event] * 5
+    assert (straight.state.position[..., 1:].abs() < 1e-9).all() and straight.negative[-1] == 1
+    assert buckled.reached and buckled.negative[-1] == 0 and buckled.state.tip.position[-1, 1].abs() > 0.5
+
+
+def test_elastica_behind_the_bifurcation():
+    """Timoshenko and Gere's table of the buckled column, printed to 1e-3: P/Pcr from 1.063 to 4.029 as one batch of imperfect
+    columns (1e-6), each to the side to which it leans. N = 32: its Pcr is 4e-4 higher, which near the bifurcation is 4e-3 in
+    y (dy/dP = 6 there): measured 2.2e-3.
+    """
+    _, ratio, x, y = ELASTICA.unbind(-1)
+    lean = torch.tensor([1e-6, 1e-6, -1e-6, 1e-6])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        tip = tb.equilibrium(column(ratio * math.pi**2 / 4, lean, N=32), branch="stable").tip.position
+    assert_close(tip[:, 0], x, rtol=0, atol=3e-3)
+    assert_close(tip[:, 1], y * lean.sign(), rtol=0, atol=3e-3)
+
+
+def pushed(N):
+    """A column that has buckled to y > 0 under 1.3 times Euler's load (0.7 L), and an input that pushes it back."""
+    section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=(3.0, 1.0), mass=1.0, inertia=0.01)
+    loads = [tb.TipLoad(force=(-1.3 * math.pi**2 / 4, 0, 0)), tb.TipLoad(force=tb.Input("u", 3))]
+    scene = tb.Scene(tb.Beam.straight(1.0, N, section), loads)
+    return scene, tb.equilibrium(scene, branch="stable", u=torch.tensor([0.0, 1e-6, 0.0]))
+
+
+def snapping_force():
+    """The largest F for which theta'' = F cos(theta) - P sin(theta), theta(0) = theta'(1) = 0, has a solution: F over the tip's
+    angle, by shooting from the tip (Runge and Kutta, 100 steps: 1e-9) and bisection.
+    """
+    P, n = 1.3 * np.pi**2 / 4, 100
+    angle = np.linspace(0.5, 1.6, 45)
+
+    def at_root(F):
+        x, v, h = angle.copy(), np.zeros_like(angle), 1 / n
+        slope = lambda x: F * np.cos(x) - P * np.sin(x)  # noqa: E731
+        for _ in range(n):
+            k1, l1 = v, slope(x)
+            k2, l2 = v + h / 2 * l1, slope(x + h / 2 * k1)
+            k3, l3 = v + h / 2 * l2, slope(x + h / 2 * k2)
+            k4, l4 = v + h * l3, slope(x + h * k3)
+            x, v = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), v + h / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
+        return x
+
+    low, high = np.full_like(angle, -2.0), np.full_like(angle, 2.0)  # at the root the angle rises with F
+    for _ in range(45):
+        middle = (low + high) / 2
+        over = at_root(middle) > 0
+        low, high = np.where(over, low, middle), np.where(over, middle, high)
+    k = middle.argmax()
+    return np.polyval(fit := np.polyfit(angle[k - 2:k + 3], middle[k - 2:k + 3], 2), -fit[1] / (2 * fit[0]))
+
+
+def test_snap_through():
+    """The buckled column pushed back: it gives way at a limit point, an unstable part leads through the straight column to a
+    second one, the mirror image of the first (dead loads, a symmetric beam), and it ends on the other side, stable. The force
+    at the limit, from a parabola through the three points around it (1e-3), is the elastica's: 4.3 % below at N = 8, 1.1 % at
+    16 (it goes like (P - Pcr)^1.5, and Pcr is the mesh's), extrapolated 6e-4.
+    """
+    wanted, found = snapping_force(), []
+    for N in (8, 16):
+        scene, bent = pushed(N)
+        path = tb.path(scene, 3.0, lowest=-3.0, load="u", initial=bent, u=torch.tensor([0.0, -1.0, 0]), step=0.06)
+        y, F = path.state.tip.position[:, 1], path.factor
+        first, second = (path.kind == LIMIT_POINT).nonzero()[:, 0].tolist()
+        assert path.reached and (path.kind == BRANCH_POINT).sum() == 0
+        assert path.stable[:first].all() and (path.negative[first:second] == 1).all() and path.stable[second:].all()
+        assert y[0] > 0.6 and y[-1] < -0.6
+        peaks = [_peak(y, F, k) for k in (first, second)]
+        assert_close(peaks[0], -peaks[1], rtol=2e-3, atol=0)  # of the parabolas
+        found.append(peaks[0].item())
+    assert abs((4 * found[1] - found[0]) / 3 / wanted - 1) < 2e-3
+
+
+def _peak(y, F, event):
+    k = max(range(event - 1, event + 2), key=lambda k: abs(F[k]))
+    c = torch.linalg.solve(torch.stack((torch.ones(3), y[k - 1:k + 2], y[k - 1:k + 2] ** 2), -1), F[k - 1:k + 2])
+    return c[0] - c[1] ** 2 / (4 * c[2])
+
+
+def test_displacement_control_passes_the_same_points():
+    """The same path by equal steps of the tip's y, as a batch of two targets: each as alone, and on the arc-length curve."""
+    scene, bent = pushed(8)
+    u, control = torch.tensor([0.0, -1.0, 0]), lambda s: s.tip.position[..., 1]
+    both = tb.path(scene, load="u", initial=bent, control=control, target=torch.tensor([-0.6, 0.2]), step=0.1, u=u)
+    alone = tb.path(scene, load="u", initial=bent, control=control, target=0.2, step=0.1, u=u)
+    assert both.reached.all() and both.factor.shape[1:] == (2,)
+    assert_close(both.state.tip.position[-1, :, 1], torch.tensor([-0.6, 0.2]), rtol=0, atol=1e-8)
+    assert_close(both.factor[:, 1], alone.factor, rtol=0, atol=1e-9)
+    arc = tb.path(scene, 0.5, lowest=-0.5, load="u", initial=bent, step=0.06, u=u)
+    on_arc = np.interp(-both.state.tip.position[:, 0, 1], -arc.state.tip.position[:, 1], arc.factor)
+    assert_close(both.factor[:, 0], torch.tensor(on_arc), rtol=0, atol=5e-3)  # straight lines between steps of 0.06
+
+
+def test_gradient_on_the_stable_branch():
+    """d(tip)/d(load) there, against central differences (1e-4: 1e-6); of its neighbour, below Euler's load, too, where it is
+    nearly zero: there the difference of two places that Newton leaves 2e-13 uncertain counts 1e-9.
+    """
+    def tip(P):
+        return tb.equilibrium(column(P, 1e-6, N=8, EI=(3.0, 1.0)), branch="stable", tolerance=1e-11).tip.position[:, 0]
+
+    P = torch.tensor([5.0, 1.0], requires_grad=True)
+    (slope,) = torch.autograd.grad(tip(P).sum(), P)
+    wanted = (tip(P.detach() + 1e-4) - tip(P.detach() - 1e-4)) / 2e-4
+    assert_close(slope, wanted, rtol=1e-5, atol=1e-8)
+
+
+def test_derivatives_at_a_bifurcation_are_doubtful():
+    """At the critical load itself the tangent is singular: a sentence says so, about that sample alone."""
+    at = tb.critical_load(lambda P: column(P, N=4), 5.0).factor
+    P = torch.stack((at, torch.ones(()))).requires_grad_()
+    with pytest.warns(RuntimeWarning, match=r"sample 0 \(1 of 2\) is at a point of bifurcation"):
+        tb.equilibrium(column(P, N=4))
+
+
+def test_refusals():
+    with pytest.raises(ValueError, match="control without target"):
+        tb.path(column(1.0), control=lambda s: s.tip.position[..., 1])
+    with pytest.raises(ValueError, match="load = 'v' was given; the scene's inputs are none"):
+        tb.path(column(1.0), load="v")
+    with pytest.raises(ValueError, match="a range with 0 in it"):
+        tb.path(column(1.0), -1.0)
+    with pytest.raises(ValueError, match="branch = 'second' was given"):
+        tb.equilibrium(column(1.0), branch="second")

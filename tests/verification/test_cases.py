@@ -1,0 +1,63 @@
+"""Every case of the verification table within its bound, and the command that writes it."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+import torchbeam
+from torchbeam.studies.verification.case import run
+from torchbeam.studies.verification.cases import CASES
+from torchbeam.studies.verification.command import main
+
+LONG = {  # what holds them in the suite otherwise, to the same reference
+    "elastica, dead tip load, P L^2/EI to 12": "test_statics::test_elastica_dead_load_and_its_gradient",
+    "the same, derivative by the load": "test_statics::test_elastica_dead_load_and_its_gradient",
+    "elastica, follower tip load, P L^2/EI to 16": "test_statics::test_elastica_follower_load",
+    "rolled up by an end moment, to a full circle": "test_statics::test_rolled_up_by_an_end_moment",
+    "elastica under its own weight, q L^3/EI to 10": "test_statics::test_heavy_elastica",
+    "with shear and extension, P L^2/EI to 10": "test_statics::test_reissner_cantilever",
+    "45 degree bend, 300 lb": "test_statics::test_bend_45_degrees",
+    "45 degree bend, 600 lb": "test_statics::test_bend_45_degrees_at_600_lb",
+    "slender cantilever": "test_frequencies::test_first_three_frequencies",
+    "stocky cantilevers": "test_frequencies::test_first_three_frequencies",
+    "torsion of a rod": "test_frequencies::test_torsion",
+    "sudden tip load, 2 s": "properties/test_dynamics::test_common_case_below_one_percent",
+    "the derivation's element, ramped and sudden load": "unit/mixed/test_trajectories::test_stored_trajectories",
+    "column, dead load": "unit/linear/test_critical::test_euler",
+    "strip on edge, tip load": "unit/linear/test_critical::test_sideways_under_a_tip_load",
+    "column, tangential load": "unit/linear/test_critical::test_beck",
+}
+
+
+@pytest.mark.parametrize("case", [pytest.param(c, marks=[pytest.mark.long] * (c.name in LONG)) for c in CASES],
+                         ids=lambda case: f"{case.name}: {case.quantity}")
+def test_case(case):
+    """The bound and its reason stand with the case; it is not a tenth wider than need be where it is the mesh's own error."""
+    result = run(case)
+    assert result.error <= case.bound, f"{result.ours} where {result.reference} is wanted: {case.why}"
+    if case.why.startswith("elements are of second order"):
+        assert result.error >= 0.7 * case.bound, f"{result.error:.2e}: the bound {case.bound:.1e} is too wide"
+
+
+def test_what_is_left_out_is_a_case():
+    assert set(LONG) <= {case.name for case in CASES}
+
+
+def test_every_reference_file_is_used():
+    """By a case of this table or by another test."""
+    package = Path(torchbeam.__file__).parent
+    readers = [*(package / "studies" / "verification").glob("*.py"), *Path(__file__).parents[1].rglob("test_*.py")]
+    read = "".join(path.read_text() for path in readers)
+    names = {path.stem for path in (package / "data").iterdir() if path.suffix == ".json"}
+    assert names and {name for name in names if f'"{name}"' not in read} == set()
+
+
+def test_command(tmp_path, capsys):
+    assert main(["--filter", "Greenhill", "--out", str(tmp_path)]) == 0
+    (row,) = json.loads((tmp_path / "verify.json").read_text())["results"]
+    assert row["ok"] and row["reference"] == 7.8373
+    assert len(list(csv.reader((tmp_path / "verify.csv").open()))) == 2
+    table = (tmp_path / "verify.md").read_text()
+    assert "| column under its own weight | Greenhill 1881" in table and table in capsys.readouterr().out

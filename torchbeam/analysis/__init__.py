@@ -1,0 +1,1 @@
+"""Analyses of scenes: identification, uncertainty, advice on modelling, description."""

@@ -1,0 +1,183 @@
+"""Advice: which effects and unknowns of a scene matter for a quantity, by short trials."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..dynamics.simulate import simulate
+from ..scene.beam import Beam
+from ..scene.effects import Effect
+from ..scene.scene import Scene
+from ..state.solution import Solution
+from ..state.state import State
+from .trials import change, seconds
+
+Change = Callable[[Scene], Scene]
+STRAINS = {"extension": (0,), "shear": (1, 2)}  # unknowns of [gamma; kappa] that a beam can do without
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One thing changed about the scene.
+
+    what     in words: "without Gravity", "no shear", "small displacements", "in the plane xy", "with Drag"
+    change   of the quantity: RMS of the difference over the RMS of its motion; nan where the trial did not run
+    time     of the trial over that of the scene as given, both in one run
+    matters  whether the change exceeds the tolerance (a trial that did not run: True, it cannot be left out)
+    note     why it did not run
+    """
+
+    what: str
+    change: float
+    time: float
+    matters: bool
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """Result of `advise`. `seconds`: CPU time of the scene as given; `together`: everything that does not matter changed at
+    once, None where that is nothing or one thing. Printed, it is a table.
+    """
+
+    tolerance: float
+    seconds: float
+    trials: tuple[Trial, ...]
+    together: Trial | None
+
+    @property
+    def matters(self) -> tuple[str, ...]:
+        """Trials whose change exceeds the tolerance."""
+        return tuple(t.what for t in self.trials if t.matters)
+
+    def __str__(self) -> str:
+        head = ("trial", "changes the answer by", "time", f"matters at {self.tolerance:g}")
+        trials = self.trials if self.together is None else (*self.trials, self.together)
+        rows = [(t.what, t.note or f"{t.change:.1e}", "" if t.note else f"{t.time:.2f}", "yes" if t.matters else "no")
+                for t in trials]
+        width = [max(len(row[k]) for row in (head, *rows)) for k in range(4)]
+        lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, width, strict=True)).rstrip() for row in (head, *rows)]
+        return "\n".join([*lines, f"as given: {self.seconds:.3g} s of CPU time; times are shares of it"])
+
+
+def advise(scene: Scene, t: Any, quantity: Callable[[State], Tensor], tolerance: float = 0.01, *,
+           consider: Iterable[Effect] = (), initial: State | None = None, step: float | None = None, repeats: int = 2,
+           show: bool = True, inputs: dict[str, Any] | None = None) -> Advice:
+    """Run short trials of the scene, each with one thing changed, and say what matters for the quantity.
+
+    t          (time,) s, output times of a trial: long enough to show what the quantity does, short enough to run ten times
+    quantity   of a trajectory (`solution.state`, time first) -> tensor, time first: a sensor, or a function
+    tolerance  relative change of the quantity that matters
+    consider   effects that the scene lacks, to be tried one by one
+    initial, step, inputs  as in `simulate`;  repeats: each trial is timed so often, the least counts
+    show       print the table
+
+    Tried are: without each effect, without frame or root motion; no extension, no shear (infinite stiffness), no rotary
+    inertia; small displacements (geometric nonlinearity left out); each plane (out-of-plane motion left out). All of them on
+    the given mesh and step, whose own errors they do not tell. Changes of single trials need not add up, so what does not
+    matter is tried once more together. Nothing is switched: the advice is data, see `Advice`.
+
+    Raises ValueError for a tolerance that is not positive, RuntimeError where the scene itself does not run.
+    """
+    if not (isinstance(tolerance, (int, float)) and 0 < tolerance < math.inf):
+        raise ValueError(f"tolerance = {tolerance!r} was given; a positive relative change is wanted")
+
+    def run(which: Scene) -> Solution:
+        with torch.no_grad(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)
+            return simulate(which, t, initial=initial, step=step, inputs=inputs, throw=True)
+
+    reference = quantity(run(scene).state)
+    changes = dict(_changes(scene, tuple(consider)))
+    first = {what: _try(scene, alter, run, quantity, reference) for what, alter in changes.items()}
+    ran = {what: found for what, found in first.items() if isinstance(found, tuple)}
+    base, *taken = seconds([lambda s=s: run(s) for s in (scene, *(s for s, _ in ran.values()))], repeats)
+    share = dict(zip(ran, taken, strict=True))
+    trials = tuple(
+        Trial(what, found[1], share[what] / base, not found[1] <= tolerance) if what in ran
+        else Trial(what, math.nan, math.nan, True, found) for what, found in first.items())
+    together = _together(scene, changes, trials, run, quantity, reference, tolerance, repeats)
+    advice = Advice(float(tolerance), base, trials, together)
+    if show:
+        print(advice)
+    return advice
+
+
+def _try(scene: Scene, alter: Change, run: Any, quantity: Any, reference: Tensor) -> tuple[Scene, float] | str:
+    """(the changed scene, how much it changes), or the sentence with which it was refused or failed."""
+    try:
+        changed = alter(scene)
+        return changed, change(quantity(run(changed).state), reference)
+    except (ValueError, RuntimeError) as refusal:
+        return str(refusal).splitlines()[0]
+
+
+def _together(scene: Scene, changes: dict[str, Change], trials: tuple[Trial, ...], run: Any, quantity: Any,
+              reference: Tensor, tolerance: float, repeats: int) -> Trial | None:
+    """Everything that does not matter, at once; of two planes the one that changes less; what was only considered stays out."""
+    free = [t for t in trials if not t.matters and not t.what.startswith("with ")]
+    planes = sorted((t for t in free if t.what.startswith("in the plane")), key=lambda t: t.change)
+    free = [t for t in free if t not in planes[1:]]
+    if len(free) < 2:
+        return None
+
+    def all_of(which: Scene) -> Scene:
+        for trial in free:
+            which = changes[trial.what](which)
+        return which
+
+    found = _try(scene, all_of, run, quantity, reference)
+    if isinstance(found, str):
+        return Trial("all that does not matter", math.nan, math.nan, True, found)
+    base, taken = seconds([lambda: run(scene), lambda: run(found[0])], repeats)
+    return Trial("all that does not matter", found[1], taken / base, not found[1] <= tolerance)
+
+
+def _changes(scene: Scene, consider: tuple[Effect, ...]) -> Iterator[tuple[str, Change]]:
+    """Possible changes of this scene: (words, function from the scene to the changed one)."""
+    for effect, name in zip(scene.effects, _names(scene.effects), strict=True):
+        yield f"without {name}", lambda s, gone=effect: replace(s, effects=tuple(e for e in s.effects if e is not gone))
+    for name in ("frame", "root"):
+        if getattr(scene, name) is not None:
+            yield f"without the {name}'s motion", lambda s, name=name: replace(s, **{name: None})
+    for name, rows in STRAINS.items():
+        if not all(scene.beam.rigid[k] for k in rows):
+            yield f"no {name}", lambda s, rows=rows: replace(s, beam=_rigid(s.beam, rows))
+    if scene.beam.rotary:
+        yield "no rotary inertia", lambda s: replace(s, beam=_without_rotary(s.beam))
+    if not getattr(scene, "small", True):
+        yield "small displacements", lambda s: replace(s, small=True)
+    if getattr(scene, "plane", "") is None:
+        for plane in ("xy", "xz"):
+            yield f"in the plane {plane}", lambda s, plane=plane: replace(s, plane=plane)
+    for effect, name in zip(consider, _names(consider), strict=True):
+        yield f"with {name}", lambda s, more=effect: replace(s, effects=(*s.effects, more))
+
+
+def _names(effects: tuple[Effect, ...]) -> list[str]:
+    """Names of the effects' classes; numbered where one occurs again."""
+    kinds = [type(e).__name__ for e in effects]
+    return [kind if kinds.count(kind) == 1 else f"{kind} {kinds[:k + 1].count(kind)}" for k, kind in enumerate(kinds)]
+
+
+def _rigid(beam: Beam, rows: tuple[int, ...]) -> Beam:
+    """The beam with these strains made impossible."""
+    keep = torch.ones(6, dtype=beam.compliance.dtype, device=beam.compliance.device)
+    keep = torch.where(torch.tensor([k in rows for k in range(6)], device=keep.device), torch.zeros_like(keep), keep)
+    rigid = tuple(was or k in rows for k, was in enumerate(beam.rigid))
+    return replace(beam, compliance=keep[:, None] * beam.compliance * keep, rigid=rigid)
+
+
+def _without_rotary(beam: Beam) -> Beam:
+    """The beam with its mass on the axis alone."""
+    if beam.offset:
+        raise ValueError("a section with an offset centre of mass has rotary inertia by that offset alone")
+    keep = (torch.arange(6, device=beam.mass.device) < 3).to(beam.mass)
+    return replace(beam, mass=keep[:, None] * beam.mass * keep, rotary=False)

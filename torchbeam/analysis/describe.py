@@ -1,0 +1,221 @@
+"""Description of a scene: its contents, unknowns, and the forms and methods that take it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.leaves import constant, map_leaves
+from ..dynamics.stepper import METHODS, Stepper
+from ..linear.modes import modes
+from ..mixed.model import MixedModel
+from ..nodal.coordinates.planar import PLANES, Plane
+from ..nodal.coordinates.selection import only_numbers
+from ..nodal.discretise import discretise
+from ..nodal.rates import Rates
+from ..scene.effects import Along, Drag, Input, PerElement, RootSpring, Spring
+from ..scene.scene import Scene
+from ..scene.section import notes
+from ..scene.supports import AXES, Support
+from ..state.state import rest
+from ..statics.equilibrium import equilibrium
+from ..statics.mechanism import unheld
+
+NUMBERS = 6  # at most so many numbers are said one by one
+MIXED = {"minimal": (12, 0), "block_rate": (24, 12)}  # states an element, and besides
+
+
+@dataclass(frozen=True)
+class Description:
+    """Result of `describe`; printed, it is a table of lines.
+
+    lines      heading -> what is said under it
+    plane      "xy" or "xz": the nodal form solves the scene there; None = in space
+    planes     planes in which the whole scene lies: the answer there is that in space, with half the unknowns
+    unknowns   of an implicit step and of an equilibrium: the moves of the nodes that are free
+    states     form or method -> numbers in a state of it; None where it does not take the scene
+    refusals   form or method -> why it does not
+    """
+
+    lines: dict[str, tuple[str, ...]]
+    plane: str | None
+    planes: tuple[str, ...]
+    unknowns: int
+    states: dict[str, int | None]
+    refusals: dict[str, str]
+
+    def __str__(self) -> str:
+        width = max(map(len, self.lines))
+        return "\n".join(f"{heading if not k else '':<{width}}  {line}"
+                         for heading, lines in self.lines.items() for k, line in enumerate(lines or ("none",)))
+
+
+@torch.no_grad()
+def describe(scene: Scene) -> Description:
+    """Description of a scene: effects, supports, planes that it lies in, unknowns of a step, first frequencies, mechanisms, and
+    which forms and methods take it. Raises ValueError for a scene that the nodal form does not take.
+    """
+    model = discretise(scene)
+    space = model.space
+    plane = space.name if isinstance(space, Plane) else None
+    planes = () if plane or scene.small else tuple(name for name in PLANES if _fits(scene, name))
+    free = model.constraints.count
+    states, refusals = _forms(scene, free)
+    nodes = scene.beam.count + 1
+    unknowns = f"{free}: {space.unknowns} a node of {nodes} nodes, less {nodes * space.unknowns - free} that supports hold"
+    lines = {
+        "beam": tuple(_beam(scene)),
+        "batch": (f"axes {tuple(scene.batch_shape)}; {str(scene.dtype).removeprefix('torch.')} on {scene.device}",),
+        "effects": tuple(_effect(effect, nodes) for effect in scene.effects),
+        "inputs": tuple(f"{name} ({size})" for name, size in scene.inputs.items()),
+        "supports": tuple(_supports(scene)),
+        "frame": _frame(scene),
+        "moves in": (_space(scene, plane, planes),),
+        "unknowns": (f"{unknowns}; {space.strain} stresses an element are condensed",),
+        "forms": tuple(f"{name}: " + (f"no, {refusals[name]}" if count is None else f"{count} states")
+                       for name, count in states.items()),
+        "frequencies": _frequencies(scene),
+    }
+    return Description(lines, plane, planes, free, states, refusals)
+
+
+def _fits(scene: Scene, plane: str) -> bool:
+    with suppress(ValueError):
+        discretise(replace(scene, plane=plane))
+        return True
+    return False
+
+
+def _forms(scene: Scene, free: int) -> tuple[dict[str, int | None], dict[str, str]]:
+    """Size of the state of each form that takes the scene, and for each other form its own reason why not."""
+    inputs = {name: torch.zeros(size) for name, size in scene.inputs.items()}
+    tries: dict[str, Callable[[], int]] = {
+        f"nodal, {method!r}": lambda method=method: Stepper(scene, 1.0, method) and 2 * free for method in METHODS}
+    tries["nodal, explicit"] = lambda: Rates.of(scene, {}).pack(rest(scene)).shape[-1]
+    for form, (each, more) in MIXED.items():
+        tries[form] = lambda form=form, each=each, more=more: each * MixedModel(scene, form, inputs).count + more
+    states, refusals = {}, {}
+    for name, attempt in tries.items():
+        try:
+            states[name] = attempt()
+        except ValueError as error:
+            states[name], refusals[name] = None, str(error)
+    return states, refusals
+
+
+def _beam(scene: Scene) -> Iterator[str]:
+    beam = scene.beam
+    length = beam.length.sum(-1)
+    yield f"{beam.count} elements, {_number(length)} m long" + ("" if not beam.curved else ", curved or twisted at rest")
+    known = notes(beam)
+    if known:
+        yield "; ".join(known)
+
+
+def _effect(effect: Any, nodes: int) -> str:
+    node = getattr(effect, "node", None)
+    at = "" if effect.kind in ("strain", "eigenstrain") else " along the beam" if node is None else f" at node {node % nodes}"
+    said = [f"{f.name} = {_value(v)}" if v is not True else f.name for f in fields(effect)
+            if f.name != "node" and _named(v := getattr(effect, f.name), f.default)]
+    return f"{type(effect).__name__}{at}" + (f": {', '.join(said)}" if said else "")
+
+
+def _named(value: Any, default: Any) -> bool:
+    """Whether there is something to say."""
+    if isinstance(value, Tensor):
+        return True
+    return value is not None and value is not False and not (hasattr(value, "any") and not value.any()) and (
+        hasattr(value, "any") or callable(value) or value != default)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Input):
+        return f"input {value.name!r}"
+    if isinstance(value, (Along, PerElement)):
+        return f"{type(value).__name__}({'a function' if callable(getattr(value, 'value', value)) else 'values'})"
+    if callable(value):
+        return "a function"
+    if hasattr(value, "shape"):
+        few = value.ndim < 2 and value.size if not isinstance(value, Tensor) else value.ndim < 2 and value.numel()
+        if few is False or few > NUMBERS:
+            return f"of shape {tuple(value.shape)}"
+        return f"{value.tolist():g}" if value.ndim == 0 else "(" + ", ".join(f"{x:g}" for x in value.tolist()) + ")"
+    return repr(value)
+
+
+def _number(value: Tensor) -> str:
+    least, most = value.min().item(), value.max().item()
+    return f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
+
+
+def _support(support: Support) -> str:
+    if support.clamp:
+        held = "clamped"
+    else:
+        position = f"position {support.position} held" if support.position else "position free"
+        turns = {0: "rotation free", 3: "rotation held"}
+        about = next((axis for axis in AXES if axis not in support.rotation), "")
+        held = f"{position}, {turns.get(len(support.rotation), f'hinged about {about}')}"
+    given = {name: getattr(support, name) for name in ("displacement", "turn")}
+    moved = [name for name, value in given.items() if callable(value)]
+    still = [word for word, value in zip(("displaced", "turned"), given.values(), strict=True)
+             if value is not None and not callable(value)]
+    return f"node {support.node}: {held}" + (f", moved by its {' and '.join(moved)}" if moved else "") + (
+        f", {' and '.join(still)}" if still else "")
+
+
+def _supports(scene: Scene) -> Iterator[str]:
+    yield from map(_support, scene.supports)
+    if scene.root is not None and not any(s.node == 0 for s in scene.supports):
+        yield "node 0: on springs whose root moves"
+
+
+def _frame(scene: Scene) -> tuple[str, ...]:
+    if scene.frame is None:
+        return ("inertial",)
+    return tuple(f"{name.replace('_', ' ')} {_value(value)}" for name, value in vars(scene.frame).items() if value is not None)
+
+
+def _space(scene: Scene, plane: str | None, planes: tuple[str, ...]) -> str:
+    if scene.small:
+        return "space, small displacements and rotations: linear"
+    if plane:
+        return f"the plane {plane}" + (", found in its numbers" if scene.plane == "auto" else "")
+    if not planes:
+        return "space"
+    choice = " or ".join(f"plane={name!r}" for name in planes)
+    if only_numbers(scene):
+        return f"space, but everything lies in a plane: {choice} gives the same answer with half the unknowns"
+    return f"space; {choice} halves the unknowns, if what its functions and inputs do lies in it as well"
+
+
+def _frequencies(scene: Scene) -> tuple[str, ...]:
+    """Of the beam with its masses, springs and added mass, without loads, at rest; in double precision, whatever it has."""
+    springs = [e for e in scene.loads if isinstance(e, (Spring, RootSpring)) and constant(e)]
+    if not (scene.supports or springs):
+        return ("free: none of a rigid motion",)
+    held = None if any(e.frees_root for e in springs if isinstance(e, RootSpring)) else tuple(
+        replace(s, displacement=None, turn=None) for s in scene.supports)
+    fluids = [replace(e, flow=None) for e in scene.loads if isinstance(e, Drag) and e.carries]
+    bare = _double(replace(scene, effects=(*scene.bodies, *springs, *fluids), frame=None, root=None, supports=held))
+    try:
+        model = discretise(bare)
+        count, loose = unheld(model, bare.beam.nodes.new_zeros(()), {}, (0,) * len(bare.batch_shape))
+        if loose and springs:
+            return (f"a mechanism: nothing holds {loose}",)
+        at = equilibrium(bare) if springs else rest(bare)
+        found = modes(bare, at, count=min(3 + count, model.constraints.count)).frequency[..., count:]
+    except (ValueError, RuntimeError) as error:
+        return (f"not found: {error}",)
+    numbers = ", ".join(map(_number, found.flatten(0, -2).unbind(-1) if found.ndim > 1 else found)) + " rad/s, without loads"
+    return (f"a mechanism: nothing holds {loose}; beside that {numbers}" if loose else numbers,)
+
+
+def _double(of: Any) -> Any:
+    """A scene with its tensors in double precision."""
+    return map_leaves(lambda value, axes: value.double() if isinstance(value, Tensor) else value, of)

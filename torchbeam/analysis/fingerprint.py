@@ -1,0 +1,264 @@
+"""Fingerprints of functions and values: equal where code, constants and all that a function finds around it are equal."""
+
+from __future__ import annotations
+
+import builtins
+import dis
+import enum
+import functools
+import hashlib
+import importlib
+import inspect
+import os
+import sys
+import types
+import weakref
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import torch
+from torch import Tensor
+
+INSTALLED = {"site-packages", "dist-packages"}  # folders that installed packages lie in
+HERE = __name__.split(".")[0]
+PYTHON = "{}.{}".format(*sys.version_info)  # bytecode is a minor version's own
+PLAIN = (type(None), type(Ellipsis), type(NotImplemented), bool, int, float, complex, str, bytes, bytearray, range, slice,
+         torch.dtype, torch.device, torch.memory_format, torch.layout)
+NOT_OF_A_CLASS = {"__module__", "__doc__", "__dict__", "__weakref__", "__slotnames__", "__firstlineno__", "_abc_impl",
+                  "__static_attributes__", "__annotations__", "__annotate__", "__annotate_func__", "__annotations_cache__",
+                  "__abstractmethods__", "__dataclass_fields__", "__dataclass_params__", "__match_args__"}
+
+
+class NoFingerprint(ValueError):
+    """A value of which it cannot be said whether it has changed."""
+
+
+def fingerprint(value: Any) -> tuple[dict[str, str], dict[str, str]]:
+    """Parts of a value, name -> digest, and versions of the packages it uses, name -> version.
+
+    Of a function the parts are its code with its defaults, each variable that it closes over, and each global that it names;
+    functions among these have parts of their own. Of anything else there is one part, "": its type and content.
+
+    What is installed (torch, NumPy, ...) counts by its version, and what is not by its code. Comments, the text of docstrings,
+    names of files and line numbers do not count. Raises NoFingerprint for what has neither code nor content to be read: open
+    files, locks, compiled functions that belong to no package.
+    """
+    walk = _Walk()
+    parts: dict[str, str] = {}
+    waiting, met = [("", value)], {}
+    for name, one in waiting:  # it grows on the way
+        one = _unwrapped(one)
+        code = one.__func__ if inspect.ismethod(one) else one
+        if not (isinstance(code, types.FunctionType) and walk.package(code) is None):
+            parts[name] = walk.digest(one)
+            continue
+        if id(code) in met:
+            parts[name] = f"as {met[id(code)]}"
+        else:
+            met[id(code)] = name
+            parts[name] = walk.digest_of_code(code)
+            waiting += [(f"{name}.{key}" if name else key, part) for key, part in walk.around(code)]
+        if code is not one:
+            waiting.append((f"{name}.self" if name else "self", one.__self__))
+    return parts, dict(sorted(walk.versions.items()))
+
+
+class _Walk:
+    """Through a value, to a digest; `versions` of the packages met on the way."""
+
+    def __init__(self) -> None:
+        self.versions: dict[str, str] = {}
+        self.open: dict[int, int] = {}  # values that are being looked at, by depth: circles end here
+        self.known: dict[int, tuple[str, Any]] = {}  # digests by id, with the value so that no id is used again
+
+    def digest(self, value: Any) -> str:
+        value = _unwrapped(value)
+        if id(value) in self.open:
+            return f"circle {len(self.open) - self.open[id(value)]}"
+        if id(value) in self.known:
+            return self.known[id(value)][0]
+        self.open[id(value)] = len(self.open)
+        try:
+            sum_ = hashlib.sha256()
+            for part in self.content(value):
+                part = part if isinstance(part, bytes) else part.encode()
+                sum_.update(len(part).to_bytes(8, "big") + part)
+            self.known[id(value)] = sum_.hexdigest(), value
+            return sum_.hexdigest()
+        finally:
+            del self.open[id(value)]
+
+    def content(self, value: Any) -> Iterator[str | bytes]:
+        """Text and bytes that say what a value is."""
+        yield type(value).__qualname__
+        if isinstance(value, PLAIN) and not isinstance(value, enum.Enum):
+            yield repr(value)
+        elif isinstance(value, Tensor):
+            if type(value) is torch.nn.Parameter:
+                yield str(value.requires_grad)
+            yield from (str(value.dtype), str(value.device), repr(tuple(value.shape)))
+            plain = value.detach().cpu().to_dense().resolve_conj().resolve_neg()
+            yield plain.contiguous().flatten().view(torch.uint8).numpy().tobytes()
+        elif isinstance(value, (list, tuple)):
+            yield from map(self.digest, value)
+        elif isinstance(value, (set, frozenset)):
+            yield from sorted(map(self.digest, value))
+        elif isinstance(value, (dict, types.MappingProxyType)):
+            for key, one in value.items():
+                yield from (self.digest(key), self.digest(one))
+        elif isinstance(value, types.ModuleType):
+            yield value.__name__
+            self.package(value)
+        elif isinstance(value, types.CodeType):
+            yield from self.code(value)
+        elif inspect.ismethod(value):
+            yield from (self.digest(value.__func__), self.digest(value.__self__))
+        elif isinstance(value, types.FunctionType) and self.package(value) is None:
+            yield self.digest_of_code(value)
+            for name, part in self.around(value):
+                yield from (name, self.digest(part))
+        elif isinstance(value, type) and self.package(value) is None:
+            yield from (value.__qualname__, *map(self.digest, value.__bases__))
+            for name in sorted(vars(value).keys() - NOT_OF_A_CLASS):
+                yield from (name, self.digest(vars(value)[name]))
+        elif isinstance(value, type) or (callable(value) and hasattr(value, "__qualname__")):
+            if self.package(value) is None:
+                raise NoFingerprint(f"{value!r}")
+            yield from (str(getattr(value, "__module__", "")), value.__qualname__)
+            owner = getattr(value, "__self__", None)  # of a built-in method
+            if owner is not None and not isinstance(owner, (type, types.ModuleType)):
+                yield self.digest(owner)
+        else:
+            yield self.digest(type(value))
+            yield from self.state(value)
+
+    def state(self, value: Any) -> Iterator[str | bytes]:
+        """Content of an object: the fields of a dataclass; else what it has, less what it keeps for a second use; else what
+        pickle would keep.
+        """
+        if is_dataclass(value):
+            has = {field.name: getattr(value, field.name, None) for field in fields(value)}
+        elif isinstance(value, enum.Enum):
+            has = {"name": value.name, "value": value.value}
+        elif isinstance(value, property):
+            has = {"get": value.fget, "set": value.fset, "del": value.fdel}
+        elif isinstance(value, types.MemberDescriptorType):
+            has = {"name": value.__name__}
+        else:
+            try:
+                kept = value.__reduce_ex__(2)
+            except Exception:
+                raise NoFingerprint(f"a {type(value).__module__}.{type(value).__qualname__}") from None
+            own = type(value).__reduce_ex__ is object.__reduce_ex__ and type(value).__reduce__ is object.__reduce__
+            if own and hasattr(value, "__dict__"):
+                has = {name: one for name, one in vars(value).items() if not _kept_for_later(type(value), name)}
+                slots = {name for kind in type(value).__mro__ for name in _names(vars(kind).get("__slots__", ()))}
+                has |= {name: getattr(value, name) for name in slots - {"__dict__", "__weakref__"} if hasattr(value, name)}
+            else:
+                has = {"kept": kept if isinstance(kept, str) else [list(x) if isinstance(x, Iterator) else x for x in kept]}
+        for name in sorted(has):
+            yield from (name, self.digest(has[name]))
+
+    def digest_of_code(self, function: types.FunctionType) -> str:
+        """Of code and defaults, without what is around them."""
+        self.versions["python"] = PYTHON
+        return self.digest([function.__code__, function.__defaults__, function.__kwdefaults__])
+
+    def code(self, code: types.CodeType) -> Iterator[str | bytes]:
+        yield code.co_code
+        yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars, code.co_argcount,
+                    code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags))
+        first = 1 if isinstance(next(iter(code.co_consts), None), str) and 0 not in _loaded(code) else 0  # a docstring
+        yield from map(self.digest, code.co_consts[first:])
+
+    def around(self, function: types.FunctionType) -> Iterator[tuple[str, Any]]:
+        """Variables closed over and globals that the function's code, and code within it, reads, by name."""
+        for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+            try:
+                yield name, cell.cell_contents
+            except ValueError:  # not set yet
+                yield name, None
+        codes = list(_codes(function.__code__))
+        names = sorted({name for code in codes for name in code.co_names})
+        steps = [step for code in codes for step in dis.get_instructions(code)]
+        for name in sorted({step.argval for step in steps if step.opname in ("LOAD_GLOBAL", "LOAD_NAME")}):
+            if name in function.__globals__:
+                yield from self.named(name, function.__globals__[name], names)
+        for name in sorted({step.argval for step in steps if step.opname == "IMPORT_NAME"}):
+            for full in (name, f"{function.__globals__.get('__package__')}.{name}"):  # as it is, or relative
+                try:
+                    yield from self.named(full, importlib.import_module(full), names)
+                    break
+                except ImportError:
+                    pass
+
+    def named(self, name: str, value: Any, names: list[str], depth: int = 0) -> Iterator[tuple[str, Any]]:
+        """The value; of a module that is not installed, what of it the code names."""
+        if not isinstance(value, types.ModuleType) or self.package(value) is not None or depth > 8:
+            yield name, value
+            return
+        for inner in names:
+            if inner in vars(value):
+                yield from self.named(f"{name}.{inner}", vars(value)[inner], names, depth + 1)
+
+    def package(self, value: Any) -> str | None:
+        """Name of the installed package that a module, class or function belongs to; None where it belongs to none."""
+        name = value.__name__ if isinstance(value, types.ModuleType) else getattr(value, "__module__", None)
+        if name is None:  # of what is built in: that of its type
+            owner = next((o for o in (getattr(value, a, None) for a in ("__self__", "__objclass__")) if o is not None), value)
+            named = owner if isinstance(owner, (type, types.ModuleType)) else type(owner)
+            name = named.__name__ if isinstance(named, types.ModuleType) else named.__module__
+        top = (name or "").split(".")[0]
+        if top == builtins.__name__ or (top in sys.stdlib_module_names and top != "__main__"):
+            self.versions["python"] = PYTHON
+            return "python"
+        module = sys.modules.get(top)
+        file = getattr(module, "__file__", None) or next(iter(getattr(module, "__path__", ())), "")
+        if not (top == HERE or INSTALLED & set(str(file).split(os.sep))):
+            return None
+        try:
+            self.versions[top] = version(top).split("+")[0]
+        except PackageNotFoundError:
+            self.versions[top] = str(getattr(module, "__version__", "unknown"))
+        return top
+
+
+def _unwrapped(value: Any) -> Any:
+    """The function in a cache, a static or class method, or a weak reference."""
+    while True:
+        if isinstance(value, functools._lru_cache_wrapper):
+            value = value.__wrapped__
+        elif isinstance(value, (staticmethod, classmethod)):
+            value = value.__func__
+        elif isinstance(value, functools.cached_property):
+            value = value.func
+        elif isinstance(value, weakref.ref):
+            value = value()
+        else:
+            return value
+
+
+def _loaded(code: types.CodeType) -> set[int]:
+    """Constants that the code loads."""
+    return {step.arg for step in dis.get_instructions(code) if step.opcode in dis.hasconst}
+
+
+def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
+    """The code, and the code of functions within it."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            yield from _codes(constant)
+
+
+def _kept_for_later(kind: type, name: str) -> bool:
+    """Whether an attribute is what a lazy property of the class has found (functools.cached_property and its likes)."""
+    name = name.partition(" ")[0]  # of `torchbeam.core.derivatives.cached`, after the name its mode
+    found = next((vars(k)[name] for k in kind.__mro__ if name in vars(k)), None)
+    return hasattr(found, "__get__") and not hasattr(found, "__set__") and not isinstance(found, types.FunctionType)
+
+
+def _names(slots: Any) -> tuple[str, ...]:
+    return (slots,) if isinstance(slots, str) else tuple(slots)

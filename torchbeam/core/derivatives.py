@@ -1,0 +1,47 @@
+"""Derivatives switched off, and cached properties that keep what was computed so apart from the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from typing import Any
+
+import torch
+
+
+@contextmanager
+def no_derivatives() -> Iterator[None]:
+    """No backward graph and no forward tangents."""
+    with torch.no_grad(), torch.autograd.forward_ad._set_fwd_grad_enabled(False):
+        yield
+
+
+class cached(cached_property):
+    """A cached property of one value for each mode of recording derivatives: what Newton's method has computed without them
+    is never taken for what the implicit function theorem differentiates, so that a problem may be asked for both, in any
+    order, without a copy. What was computed with all of them recorded serves without them as well.
+    """
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        super().__set_name__(owner, name)
+        self.keys = {(grad, forward): f"{name} {grad:d}{forward:d}" for grad in (False, True) for forward in (False, True)}
+
+    def __get__(self, owner: Any, kind: type | None = None) -> Any:
+        if owner is None:
+            return self
+        held, key = owner.__dict__, self.keys[torch.is_grad_enabled(), torch._C._is_fwd_grad_enabled()]
+        found = held.get(key, ABSENT)
+        if found is ABSENT:
+            found = held.get(self.keys[True, True], ABSENT)
+        if found is ABSENT:
+            found = held[key] = self.func(owner)
+        return found
+
+
+ABSENT = object()
+
+
+def cache_of(owner: Any, name: str) -> bool:
+    """Whether an object's attribute of that name is a cached value: no field has a space in its name."""
+    return " " in name or isinstance(getattr(type(owner), name, None), cached_property)

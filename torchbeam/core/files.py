@@ -1,0 +1,98 @@
+"""Files: folders for results, and files that are written whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import secrets
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import torch
+
+
+class NotWritten(OSError):
+    """A file or folder that could not be written: one sentence that says which, and why."""
+
+
+def folder(path: str | Path, *, parents: bool = False) -> Path:
+    """The folder `path`, made where it is missing, in which a file can be written.
+
+    parents  also make the folders that it lies in. Commands do; a function refuses them, since a path with two folders
+             missing is more often a wrong one
+
+    Raises ValueError where there is no such folder to be had, or nothing can be written into it.
+    """
+    path = Path(path)
+    wanted = "another folder is wanted"
+    try:
+        if not parents and not path.absolute().parent.is_dir() and not path.is_dir():
+            raise ValueError(f"the folder {str(path)!r} was given, and {str(path.parent)!r} is no folder; one in a folder that "
+                             "is there is wanted")
+        path.mkdir(parents=parents, exist_ok=True)
+        probe = _part(path / "probe")
+        try:
+            probe.write_bytes(b"\n")
+        finally:
+            probe.unlink(missing_ok=True)
+    except OSError as error:
+        if path.exists() and not path.is_dir():
+            raise ValueError(f"the file {str(path)!r} was given for a folder; {wanted}") from None
+        raise ValueError(f"the folder {str(path)!r}, which cannot be written ({reason(error)}), was given; {wanted}") from None
+    return path
+
+
+def write(path: str | Path, content: str | bytes) -> None:
+    """The file with this content, whole or not at all: under another name first, on the disk before it is renamed.
+
+    Raises NotWritten; what was there before is then there still.
+    """
+    with written(path) as part:
+        with open(part, "wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+
+
+def save(path: str | Path, content: Any) -> None:
+    """Write an object by torch.save, whole or not at all. Raises NotWritten."""
+    file = io.BytesIO()
+    torch.save(content, file)
+    write(path, file.getvalue())
+
+
+def csv_text(rows: Iterable[Iterable[Any]]) -> str:
+    """Text of a CSV file with these rows."""
+    text = io.StringIO()
+    csv.writer(text).writerows(rows)
+    return text.getvalue()
+
+
+@contextmanager
+def written(path: str | Path, ending: str = "") -> Iterator[Path]:
+    """Another name, with this ending, for the file to be written under: renamed to `path` then, or removed after an error."""
+    path = Path(path)
+    part = _part(path, ending)
+    try:
+        yield part
+        with open(part, "rb+") as file:
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    except BaseException as error:
+        try:
+            part.unlink(missing_ok=True)
+        except OSError:
+            pass  # where the path leads through a file, or the disk is gone: the first error is the one to tell
+        if isinstance(error, OSError):
+            raise NotWritten(f"{str(path)!r} could not be written: {reason(error)}") from error
+        raise
+
+
+def reason(error: OSError) -> str:
+    """Message of an operating system error, without number and path."""
+    return error.strerror or str(error) or type(error).__name__
+
+
+def _part(path: Path, ending: str = "") -> Path:
+    return path.with_name(f"{path.name}.{os.getpid()}-{secrets.token_hex(4)}.part{ending}")

@@ -1,0 +1,223 @@
+"""Leaves: the tensors of a tree of dataclasses, declared once, where the field is.
+
+    @dataclass(frozen=True)
+    class Spring(Tree):
+        node: int                       # static
+        stiffness: Value = leaf(0)      # (...)
+        anchor: Value = leaf(1)         # (..., 3)
+
+A leaf has a number of axes of its own, which come last; whatever stands before them is the batch's. It holds a tensor, plain
+numbers (one, a sequence, an array: of no dtype of their own), None, or what stands for a tensor until it is asked: a function
+or an `Input`. Fields that hold trees, alone or in a tuple, are branches. Everything else is static. From the declaration follow
+the batch shape, dtype and device, inputs, whether a gradient is wanted, samples taken from a batch and put back, detach and
+`to`.
+
+(Trees of declared arrays: jax's pytrees; brax, `brax/base.py`.)
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import MISSING, Field, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .derivatives import cache_of, cached
+from .validation import as_tensor
+
+AXES = "axes"  # key of a field's metadata
+TENSOR = re.compile(r"\b(Tensor|Value|Motion|LoadValue|Inputs)\b")  # in an annotation: the field can hold a tensor
+FUNCTION = re.compile(r"\b(Callable|ClassVar)\[.*\]")  # what a function takes and gives is not held
+
+Axes = int | Callable[[Any], int] | None
+
+
+def leaf(axes: Axes, *, default: Any = MISSING, init: bool = True, kw_only: Any = MISSING) -> Any:
+    """A dataclass field that holds a tensor with `axes` axes of its own behind the batch's, or a dictionary or named tuple of
+    such. `axes` may be a function of the object, that counts them. None: what the field holds cannot be taken apart by samples
+    (a function of the motion, that a user wrote).
+    """
+    return field(default=default, init=init, kw_only=kw_only, metadata={AXES: axes})
+
+
+class Tree:
+    """A dataclass whose tensors are declared as leaves. Raises TypeError, when the class is defined, for a field that is
+    annotated as a tensor and not declared, and for a cached property that would mix up what is computed with derivatives and
+    without (`cached` keeps them apart).
+    """
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        for name, value in vars(cls).items():
+            if isinstance(value, cached_property) and not isinstance(value, cached):
+                raise TypeError(f"{cls.__name__}.{name} is a functools.cached_property; torchbeam.core.derivatives.cached is "
+                                "wanted, which keeps values with derivatives and without apart")
+        for name, kind in vars(cls).get("__annotations__", {}).items():
+            declared = vars(cls).get(name)
+            if TENSOR.search(FUNCTION.sub("", str(kind))) and not (isinstance(declared, Field) and AXES in declared.metadata):
+                raise TypeError(f"{cls.__name__}.{name} can hold a tensor; {name}: {kind} = leaf(axes) is wanted, with its "
+                                "number of axes behind the batch's")
+
+
+class FunctionOfTime(Tree):
+    """A tree that is a function of t: it may stand in the place of a leaf, and declares the tensors that it holds."""
+
+
+class Placeholder:
+    """Stands for a tensor that is given later."""
+
+
+class Leaf(NamedTuple):
+    """One leaf: the object that holds it, its name there, its value, its number of own axes (None: not separable)."""
+
+    owner: Any
+    name: str
+    value: Any
+    axes: int | None
+
+    @property
+    def batch_shape(self) -> torch.Size | None:
+        """Its leading axes; None where it is not a tensor (or an array)."""
+        if not isinstance(self.value, (Tensor, np.ndarray)) or self.axes is None:
+            return None
+        return torch.Size(self.value.shape[:max(self.value.ndim - self.axes, 0)])
+
+
+def own_leaves(tree: Tree) -> Iterator[Leaf]:
+    """The leaves that a tree declares itself, None among them; a tree in the place of a leaf as it is."""
+    for name, value in vars(tree).items():
+        declared = _declared(tree, name)
+        if declared is not None and AXES in declared.metadata:
+            axes = _axes(tree, declared)
+            parts = value.values() if isinstance(value, dict) else value if hasattr(value, "_fields") else (value,)
+            yield from (Leaf(tree, name, part, axes) for part in parts)
+
+
+def leaves(tree: Any) -> Iterator[Leaf]:
+    """All leaves of a tree, of trees in tuples, lists and dictionaries, but for None; what stands in two places comes twice."""
+    if isinstance(tree, Tree):
+        for one in own_leaves(tree):
+            if isinstance(one.value, Tree):
+                yield from leaves(one.value)
+            elif one.value is not None:
+                yield one
+        for name, value in vars(tree).items():
+            declared = _declared(tree, name)
+            if declared is not None and AXES not in declared.metadata:
+                yield from leaves(value)
+    elif isinstance(tree, (tuple, list, dict)):
+        for part in tree.values() if isinstance(tree, dict) else tree:
+            yield from leaves(part)
+
+
+def map_leaves(function: Callable[..., Any], tree: Any, *others: Any, made: dict[int, Any] | None = None) -> Any:
+    """The tree with `function(value, axes, *values of the others)` in place of each leaf that is not None; trees in tuples,
+    lists and dictionaries likewise. Objects are copied without checking them again and without what they had cached, and not
+    at all where nothing in them changes; one that stands in several places is made once. Static fields are the first tree's.
+    """
+    made = {} if made is None else made
+    if isinstance(tree, Tree):
+        if id(tree) not in made:
+            made[id(tree)] = tree, _mapped(function, tree, others, made)  # held, so that its id stays its own
+        return made[id(tree)][1]
+    if isinstance(tree, (tuple, list)):
+        parts = [map_leaves(function, part, *(o[i] for o in others), made=made) for i, part in enumerate(tree)]
+        if all(a is b for a, b in zip(parts, tree, strict=True)):
+            return tree
+        new = type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)
+        if hasattr(tree, "__dict__"):
+            vars(new).update(vars(tree))
+        return new
+    if isinstance(tree, dict):
+        return {name: map_leaves(function, part, *(o[name] for o in others), made=made) for name, part in tree.items()}
+    return tree
+
+
+def _mapped(function: Callable[..., Any], tree: Tree, others: tuple, made: dict[int, Any]) -> Any:
+    kept, same = {}, True
+    for name, value in vars(tree).items():
+        declared = _declared(tree, name)
+        if declared is None:
+            if not cache_of(tree, name):
+                kept[name] = value
+            continue
+        theirs = tuple(getattr(o, name) for o in others)
+        if AXES not in declared.metadata or isinstance(value, Tree):
+            kept[name] = map_leaves(function, value, *theirs, made=made)
+        elif isinstance(value, dict):
+            axes = _axes(tree, declared)
+            kept[name] = {key: function(part, axes, *(t[key] for t in theirs)) for key, part in value.items()}
+            kept[name] = value if all(kept[name][key] is part for key, part in value.items()) else kept[name]
+        elif hasattr(value, "_fields"):
+            axes = _axes(tree, declared)
+            kept[name] = type(value)(*(function(part, axes, *(t[i] for t in theirs)) for i, part in enumerate(value)))
+        else:
+            kept[name] = None if value is None else function(value, _axes(tree, declared), *theirs)
+        same = same and kept[name] is value
+    if same:
+        return tree
+    new = object.__new__(type(tree))
+    vars(new).update(kept)
+    return new
+
+
+def _declared(owner: Tree, name: str) -> Field | None:
+    return getattr(owner, "__dataclass_fields__", {}).get(name)
+
+
+def _axes(owner: Tree, declared: Field) -> int | None:
+    axes = declared.metadata[AXES]
+    return axes(owner) if callable(axes) else axes
+
+
+def batch_shapes(tree: Any) -> list[torch.Size]:
+    """The batch axes of every leaf that is a tensor."""
+    return [shape for shape in (one.batch_shape for one in leaves(tree)) if shape is not None]
+
+
+def constant(tree: Any) -> bool:
+    """Whether every leaf is a tensor or numbers: none a function, none given later."""
+    if isinstance(tree, Tree):
+        return not isinstance(tree, FunctionOfTime) and all(constant(one.value) for one in own_leaves(tree))
+    return isinstance(tree, Tensor) or not (callable(tree) or isinstance(tree, Placeholder))
+
+
+def functions(tree: Any) -> list[Leaf]:
+    """Leaves that are functions; tensors that these close over are unknown."""
+    return [one for one in leaves(tree) if callable(one.value) and not isinstance(one.value, Tensor)]
+
+
+def detached(tree: Any) -> Any:
+    """The tree without gradient."""
+    return map_leaves(lambda value, axes: value.detach() if isinstance(value, Tensor) else value, tree)
+
+
+def bound(tree: Any, dtype: torch.dtype, device: torch.device) -> Any:
+    """The tree with plain numbers as tensors of the dtype and on the device. Raises ValueError for a tensor of another
+    floating dtype, unless it is a single number.
+    """
+    def bind(value: Any, axes: int | None) -> Any:
+        if isinstance(value, (np.ndarray, list, tuple, int, float)) and axes is not None:
+            return as_tensor(value, dtype, device)
+        if not isinstance(value, Tensor) or (value.dtype, value.device) == (dtype, device):
+            return value
+        if value.is_floating_point() and value.dtype != dtype and value.ndim:
+            raise ValueError(f"dtype {value.dtype} meets a beam of {dtype}; one dtype is wanted")
+        return value.to(device, dtype) if value.is_floating_point() or not value.is_complex() else value
+
+    return map_leaves(bind, tree)
+
+
+def wants_gradient(*trees: Any) -> bool:
+    """Whether a derivative, backward or forward, is being recorded for a tensor among these, or in one of the trees."""
+    found = (part for tree in trees for part in ((tree,) if isinstance(tree, Tensor) else (x.value for x in leaves(tree))))
+    return any(_recorded(x) for x in found if isinstance(x, Tensor))
+
+
+def _recorded(x: Tensor) -> bool:
+    return (x.requires_grad and torch.is_grad_enabled()) or torch.autograd.forward_ad.unpack_dual(x).tangent is not None

@@ -1,0 +1,1 @@
+"""Motion: one file a method, the step by step, the whole simulation."""

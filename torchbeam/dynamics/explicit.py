@@ -1,0 +1,78 @@
+"""ExplicitStepper: one interval at a time by a method of torchdiffeq, in any form of the beam."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.functions_of_time import shared
+from ..core.status import FAILED
+from ..core.validation import choice, duration, instance, mask, shown
+from ..mixed.consistent import consistent_state
+from ..mixed.state import MixedState
+from ..scene.scene import Scene
+from ..state.state import State, rest
+from .simulate import FORMS, simulate
+from .torchdiffeq_bridge import METHODS as ODE_METHODS
+
+
+class ExplicitStepper:
+    """Advances states of a scene by intervals of `dt` seconds with torchdiffeq; called like `Stepper`.
+
+    scene    what is simulated
+    dt       s, the interval over which inputs are held
+    method   a name of torchdiffeq; a fixed-step one makes options={"step_size": s} steps
+    form     "nodal", "minimal" or "block_rate"; states are `State`, or `MixedState` in the two mixed forms. Each interval
+             starts from a state made consistent with the loads on it, for inputs jump between intervals
+    options  rtol, atol, options, adjoint, solver: as in `simulate`
+
+    An explicit method needs steps of about 3 over the top frequency of the mesh, so it wants a soft section: see `Stepper`
+    for one whose step does not depend on the stiffness.
+
+    Raises ValueError for an unknown form or method, a dt that is not positive, or a scene that the form does not take.
+    """
+
+    def __init__(self, scene: Scene, dt: float | Tensor, method: str = "rk4", form: str = "minimal", **options: Any) -> None:
+        instance("a scene", scene, Scene)
+        choice("form", form, FORMS)
+        if not isinstance(method, str) or method not in ODE_METHODS:
+            raise ValueError(f"method = {shown(method)} was given; torchdiffeq has {', '.join(ODE_METHODS)}")
+        self.scene, self.form, self.method, self.options = scene, form, method, options
+        self.dt = duration("dt", dt, scene.dtype, scene.device)
+
+    def rest(self, batch_shape: tuple[int, ...] | None = None) -> State | MixedState:
+        """The beam undeformed and at rest, under inputs of zero."""
+        shape = torch.Size(self.scene.batch_shape if batch_shape is None else batch_shape)
+        if self.form == "nodal":
+            return rest(self.scene, shape)
+        zero = {name: torch.zeros(*shape, size, dtype=self.scene.dtype, device=self.scene.device)
+                for name, size in self.scene.inputs.items()}
+        still = torch.zeros(*shape, self.scene.beam.count, 3, dtype=self.scene.dtype, device=self.scene.device)
+        return consistent_state(self.scene, u=still, form=self.form, inputs=zero)
+
+    def __call__(self, state: State | MixedState, *, active: Tensor | None = None, **inputs: Any) -> State | MixedState:
+        """The state one interval later; `active`, a failing sample and its status as in `Stepper`."""
+        given = self.scene.tensors(inputs)
+        moving = state.status == 0
+        if active is not None:
+            moving = moving & mask("active", active, moving)
+        begin, own = shared(state.t, moving), {}
+        if begin.ndim:  # each sample's own
+            begin, own = torch.zeros_like(self.dt), dict(begin=begin)
+        span = torch.stack((begin, begin + self.dt))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # a status says it
+            try:
+                run = simulate(self.scene, span, state, self.method, form=self.form, inputs=given, **self.options, **own)
+            except RuntimeError:  # every sample failed
+                return replace(state, status=torch.where(moving, FAILED, state.status))
+        good = moving & (run.status == 0)
+        after = run.state[-1]
+        if isinstance(state, State):  # a run counts the work from its own start
+            after = replace(after, work=state.work + after.work)
+        return replace(after.where(good, state), t=torch.where(good, state.t + self.dt, state.t),
+                       status=torch.where(moving, run.status, state.status))

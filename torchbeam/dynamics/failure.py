@@ -1,0 +1,133 @@
+"""What is wrong with an implicit step that no smaller one helps: an effect that is not finite, or jumps. Asked once a run has
+failed, so that its cost does not matter.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..core.derivatives import no_derivatives
+from ..core.validation import concrete
+from ..nodal.loads import external
+from ..solvers.newton import newton
+from .midpoint import MidpointProblem
+
+ITERATES = 6  # of Newton's method that are looked at
+HALVES = 30  # of the way between two of them: what then still changes by half of the whole has a jump
+
+
+class Failure(NamedTuple):
+    """A step that has failed: the problem that it solved, and the samples (...) at fault."""
+
+    problem: MidpointProblem
+    failed: Tensor
+
+    def reason(self) -> str | None:
+        """One sentence that names the effect at fault; None where none is found."""
+        try:
+            return self._reason()
+        except Exception:  # of a user's function where it is not used to be asked: the failure itself is to be told
+            return None
+
+    def _reason(self) -> str | None:
+        with no_derivatives():
+            problem, iterates = self.problem, self._iterates()
+            for name, value in self._in_time():
+                for share in (0.0, problem.INSTANT, 1.0):
+                    if not self._finite(value(torch.full_like(problem.start.work, share))):
+                        return f"{name} is infinite or not a number"
+            for name, value in self._in_motion():
+                for x in iterates:
+                    if not self._finite(value(x)):
+                        return f"{name} is infinite or not a number at a trial of Newton's method; no smaller step may help"
+            for name, value in self._in_motion():
+                for a, b in itertools.pairwise(iterates):
+                    if self._jumps(lambda s, a=a, b=b, value=value: value(self._between(a, b, s))):
+                        return (f"{name} jumps as the beam moves, so that Newton's method does not converge and no smaller "
+                                "step helps; let it rise steeply instead (torch.tanh(v/v0) for torch.sign(v))")
+            for name, value in self._in_time():
+                if self._jumps(value):
+                    return f"{name} jumps in time, and no smaller step helps; let it rise over some steps"
+        return None
+
+    def _iterates(self) -> list[Any]:
+        problem, x = self.problem, self.problem.predictor()
+        found = [x]
+        for _ in range(ITERATES):
+            x = newton(problem, x, self.failed, limit=1).x
+            found.append(x)
+        return found
+
+    def _in_motion(self) -> Iterator[tuple[str, Callable[[Any], Tensor]]]:
+        """The loads (..., N+1, w) that depend on how the beam stands or moves, as functions of the unknowns."""
+        problem, model = self.problem, self.problem.model
+        for load in model.loads[0]:
+            yield _name(load), lambda x, load=load: external(model, problem.seen(x), problem.t, problem.inputs, (load,))
+
+    def _in_time(self) -> Iterator[tuple[str, Callable[[Tensor], Tensor]]]:
+        """Motions (..., 1, 3 or 7), eigenstrains (..., N or 1, 6) and loads (..., N+1, w), the beam as at the start, as
+        functions of the share (...) of the step.
+        """
+        problem, scene, model = self.problem, self.problem.model.scene, self.problem.model
+        start = problem.seen(problem.rest_guess())
+
+        def at(share: Tensor) -> Tensor:
+            return problem.t + (share - problem.INSTANT) * problem.dt
+
+        if scene.frame is not None:
+            for k, name in enumerate(("velocity", "angular velocity")):
+                if model.prescribed_motion.frame(problem.t)[k] is not None:
+                    yield f"the frame's {name}", lambda s, k=k: model.prescribed_motion.frame(at(s))[k][..., None, :]
+        for support in scene.supports:
+            if support.moves:
+                yield (f"the motion of the support of node {support.node}",
+                       lambda s, one=support: torch.cat(_level(*model.prescribed_motion.pose(one, at(s))), -1)[..., None, :])
+        for effect in scene.eigenstrains:
+            yield _name(effect), lambda s, one=effect: one.eigenstrain(at(s), problem.inputs, model.length, model.count)
+        for load in scene.loads:
+            yield _name(load), lambda s, load=load: external(model, start, at(s), problem.inputs, (load,))
+
+    def _between(self, a: Any, b: Any, share: Tensor) -> Any:
+        share = share[..., None, None]
+        u, m, stress = (x + share * (y - x) for x, y in zip(a, b, strict=True))
+        return type(a)(u, self.problem.model.space.normalize(m), stress)
+
+    def _finite(self, value: Tensor) -> bool:
+        good = torch.isfinite(value)
+        return bool(concrete(good | ~self.failed[..., None, None]).all())
+
+    def _jumps(self, value: Callable[[Tensor], Tensor]) -> bool:
+        """Whether `value`, a function of a share (...) from 0 to 1, has a jump in a failed sample: by halves."""
+        low = torch.zeros_like(self.problem.start.work)
+        high = torch.ones_like(low)
+        before, after = value(low), value(high)
+        whole, size = self._size(after - before), self._size(before) + self._size(after)
+        for _ in range(HALVES):
+            middle = (low + high) / 2
+            now = value(middle)
+            left = self._size(now - before) > self._size(after - now)
+            wide = left[..., None, None]
+            low, high = torch.where(left, low, middle), torch.where(left, middle, high)
+            before, after = torch.where(wide, before, now), torch.where(wide, now, after)
+        jump = (self._size(after - before) > whole / 2) & (whole > torch.finfo(size.dtype).eps ** 0.5 * size)
+        return bool(concrete(jump & self.failed).any())
+
+    def _size(self, value: Tensor) -> Tensor:
+        """(...) of the samples."""
+        return value.expand(*self.failed.shape, *value.shape[-2:]).abs().amax((-1, -2))
+
+
+def _level(*parts: Tensor) -> tuple[Tensor, ...]:
+    shape = torch.broadcast_shapes(*(x.shape[:-1] for x in parts))
+    return tuple(x.expand(*shape, x.shape[-1]) for x in parts)
+
+
+def _name(effect: Any) -> str:
+    node = getattr(effect, "node", None)
+    where = "" if node is None else " on the tip" if node == -1 else f" on node {node}"
+    return type(effect).__name__ + where

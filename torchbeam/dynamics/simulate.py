@@ -1,0 +1,201 @@
+"""simulate: a scene over time, by any form and method."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.utils.checkpoint import checkpoint as recompute
+
+from ..core.functions_of_time import within_dual_numbers
+from ..core.status import FAILED, STATUS
+from ..core.validation import as_tensor, boolean, choice, concrete, increasing, instance, keywords, shown, step_size
+from ..core.validation import function as check_function
+from ..core.validation import options as check_options
+from ..nodal.model import Model
+from ..nodal.rates import Rates
+from ..scene.effects import inputs_at
+from ..scene.scene import Scene, merge_inputs
+from ..state.solution import Energy, Solution, Stats
+from ..state.start import on_supports
+from ..state.state import State, check_state, rest, with_optional_fields
+from .mixed_forms import simulate_mixed
+from .stepper import METHODS as IMPLICIT_METHODS
+from .stepper import Stepper
+from .torchdiffeq_bridge import ADVICE, integrate, leaves, status_at
+from .torchdiffeq_bridge import METHODS as ODE_METHODS
+
+FORMS = ("nodal", "minimal", "block_rate")
+STEPS = 200  # of the default step, over the whole of t
+
+
+def simulate(
+    scene: Scene,
+    t: Any,
+    initial: Any = None,
+    method: str | None = None,
+    *,
+    form: str = "nodal",
+    inputs: dict[str, Any] | None = None,
+    throw: bool = False,
+    **options: Any,
+) -> Solution:
+    """Motion of a scene at the instants t.
+
+    t        (time,) s, strictly increasing; the first is that of the initial state
+    initial  a state of the form; None = undeformed and at rest. What supports hold has to be where they have it at t[0], see
+             `Support`, and at rest where neither they nor frame a move: `rest`, `equilibrium`, `State.from_nodes` and states of
+             a solution are. What is off by rounding is put there
+    method   "midpoint" (nodal form, its default: implicit, mean strain) with
+                 step=        s; each output interval is split into ceil(interval/step) equal steps. Default: the shortest
+                              interval or 1/200 of the whole, whichever is less
+                 checkpoint=  keep the graph at sqrt(steps) instants and compute the rest again in backward: long horizons
+                              then fit in memory, for one more forward
+                 progress=    called with (steps done, steps in all) after each step
+                 lumped=, conserve=, tolerance=, iterations=, halvings=    see `Stepper`
+             "generalized_alpha" with the same but conserve=, and rho_inf=
+             or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=, and begin=
+             (...) s, the instant of each sample from which t counts (None = t is that of all); the mixed forms also take
+             project=, solver=, see `torchbeam.dynamics.mixed_forms.simulate_mixed`
+    form     "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the index-reduced derivation)
+    inputs   by name: (..., size) held throughout, or a function of t: "midpoint" of the nodal form takes it at mid step,
+             "generalized_alpha" at its end. One that has no option's name may be given by keyword instead
+    throw    raise RuntimeError where a sample fails; otherwise `sol.status` and a warning say so, and the sample keeps its
+             last good state
+
+    Everything is differentiable. An explicit method steps with the highest frequency of the mesh: stiff, long or batched
+    scenes want "midpoint".
+
+    Raises ValueError for a t that does not increase, an unknown form or method, an option the method does not have.
+    """
+    choice("form", form, FORMS)
+    method = ("midpoint" if form == "nodal" else "dopri5") if method is None else method
+    if not isinstance(method, str) or method not in (*IMPLICIT_METHODS, *ODE_METHODS):
+        names = dict.fromkeys((*IMPLICIT_METHODS, *ODE_METHODS))
+        raise ValueError(f"method = {shown(method)} was given; there are {', '.join(names)}")
+    instance("a scene", scene, Scene)
+    boolean("throw", throw)
+    t = increasing("t", as_tensor(t, scene.dtype, scene.device))
+    mixed, implicit = form != "nodal", method in IMPLICIT_METHODS
+    known = keywords(*((simulate_mixed,) if mixed else (_implicit, Stepper) if implicit else (_explicit,)))
+    inputs = merge_inputs({} if inputs is None else inputs, {name: options.pop(name) for name in [*options]
+                                                      if name in scene.inputs and name not in known})
+    check_options(f"form {form!r}" if mixed else f"method {method!r}", options, known)
+    if mixed:
+        return _judged(simulate_mixed(scene, t, form, initial, method, inputs=inputs, **options), throw)
+    return _judged((_implicit if implicit else _explicit)(scene, t, initial, method, inputs, **options), throw, warn=implicit)
+
+
+def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
+              step: float | None = None, progress: Callable[[int, int], None] | None = None, checkpoint: bool = False,
+              **options: Any) -> Solution:
+    boolean("checkpoint", checkpoint)
+    if progress is not None:
+        check_function("progress", progress)
+    intervals = concrete(t).detach().diff()
+    step = step_size("step", step) if step is not None else min(intervals.min().item(), (t[-1] - t[0]).item() / STEPS)
+    rounding = 1e-6 + 2 * torch.finfo(t.dtype).eps * t.abs().max().item() / step  # of an interval, in steps
+    counts = [max(1, math.ceil(gap / step - rounding)) for gap in intervals.tolist()]
+    plan = [(k, i, count) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it, of how many
+    stepper = Stepper(scene, step, method, **options)
+    first = inputs_at(inputs, t[0], t)
+    states, iterations = [stepper._begin(_begin(stepper.model, initial, t[0]), (t[1] - t[0]) / counts[0], inputs=first)], []
+    names, instant = tuple(vars(states[0])), stepper.method.INSTANT
+
+    def kind(*values: Any) -> State:
+        return type(states[0])(**dict(zip(names, values, strict=True)))
+
+    def march(part: list[tuple[int, int, int]], *fields: Tensor) -> tuple[Tensor, ...]:
+        """Fields of the states that `part` of the plan asks for and of the last, then the iterations of each step."""
+        state, wanted, counted = kind(*fields), [], []
+        for k, i, count in part:
+            dt = (t[k + 1] - t[k]) / count
+            now = t[k] + i * dt
+            state = stepper.advance(state, inputs_at(inputs, now + instant * dt, t), dt=dt, t=now)
+            counted.append(stepper.iterations)
+            if i == count - 1:
+                wanted.append(state)
+            if progress is not None:
+                progress(sum(counts[:k]) + i + 1, len(plan))
+        return (*(x for s in (*wanted, state) for x in vars(s).values()), *counted)
+
+    state, size = states[0], len(vars(states[0]))
+    checkpoint = checkpoint and not within_dual_numbers()  # which go forward alone, and keep no graph
+    length = math.isqrt(len(plan)) if checkpoint else len(plan)
+    for first in range(0, len(plan), length):
+        part = plan[first:first + length]
+        fields = tuple(vars(state).values())
+        tensors = recompute(march, part, *fields, use_reentrant=False) if checkpoint else march(part, *fields)
+        iterations.extend(tensors[-len(part):])
+        *outputs, state = (kind(*tensors[i:i + size]) for i in range(0, len(tensors) - len(part), size))
+        states.extend(outputs)
+    trajectory = State.stack(states)
+    reason = {code: found for code, failed in stepper.failures.items() if (found := failed.reason()) is not None}
+    stats = Stats(steps=len(plan), iterations=torch.stack(torch.broadcast_tensors(*iterations)), reason=reason)
+    return Solution(t, trajectory, _energy(stepper.model, trajectory, t, inputs), stats)
+
+
+def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
+              rtol: float = 1e-6, atol: float = 1e-8, options: dict[str, Any] | None = None, adjoint: bool = False,
+              begin: Tensor | None = None) -> Solution:
+    """`begin` (...) s: the instant of each sample from which t counts; None = t is that of all."""
+    instants = t if begin is None else [begin + now for now in t]
+    held = {name: value for name, value in inputs.items() if not callable(value)}
+    moving = {name: value for name, value in inputs.items() if callable(value)}
+    rates = Rates.of(scene, scene.tensors({**held, **inputs_at(moving, instants[0], t)}))
+
+    def rhs(now: Tensor, y: Tensor) -> Tensor:
+        now = now if begin is None else begin + now
+        return (Rates(rates.model, scene.tensors({**held, **inputs_at(moving, now, now)})) if moving else rates)(now, y)
+
+    first = instants[0]
+    y0 = rates.pack(_begin(rates.model, initial, first))
+    acting = rates.balance(first, rates.unpack(first, y0)[0])[0]  # functions and inputs may have axes too
+    y0 = y0.expand(*torch.broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
+    ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
+                                        parameters=leaves(rhs(t[0], y0.detach())))
+    trajectory = State.stack([rates.state(*at) for at in zip(instants, ys, status_at(ys, status), strict=True)])
+    reason = {FAILED: f"{method} failed; {ADVICE}"} if status.any() else {}
+    energy = _energy(rates.model, trajectory, instants, inputs)
+    return Solution(t, trajectory, energy, Stats(evaluations=evaluations, reason=reason))
+
+
+def _begin(model: Model, initial: State | None, t: Tensor) -> State:
+    scene = model.scene
+    start = rest(scene, t=t) if initial is None else check_state(initial, scene)
+    model.space.start(start)  # says so where it does not fit
+    start = with_optional_fields(start.broadcast(), scene)
+    return (start if initial is None else on_supports(start, scene, t).broadcast()).at(t)
+
+
+def _energy(model: Model, states: State, t: Iterable[Tensor], inputs: dict[str, Any]) -> Energy:
+    """Of states at the instants t; the beam's eigenstrain is that of the instant."""
+    work, states = states.work, model.space.to_reduced(states)
+    kinetic = model.kinetic_energy(states.rotation, states.velocity, states.spin)
+    if not model.scene.eigenstrains:
+        return Energy(kinetic, model.strain_energy(states.position, states.rotation), work)
+    own = [model.eigenstrain(now, model.scene.tensors(inputs_at(inputs, now, now))) for now in t]
+    strain = [model.strain_energy(*at) for at in zip(states.position, states.rotation, own, strict=True)]
+    return Energy(kinetic, torch.stack(strain), work)
+
+
+def _judged(solution: Solution, throw: bool, warn: bool = False) -> Solution:
+    """The solution, with a sentence on every kind of failure in its stats; raised, or warned of where the solver has not."""
+    status, steps = (concrete(x) for x in (solution.status, (solution.state.status == 0).sum(0)))
+    for code in sorted(set(status.flatten().tolist()) - {0}):
+        failed = (status == code).nonzero().tolist()
+        which = f"sample {failed[0][0] if len(failed[0]) == 1 else tuple(failed[0])}" if failed[0] else "the sample"
+        moved = steps.flatten()[(status == code).flatten().nonzero()[0, 0]]
+        when = solution.t[max(int(moved) - 1, 0)].item()
+        shown = solution.stats.reason.get(code)
+        sentence = f"{which} ({len(failed)} of {status.numel()}) stopped after t = {when:.6g} s: {shown or STATUS[code]}"
+        solution.stats.reason[code] = sentence
+        if throw:
+            raise RuntimeError(sentence)
+        if warn:
+            warnings.warn(sentence, RuntimeWarning, stacklevel=3)
+    return solution

@@ -1,0 +1,229 @@
+"""Stepper: one implicit step at a time, for environments, controllers and filters."""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.batch_subset import BatchSubset, NotSeparable
+from ..core.functions_of_time import shared
+from ..core.status import DIVERGED, SUCCESS
+from ..core.validation import boolean, broadcast, choice, concrete, count, duration, mask, positive, real, shown, step_size
+from ..core.validation import tolerance as check_tolerance
+from ..nodal.discretise import discretise
+from ..nodal.model import Model
+from ..scene.effects import Inputs
+from ..scene.scene import Scene
+from ..solvers.implicit_gradient import differentiated, implicit_gradient
+from ..solvers.newton import LIMIT, newton
+from ..state.start import on_supports
+from ..state.state import State, check_state, of_mesh, rest, with_optional_fields
+from .failure import Failure
+from .generalized_alpha import AlphaState, GeneralizedAlphaProblem
+from .midpoint import MidpointProblem
+
+METHODS = {"midpoint": MidpointProblem, "generalized_alpha": GeneralizedAlphaProblem}
+QUICK = 12  # iterations of a step that can still be made in parts: one that takes more is quicker so
+TURN = 1.2  # rad that a node may turn in one step; larger turns have more than one solution, and the wrong one gains energy
+
+
+class Stepper:
+    """Advances states of a scene by steps of `dt` seconds with the nodal form's implicit step.
+
+    scene      what is simulated; its tensors may carry gradient. Stiffness, mass, damping and geometry are taken once, here:
+               make another Stepper after a change of them, or for a second backward pass by them
+    dt         s: a number, or a tensor (0-dim), which may carry gradient
+    method     "midpoint": the mean-strain step (second order, unconditionally stable in practice, keeps momentum)
+               "generalized_alpha": balance at the end of the step, high frequencies damped (second order; stress and reaction
+               are then those at the end); the state remembers accelerations, `begin` starts them
+    rho_inf    of generalized_alpha: what a step leaves of an infinitely fast motion, 1 (nothing is lost) to 0
+    lumped     mass at the nodes alone, as the explicit form has it; by default neighbours are coupled, which makes the
+               error of the translational inertia fourth order
+    conserve   scale the velocities after each step so that the energy balance closes exactly: for long undamped runs
+    tolerance  of the scaled residual, default 1e-8 in float64 and 1e-4 in float32
+    iterations at most this many in a Newton solve (12 where its step can still be made in parts)
+    halvings   a failed step is made again in 2, 4, ... 2^halvings parts
+
+    Raises ValueError for an unknown method, a step that is not positive, or a scene that the nodal form does not take.
+    """
+
+    def __init__(self, scene: Scene, dt: float | Tensor, method: str = "midpoint", *, lumped: bool = False,
+                 tolerance: float | None = None, iterations: int = LIMIT, halvings: int = 6,
+                 conserve: bool = False, rho_inf: float | None = None) -> None:
+        choice("method", method, METHODS)
+        own = dict(conserve=boolean("conserve", conserve))
+        if method == "generalized_alpha":
+            if conserve:
+                raise ValueError("conserve was given; generalized_alpha loses energy by design ('midpoint' takes it)")
+            own = dict(rho_inf=0.8 if rho_inf is None else rho_inf)
+            if isinstance(rho_inf, bool) or not isinstance(own["rho_inf"], (int, float)) or not 0 <= own["rho_inf"] <= 1:
+                raise ValueError(f"rho_inf = {shown(rho_inf)} was given; a number from 0 to 1 is wanted")
+        elif rho_inf is not None:
+            raise ValueError(f"rho_inf was given; {method!r} has none (generalized_alpha has)")
+        self._step = partial(METHODS[method], **own)
+        self.method = METHODS[method]
+        self.scene = scene
+        self.model = discretise(scene, lumped)
+        if conserve and scene.has_prescribed_motion:
+            raise ValueError("conserve with a frame or support that moves was given; what holds the beam still is wanted")
+        if self.method is GeneralizedAlphaProblem:
+            unfit = {"a moving frame": scene.frame is not None, "a mass off its node": self.model.inertia.offset is not None,
+                     "a load with internal states": self.model.internal_states > 0}
+            for what, given in unfit.items():
+                if given:
+                    raise ValueError(f"{what} was given to generalized_alpha; 'midpoint' takes it")
+        self.dt = duration("dt", dt, scene.dtype, scene.device)
+        self._changes = scene.changes
+        self.tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
+        self.limit = count("iterations", iterations)
+        self.halvings = count("halvings", halvings, least=0)
+        self.iterations: Tensor | None = None  # (...) of the last step
+        self.failures: dict[int, Failure] = {}  # the first of each status
+
+    def rest(self, batch_shape: tuple[int, ...] | None = None) -> State:
+        """The beam undeformed and at rest."""
+        return rest(self.scene, batch_shape)
+
+    def __call__(self, state: State, *, active: Tensor | None = None, dt: float | Tensor | None = None, **inputs: Any
+                 ) -> State:
+        """The state one step later.
+
+        active  (...) bool: samples that are to move; the others, and those with a status other than 0, stay as they are
+        dt      another length for this step, as above; or (...) of each sample
+        inputs  by name, (..., size): held over the step; by keyword, or all in a dictionary inputs={...}
+
+        Raises ValueError for a state of another form, mesh or dtype, an `active` that is no mask of the samples, a dt that is
+        not positive, and inputs that are not the scene's.
+
+        What is a function of time is taken at each sample's own time, at mid step. Where Newton's method fails, or a node
+        turns by more than 1.2 rad, the step of that sample is made again in 2, 4, ... smaller ones. If that fails too it keeps
+        its state and gets a status (see `torchbeam.core.status.STATUS`); its derivatives are those of standing still.
+        """
+        return self.advance(state, inputs, active=active, dt=dt)
+
+    def advance(self, state: State, inputs: dict[str, Any], *, active: Tensor | None = None, dt: float | Tensor | None = None,
+                t: Tensor | None = None) -> State:
+        """The same, with the time t (0-dim) of all samples where it is known; None = the state's."""
+        dt = self._length(dt)
+        given = self.scene.tensors(inputs)
+        of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
+        broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
+                  *(value.shape[:-1] for value in given.values()))
+        state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
+        state = self.model.space.to_reduced(with_optional_fields(self._begin(state, dt, inputs=given), self.scene))
+        moving = state.status == SUCCESS
+        if active is not None:
+            moving = moving & mask("active", active, moving)
+        t = t if t is not None else shared(state.t, moving) if self._changes else state.t
+        after, status, self.iterations = self._attempt(self.model, state, dt, t + self.method.INSTANT * dt, given, moving,
+                                                       last=not self.halvings)
+        lost = moving & (status != SUCCESS)
+        failed = lost & (status == DIVERGED) if concrete(lost).any() else lost
+        if self.halvings and failed is not lost and concrete(failed).any():
+            few = BatchSubset.worthwhile(failed)
+            model, start, held = self.model, state, given
+            try:
+                if few is not None:
+                    model, start = few.gather((self.model, state))
+                    held = {name: few.take(value, 1) for name, value in given.items()}
+            except NotSeparable:
+                few = None
+            if few is None:
+                again, well, more = self._parts(model, start, dt, t, held, failed)
+                after = again.where(well, after)
+            else:
+                again, well, more = self._parts(model, start, dt, few.take(t, 0), held, few.take(failed, 0))
+                after = few.scatter(after, again)
+                well, more = (few.put(torch.zeros_like(status), x.to(status), 0) for x in (well, more))
+            status = torch.where(well > 0, SUCCESS, status)
+            self.iterations = self.iterations + more
+        if failed is not lost:
+            self._remember(state, dt, t, given, torch.where(moving, status, SUCCESS))
+        return self.model.space.to_public(replace(after, status=torch.where(moving, status, state.status)))
+
+    def _parts(self, model: Model, start: State, dt: Tensor, t: Tensor, inputs: Inputs, failed: Tensor
+               ) -> tuple[State, Tensor, Tensor]:
+        """The step from time t of samples that have failed in one go, in 2, 4, ... parts: (state after, or before where that
+        fails too; whether it went well; iterations).
+        """
+        after, counted = start, torch.zeros_like(failed, dtype=torch.long)
+        left = failed
+        for level in range(1, self.halvings + 1):
+            parts, trial, good = 2**level, start, left
+            for k in range(parts):
+                now = t + (k + self.method.INSTANT) * dt / parts
+                trial, status, iterations = self._attempt(model, trial, dt / parts, now, inputs, good,
+                                                          last=level == self.halvings)
+                counted = counted + torch.where(good, iterations, 0)
+                good = good & (status == SUCCESS)
+                if not concrete(good).any():
+                    break
+            after = trial.where(good, after)
+            left = left & ~good
+            if not concrete(left).any():
+                break
+        return after, failed & ~left, counted
+
+    def _length(self, dt: float | Tensor | None) -> Tensor:
+        """Of a step, s."""
+        if dt is None:
+            return self.dt
+        length = positive("dt", real(dt)) if isinstance(dt, Tensor) else torch.as_tensor(step_size("dt", dt))
+        return length.to(self.dt)
+
+    def _remember(self, state: State, dt: Tensor, t: Tensor, inputs: Inputs, status: Tensor) -> None:
+        """What has failed for good in this step, to be asked for a reason; nothing that carries gradient."""
+        for code in set(concrete(status).flatten().tolist()) - {SUCCESS, *self.failures}:
+            begin, dt = t.detach(), dt.detach()
+            held = {name: value.detach() for name, value in inputs.items()}
+            problem = self._step(self.model, state.detach(), dt, begin + self.method.INSTANT * dt, held)
+            self.failures[code] = Failure(problem, status == code)
+
+    def begin(self, state: State, dt: float | Tensor | None = None, **inputs: Any) -> State:
+        """`state` to start from: with what supports that stand hold exactly where they have it (see `Support`; ValueError where
+        it is elsewhere; a step by itself holds it where it is), and with what the method remembers beside it.
+        """
+        if not self.scene.has_prescribed_motion:
+            state = on_supports(with_optional_fields(check_state(state, self.scene), self.scene), self.scene, self.dt)
+        return self._begin(state, dt, **inputs)
+
+    def _begin(self, state: State, dt: float | Tensor | None = None, **inputs: Any) -> State:
+        """`state` with what the method remembers beside it, and no more: the mean rates of a trial step by "midpoint"."""
+        if isinstance(state, AlphaState):
+            return state if self.method is GeneralizedAlphaProblem else state.plain()
+        if self.method is not GeneralizedAlphaProblem:
+            return state
+        dt = self._length(dt)
+        trial = copy(self)
+        trial.method = trial._step = MidpointProblem
+        after = trial(state, dt=dt, **inputs)
+        enter = self.model.space.to_reduced
+        before, end = (MidpointProblem(self.model, enter(s), dt, dt, {}).strain for s in (state, after))
+        rise = end - before
+        return AlphaState.between(state, *self.model.space.motion(after.velocity - state.velocity, after.spin - state.spin),
+                                  rise, dt)
+
+    def _attempt(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, last: bool
+                 ) -> tuple[State, Tensor, Tensor]:
+        """One Newton solve: (state after, of a failed sample before; status; iterations). Without `last`, parts can follow."""
+        problem = self._step(model, state, dt, t, inputs)
+        limit = self.limit if last else min(self.limit, QUICK)
+        x, reaction, status, iterations = newton(problem, problem.predictor(), moving, self.tolerance, limit)
+        turned = self.model.space.cosine(x.m).amin(-1) < math.cos(TURN * problem.PART / 2)
+        status = torch.where((status == SUCCESS) & turned, DIVERGED, status)
+        good = moving & (status == SUCCESS)
+        if differentiated(problem, x):
+            x = type(x)(*(torch.where(good[..., None, None], a, b) for a, b in zip(x, problem.rest_guess(), strict=True)))
+            if not concrete(good).all():  # nothing that failed samples hold reaches a derivative
+                held = {name: torch.where(good[..., None], v, v.detach()) for name, v in inputs.items()}
+                t = torch.where(good, t, t.detach()) if t.ndim else t
+                problem = replace(problem, start=state.where(good, state.detach()), t=t, inputs=held)
+            x, reaction = implicit_gradient(problem, x, good)
+        after = problem.finish(x, reaction)
+        return (after if concrete(good).all() else after.where(good, state)), status, iterations

@@ -1,1 +1,0 @@
-"""Time integration: one file a method."""

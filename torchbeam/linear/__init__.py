@@ -1,0 +1,1 @@
+"""Small motions about an equilibrium: system matrices, modes, linear models, perturbations, stability limits."""

@@ -1,0 +1,258 @@
+"""Critical loads: where an equilibrium loses its stability, by divergence (buckling) or by flutter.
+
+The eigenvalues of M a'' + D a' + K a = 0 are followed along a load path. Without damping s = lambda^2: a real s that rises
+through zero is divergence, two that meet and turn complex are flutter, (Im s)^2 then being straight in the load where it
+begins. With damping the largest real part rises through zero. The derivatives are those of the condition that holds there,
+with v and w the right and left null vectors of Q = K + lambda D + lambda^2 M:
+
+    w^T Q(factor, parameters) v = 0,    flutter with damping: Re(w^T Q v / (w^T (D + 2 lambda M) v)) = 0
+
+(where two eigenvalues meet w^T M v = 0, so that the change of s itself drops out; Seyranian and Mailybaev 2003, ch. 4 to 6).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..core.derivatives import no_derivatives
+from ..core.leaves import wants_gradient
+from ..core.validation import boolean, number
+from ..core.validation import count as check_count
+from ..core.validation import tolerance as check_tolerance
+from ..math.quadratic_eigen import inverse_spectrum, slow_first, upright
+from ..nodal.discretise import discretise
+from ..nodal.model import Model
+from ..scene.scene import Scene
+from ..state.state import State
+from ..statics.equilibrium import equilibrium
+from .system_matrices import matrices, moves
+
+STABLE, DIVERGENCE, FLUTTER, LOST = range(4)
+PARTS = 9  # of the bracket in a round
+COMPLEX = 1e-5  # |Im s| / |s| from which on a pair has met; it counts 1e-10 of the load
+GROWING = 1e-6  # Re(lambda) / |lambda| from which on a damped motion grows
+Factored = Callable[[Tensor], Scene]
+
+
+class _Spectrum(NamedTuple):
+    """At a load: eigenvalue (..., count), the slowest: s, or lambda where damped. kind (...). For each kind of loss the
+    measure (...) that is straight where it begins, and the eigenvalue that decides.
+    """
+
+    eigenvalue: Tensor
+    kind: Tensor
+    divergence: Tensor
+    flutter: Tensor
+    leading: Tensor
+
+
+@dataclass(frozen=True)
+class Critical:
+    """The first loss of stability along a load path; leading axes are batch axes.
+
+    factor       (...) of the load; NaN where it stays stable. Differentiable, but for LOST
+    kind         (...) int: DIVERGENCE = 1, FLUTTER = 2; STABLE = 0 up to the highest factor; LOST = 3: stable up to where the
+                 way up ends (a limit point, see `path`)
+    frequency    (...) rad/s of the motion that begins: 0 of a divergence
+    shape        (..., N+1, 6) of that motion (real part), displacement and spin, frame a; its largest entry is 1
+    factors      (P, ...) the load path that was looked at;  eigenvalue (P, ..., count) complex, 1/s: along it, the slowest
+    """
+
+    factor: Tensor
+    kind: Tensor
+    frequency: Tensor
+    shape: Tensor
+    factors: Tensor
+    eigenvalue: Tensor
+
+    @property
+    def divergence(self) -> Tensor:
+        return self.kind == DIVERGENCE
+
+    @property
+    def flutter(self) -> Tensor:
+        return self.kind == FLUTTER
+
+
+def critical_load(scene: Factored | Scene, highest: float, *, lowest: float = 0.0, points: int = 17, count: int = 6,
+                  tolerance: float = 1e-6, t: float = 0.0, lumped: bool = False, **inputs: Any) -> Critical:
+    """The smallest load factor between `lowest` and `highest` at which the equilibrium loses its stability.
+
+    scene      factor -> Scene, for a factor (points, ...) that broadcasts with the batch axes of the scene's own tensors; or a
+               Scene with inputs, whose values are multiplied by the factor
+    points     factors looked at first, evenly; a loss that is made good before the next one is overlooked
+    count      eigenvalues looked at, the slowest; they hold flutter of no faster ones
+    tolerance  relative, of the bracket; what is left after interpolation in it is about its square
+    inputs     by name, (..., size): at factor 1
+
+    The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on. At a limit point it ends, or
+    leaps; `path` finds those more quickly. Dense, O(N^3) a factor.
+
+    Raises ValueError for what the nodal form does not take, a range that is empty, or a scene that is unstable at `lowest`.
+    """
+    highest, lowest, t = number("highest", highest), number("lowest", lowest), number("t", t)
+    check_tolerance("tolerance", tolerance)
+    if not highest > lowest:
+        raise ValueError(f"factors from {lowest:g} to {highest:g} were given; a highest above the lowest is wanted")
+    path = _Path(scene, inputs, t, boolean("lumped", lumped), check_count("count", count))
+    with no_derivatives():
+        shape = path.batch_shape(lowest)
+        even = torch.linspace(lowest, highest, check_count("points", points, least=2), device=path.device)
+        factors = even.reshape(-1, *[1] * len(shape)).expand(len(even), *shape)
+        coarse = path.spectrum(factors)
+        if (coarse.kind[0] != STABLE).any():
+            raise ValueError(f"a beam that is unstable or without equilibrium at the lowest factor, {lowest:g}, was given; a "
+                             "stable one is wanted there")
+        low, high, kind = _first(factors, coarse.kind)
+        inner = torch.linspace(0, 1, PARTS + 1, device=path.device).reshape(-1, *[1] * len(shape))
+        while (high - low > tolerance * torch.maximum(high.abs(), low.abs())).any():
+            there = low + (high - low) * inner
+            between = path.spectrum(there[1:-1]).kind
+            low, high, kind = _first(there, torch.cat((torch.zeros_like(kind)[None], between, kind[None])))
+        factor, leading = path.crossing(low, high, kind)
+    found = (kind == DIVERGENCE) | (kind == FLUTTER)
+    leading = torch.where(kind == FLUTTER, leading, 0)
+    model, condition, v = path.condition(factor, leading, kind)
+    if wants_gradient(condition(factor)):
+        with no_derivatives():
+            nudge = 1e-4 * torch.maximum(factor.abs(), torch.full_like(factor, 1e-2 * (highest - lowest)))
+            slope = (condition(factor + nudge) - condition(factor - nudge)) / (2 * nudge)
+        here = condition(factor)
+        factor = factor - torch.where(found, (here - here.detach()) / slope, 0.0)
+    frequency = leading.imag.abs() if path.damped else leading.real.neg().clamp(min=0).sqrt()
+    slow = coarse.eigenvalue if path.damped else _root(coarse.eigenvalue)
+    nan = torch.full_like(frequency, torch.nan)
+    shape = upright(v[..., :model.constraints.count])[0].real
+    return Critical(torch.where(kind == STABLE, nan, factor), kind, torch.where(found, frequency, nan), moves(model, shape),
+                    factors, slow)
+
+
+class _Path:
+    """The scene at any load factor: equilibrium, matrices, eigenvalues."""
+
+    def __init__(self, scene: Factored | Scene, inputs: dict[str, Any], t: float, lumped: bool, count: int) -> None:
+        if not isinstance(scene, Scene) and not callable(scene):
+            raise ValueError(f"a scene of type {type(scene).__name__} was given; a Scene, or a function of the load "
+                             "factor that returns one, is wanted")
+        if isinstance(scene, Scene) and not scene.inputs:
+            raise ValueError("a scene without inputs was given; one with inputs to multiply, or a function of the load factor "
+                             "that returns a scene, is wanted")
+        self.of, self.inputs, self.t, self.lumped, self.count = scene, inputs, t, lumped, count
+        self.damped, self.device = False, scene.device if isinstance(scene, Scene) else None
+
+    def scene(self, factor: Tensor) -> tuple[Scene, dict[str, Tensor]]:
+        if isinstance(self.of, Scene):
+            given = self.of.tensors(self.inputs)
+            return self.of, {name: factor[..., None].to(value) * value for name, value in given.items()}
+        scene = self.of(factor)
+        if not isinstance(scene, Scene):
+            raise ValueError(f"a function that returns {type(scene).__name__} was given; one that returns a Scene is wanted")
+        return scene, scene.tensors(self.inputs)
+
+    def batch_shape(self, lowest: float) -> torch.Size:
+        scene, inputs = self.scene(torch.tensor(float(lowest), device=self.device))
+        self.device = scene.device
+        return torch.broadcast_shapes(scene.batch_shape, *(v.shape[:-1] for v in inputs.values()))
+
+    def matrices(self, factor: Tensor) -> tuple[Model, State, tuple[Tensor, Tensor | None, Tensor]]:
+        scene, inputs = self.scene(factor)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of unstable branches: they are what is looked for
+            state = equilibrium(scene, t=self.t, throw=False, inputs=inputs)
+        model = discretise(scene, self.lumped)
+        M, D, K = matrices(model, state, torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device), inputs)
+        return model, state, (M, None if D is None or not D.detach().any() else D, K)
+
+    def spectrum(self, factor: Tensor) -> _Spectrum:
+        model, state, (M, D, K) = self.matrices(factor)
+        self.damped, lags = D is not None, model.internal_states > 0
+        found = inverse_spectrum(M, D, K)[0]
+        value = 1 / found
+        slow = slow_first(value, self.count, lags)
+        if lags:  # and the slowest that decay, which are the next to diverge
+            slow = torch.cat((slow, slow_first(value, self.count, False)), -1)
+        value = value.gather(-1, slow)
+        real, size = value.real, value.abs()
+        turning = value.imag > COMPLEX * size
+        if self.damped:
+            flutter = torch.where(turning, real, -torch.inf)
+            grows = real > GROWING * size
+        else:
+            flutter = torch.where(turning, value.imag**2, 0.0)
+            grows = (real > 0) | turning
+        divergence = torch.where(turning, -torch.inf, real).amax(-1)
+        flutter, which = flutter.max(-1)
+        kind = torch.where((grows & ~turning).any(-1), DIVERGENCE, torch.where((grows & turning).any(-1), FLUTTER, STABLE))
+        kind = torch.where(state.status == 0, kind, LOST).expand(factor.shape)
+        return _Spectrum(value[..., :self.count], kind, divergence, flutter, value.gather(-1, which[..., None])[..., 0])
+
+    def crossing(self, low: Tensor, high: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
+        """Zero of the measure, by a straight line through its values at the two ends, undamped flutter's (a square
+        above, nothing below) beyond the upper end; and the eigenvalue there.
+        """
+        width = high - low
+        below, above, beyond = (self.spectrum(x) for x in (low, high, high + width))
+        a, b = ((below, above) if self.damped else (above, beyond))
+        start = low if self.damped else high
+        share = torch.where(kind == FLUTTER, -a.flutter / (b.flutter - a.flutter),
+                            -below.divergence / (above.divergence - below.divergence))
+        share = torch.where(torch.isfinite(share), share, 0.0)
+        factor = torch.where(kind == FLUTTER, start, low) + share * width
+        factor = torch.minimum(torch.maximum(factor, low), high)
+        leading = a.leading + share * (b.leading - a.leading)
+        return factor, leading if self.damped else leading.real.to(leading.dtype)
+
+    def condition(self, factor: Tensor, leading: Tensor, kind: Tensor) -> tuple[Model, Callable[[Tensor], Tensor], Tensor]:
+        """Critical condition, zero at the critical factor, as a function of the factor and of what the scene holds; and v."""
+        def parts(factor: Tensor) -> tuple[Model, Tensor, Tensor]:
+            model, _, (M, D, K) = self.matrices(factor)
+            if D is None:
+                return model, K + leading[..., None, None] * M, M.to(leading.dtype)
+            by = leading[..., None, None]
+            return model, K + by * D + by**2 * M, D + 2 * by * M
+
+        with no_derivatives():
+            model, Q, slope = parts(factor)
+            v, w = _null(Q)
+            scale = _form(w, slope, v) if self.damped else torch.ones_like(leading)
+            scale = torch.where(kind == FLUTTER, scale, _form(w, Q.abs().to(Q.dtype), v).abs().to(Q.dtype))
+        return model, lambda factor: (_form(w, parts(factor)[1], v) / scale).real, v
+
+
+def _first(factors: Tensor, kind: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """The bracket of the first factor (P, ...) that is not stable, and its kind; where all are, the last one twice."""
+    lost = kind != STABLE
+    any_lost = lost.any(0)
+    at = torch.where(any_lost, lost.to(torch.int8).argmax(0), len(kind) - 1)[None]
+    high = factors.gather(0, at)[0]
+    low = torch.where(any_lost, factors.gather(0, (at - 1).clamp(min=0))[0], high)
+    return low, high, kind.gather(0, at)[0]
+
+
+def _null(Q: Tensor) -> tuple[Tensor, Tensor]:
+    """Right and left null vectors (..., n), by inverse iteration; the left one starts from the right one, so that of several
+    (equal bending in two planes) the two belong together.
+    """
+    v = torch.cos(1.7 * torch.arange(Q.shape[-1], dtype=Q.real.dtype, device=Q.device) + 0.3).to(Q.dtype).expand(Q.shape[:-1])
+    vectors = []
+    for matrix in (Q, Q.mT):
+        for _ in range(3):
+            v = torch.linalg.solve_ex(matrix, v[..., None])[0][..., 0]
+            v = v / v.gather(-1, v.abs().argmax(-1, keepdim=True))
+        vectors.append(v)
+    return vectors[0], vectors[1]
+
+
+def _form(w: Tensor, Q: Tensor, v: Tensor) -> Tensor:
+    return (w[..., None, :] @ Q.to(v.dtype) @ v[..., None])[..., 0, 0]
+
+
+def _root(square: Tensor) -> Tensor:
+    root = square.sqrt()
+    return torch.where(root.imag < 0, -root, root)

@@ -1,0 +1,130 @@
+"""Modes of small motions about an equilibrium: natural frequencies, damping, stability.
+
+With a the moves (displacement, spin) of the free nodes and M, D, K the mass, damping and tangent stiffness there, the last
+with the stress and the loads that turn (so K need not be symmetric):  M a'' + D a' + K a = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.derivatives import no_derivatives
+from ..core.leaves import wants_gradient
+from ..core.validation import choice, instant
+from ..core.validation import count as check_count
+from ..math.quadratic_eigen import DENSE, attach, slowest, slowest_of_chain, upright
+from ..nodal.discretise import discretise
+from ..nodal.model import Model
+from ..scene.scene import Scene
+from ..state.state import State, check_state, turning
+from ..statics.equilibrium import equilibrium
+from .system_matrices import Blocks, augmented, chains, dense, moves
+
+GROWING = 1e-6  # real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts by its root
+NORMS = ("largest", "mass")
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The slowest motions x exp(eigenvalue t), one of each conjugate pair, by frequency.
+
+    eigenvalue  (..., count) complex, 1/s; a positive real part grows
+    shape       (..., count, N+1, 6) complex: displacement (m) and rotation (rad) of the nodes, frame a
+    """
+
+    eigenvalue: Tensor
+    shape: Tensor
+
+    @property
+    def frequency(self) -> Tensor:
+        """(..., count) rad/s, |imaginary part|; 0 for a motion that does not oscillate."""
+        return self.eigenvalue.imag.abs()
+
+    @property
+    def damping_ratio(self) -> Tensor:
+        """(..., count) -real part / |eigenvalue|: 1 for no oscillation, negative for growth."""
+        return -self.eigenvalue.real / self.eigenvalue.abs()
+
+    @property
+    def unstable(self) -> Tensor:
+        """(..., count) bool: grows, beyond rounding."""
+        return self.eigenvalue.real > GROWING * self.eigenvalue.abs()
+
+    @property
+    def divergence(self) -> Tensor:
+        """(..., count) bool: grows without oscillating, as a buckled column does."""
+        return self.unstable & (self.eigenvalue.imag.abs() <= GROWING * self.eigenvalue.abs())
+
+    @property
+    def flutter(self) -> Tensor:
+        """(..., count) bool: grows and oscillates."""
+        return self.unstable & ~self.divergence
+
+
+def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize: str = "largest", t: float = 0.0,
+          lumped: bool = False, **inputs: Any) -> Modes:
+    """Natural frequencies, damping ratios and shapes of the nodal form.
+
+    state      an equilibrium of the scene; None = the one under its loads at time t (s)
+    count      pairs of eigenvalues, the slowest first; an overdamped pair counts as two
+    normalize  of the shapes: "largest", their largest entry is 1; "mass", v^H M v = 1 kg m^2, their largest entry real
+    lumped     as in `Stepper`: the mass of the explicit form
+    inputs     by name, (..., size): by keyword, or all in a dictionary inputs={...}
+
+    Follower loads are in K: flutter is a positive real part, divergence a positive eigenvalue without frequency. Sections
+    without rotary inertia are taken as they are. An infinite stiffness is a very large one here: its own modes, far above
+    those of the finite stiffnesses, mean nothing.
+
+    An undamped beam under conservative loads takes a symmetric solver, with more than 96 unknowns subspace iteration, O(N);
+    anything else a dense unsymmetric one, O(N^3). Eigenvalues and shapes are differentiable; where they are repeated (equal
+    bending in two planes) there is no derivative of one by itself, and asking for it raises a RuntimeError.
+
+    Internal states of loads are unknowns of their own, in the dense solver. The motions that they add decay without
+    oscillating, often slowly: where loads have such states, what does so comes last, behind what oscillates or grows.
+
+    Raises ValueError for more modes than the mesh has, or for what the nodal form does not take.
+    """
+    choice("normalize", normalize, NORMS)
+    model = discretise(scene, lumped)
+    check_count("count", count)
+    state = equilibrium(scene, t=t, **inputs) if state is None else check_state(state, scene)
+    free = model.constraints.count
+    if count > free:
+        raise ValueError(f"count = {count} was given; {scene.beam.count} elements have at most {free} modes")
+    M, D, K, lags = chains(model, state, instant("t", t, scene.beam.nodes), scene.tensors(inputs))
+    derivatives = wants_gradient(*(x for blocks in (M, D, K, lags) if blocks is not None for x in blocks))
+    symmetric = D is None and lags is None and all(load.conservative for load in scene.loads) and not turning(scene)
+    pairs = None
+    if symmetric and free > max(DENSE, 4 * count):
+        with no_derivatives():
+            pairs = slowest_of_chain(_held(model, M, 0.0), _held(model, K, 1.0), count)
+            if pairs is not None:
+                unknown = model.constraints.moving[model.constraints.first:].flatten()
+                pairs = pairs._replace(right=pairs.right[..., unknown])
+    if pairs is None or derivatives or normalize == "mass":
+        M, D, K = augmented(model, *(None if blocks is None else dense(model, *blocks) for blocks in (M, D, K)), lags)
+    if pairs is None:
+        with no_derivatives():
+            pairs = slowest(M, D, K, count, symmetric, derivatives, lags is not None)
+    value, shape = attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, upright(pairs.right)[0])
+    if lags is not None:
+        M, shape = M[..., :free, :free], upright(shape[..., :free])[0]
+    if normalize == "mass":
+        shape = shape / sum((x * (x @ M)).sum(-1, keepdim=True) for x in (shape.real, shape.imag)).sqrt()
+    return Modes(value, moves(model, shape))
+
+
+def _held(model: Model, blocks: Blocks, own: float) -> tuple[Tensor, Tensor]:
+    """Diagonal and upper blocks of the nodes with unknowns, `own` on the diagonal of constrained unknowns."""
+    at, to, back = blocks
+    at = at.expand(*at.shape[:-3], model.count + 1, *at.shape[-2:])
+    to, back = (torch.zeros_like(at[..., 1:, :, :]) if x is None else x.expand(*x.shape[:-3], model.count, *x.shape[-2:])
+                for x in (to, back))
+    at, _, to = model.constraints.matrix(at, back, to)
+    if model.constraints.free is not None and own != 1:
+        at = at - (1 - own) * torch.diag_embed(1 - model.constraints.free)
+    return at, to

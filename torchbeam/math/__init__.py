@@ -1,0 +1,1 @@
+"""Rotations and linear algebra that know no beam."""

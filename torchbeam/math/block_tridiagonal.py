@@ -1,0 +1,127 @@
+"""Block tridiagonal linear systems, batched, differentiable in the right-hand side."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def block_tridiagonal(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
+    """x of D_i x_i + L_{i-1} x_{i-1} + U_i x_{i+1} = b_i by block elimination: O(n), pivoting inside the blocks.
+
+    D (..., n, k, k), L and U (..., n-1, k, k), b (..., n, k); leading axes broadcast. A singular pivot block gives
+    infinities or NaN in that sample alone.
+    """
+    n, k = b.shape[-2:]
+    ahead, y = [], []  # D'_i^-1 U_i and D'_i^-1 b'_i
+    for i in range(n):
+        diagonal, right = D[..., i, :, :], b[..., i, :, None]
+        if i > 0:
+            below = L[..., i - 1, :, :]
+            diagonal = diagonal - below @ ahead[-1]
+            right = right - below @ y[-1]
+        if i < n - 1:
+            solved = _solve(diagonal, U[..., i, :, :], right)
+            ahead.append(solved[..., :k])
+            y.append(solved[..., k:])
+        else:
+            y.append(_solve(diagonal, right))
+    x = [y[-1]]
+    for i in range(n - 2, -1, -1):
+        x.append(y[i] - ahead[i] @ x[-1])
+    return torch.cat(torch.broadcast_tensors(*x[::-1]), -1).mT
+
+
+def _solve(A: Tensor, *right: Tensor) -> Tensor:
+    """A^-1 [right ...]"""
+    A, *right = broadcast_matrices(A, *right)
+    return torch.linalg.solve_ex(A, torch.cat(right, -1) if len(right) > 1 else right[0])[0]
+
+
+def broadcast_matrices(*blocks: Tensor) -> tuple[Tensor, ...]:
+    """Matrices with the same leading axes."""
+    if len({b.shape[:-2] for b in blocks}) == 1:  # asked for first: broadcasting is slow beside a small solve
+        return blocks
+    shape = torch.broadcast_shapes(*(b.shape[:-2] for b in blocks))
+    return tuple(b.expand(*shape, *b.shape[-2:]) for b in blocks)
+
+
+def pivots(D: Tensor, L: Tensor, U: Tensor) -> Tensor:
+    """(..., n, k, k) pivot blocks of the elimination from the first to the last; shapes as in `block_tridiagonal`; O(n)."""
+    blocks = [D[..., 0, :, :]]
+    for i in range(1, D.shape[-3]):
+        blocks.append(D[..., i, :, :] - L[..., i - 1, :, :] @ _solve(blocks[-1], U[..., i - 1, :, :]))
+    return torch.stack(torch.broadcast_tensors(*blocks), -3)
+
+
+def finite_pivots(D: Tensor, L: Tensor, U: Tensor) -> tuple[Tensor, Tensor]:
+    """`pivots`, with zeros after a singular one, and (...) bool: whether all are finite."""
+    blocks = pivots(D, L, U)
+    sound = torch.isfinite(blocks)
+    return torch.where(sound, blocks, 0.0), sound.all(-1).all(-1).all(-1)
+
+
+def positive_definite(D: Tensor, L: Tensor, U: Tensor) -> Tensor:
+    """(...) bool: whether a symmetric block tridiagonal matrix is positive definite: whether all of its pivot blocks are
+    (Haynsworth 1968).
+    """
+    blocks = pivots(D, L, U)
+    return (torch.linalg.cholesky_ex(blocks + blocks.mT).info == 0).all(-1)
+
+
+def recorded() -> bool:
+    """Whether derivatives are being recorded at all, backward or forward."""
+    return torch.is_grad_enabled() or torch._C._is_fwd_grad_enabled()
+
+
+class ChainSolve(torch.autograd.Function):
+    """`block_tridiagonal` with a matrix that is a constant: forward mode and backward (the transposed system) in b.
+
+    The matrix carries no gradient: this is the linear solve of the implicit function theorem, where the residual in b
+    carries it all. Second derivatives through it would be wrong and are refused.
+    """
+
+    generate_vmap_rule = True
+
+    @staticmethod
+    def forward(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
+        return block_tridiagonal(D, L, U, b)
+
+    @staticmethod
+    def setup_context(ctx, inputs, output) -> None:
+        D, L, U, b = inputs
+        ctx.save_for_backward(D, L, U, b)
+        ctx.save_for_forward(D, L, U, b)
+
+    @staticmethod
+    def backward(ctx, grad: Tensor):
+        D, L, U, b = ctx.saved_tensors
+        with torch.no_grad():
+            g = block_tridiagonal(D.mT, U.mT, L.mT, grad).sum_to_size(b.shape)
+        return None, None, None, _FirstOnly.apply(g, grad, b) if torch.is_grad_enabled() else g
+
+    @staticmethod
+    def jvp(ctx, _D, _L, _U, b_t: Tensor) -> Tensor:
+        D, L, U, _ = ctx.saved_tensors
+        return block_tridiagonal(D, L, U, b_t)
+
+
+class _FirstOnly(torch.autograd.Function):
+    """A first derivative, in the graph of all that a second one would have to follow: whoever asks for that gets an error."""
+
+    generate_vmap_rule = True
+
+    @staticmethod
+    def forward(gradient: Tensor, *sources: Tensor) -> Tensor:
+        return gradient.clone()
+
+    @staticmethod
+    def setup_context(ctx, inputs, output) -> None:
+        pass
+
+    @staticmethod
+    def backward(ctx, *_):
+        raise NotImplementedError("a second derivative through an equilibrium or an implicit step was asked for; there are "
+                                  "first ones only")
+
+    jvp = backward

@@ -1,0 +1,247 @@
+"""Eigenvalues of M a'' + D a' + K a = 0 next to zero, and their derivatives.
+
+With Q(lambda) = K + lambda D + lambda^2 M and the right and left null vectors v and w,
+
+    d lambda = -w^T dQ v / (w^T (D + 2 lambda M) v)        Q dv = -dQ v - (D + 2 lambda M) v d lambda
+
+(Murthy and Haftka 1988), dv being made unique by one entry of v that stays. Three ways to the eigenvalues: `dense` of anything;
+`symmetric` of an undamped beam under conservative loads; `subspace` of the same on long chains, O(N) an iteration (Bathe 1971).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from .block_tridiagonal import positive_definite
+from .subspace import Blocks, subspace
+
+DENSE = 96  # unknowns up to which the dense way is the shorter
+SHIFT = 1e-10  # of the largest stiffness over the largest mass: for rigid motions, in the square of a frequency
+STRAIGHT = 1e-6  # |imaginary part| over |eigenvalue| up to which a motion does not oscillate
+DISTINCT = 1e-7  # of an eigenvalue: nearer ones are the same
+
+
+class Pairs(NamedTuple):
+    """eigenvalue (..., count) complex 1/s; right and left (..., count, n), left None where it is the right one; repeated
+    (..., count) bool.
+    """
+
+    eigenvalue: Tensor
+    right: Tensor
+    left: Tensor | None
+    repeated: Tensor
+
+
+def slowest(M: Tensor, D: Tensor | None, K: Tensor, count: int, symmetric: bool, derivatives: bool, lags: bool = False
+            ) -> Pairs:
+    """The `count` slowest, one of each conjugate pair, by their imaginary part; constants.
+
+    symmetric    whether K is, and nothing turns with it;  derivatives: whether `left` is wanted
+    lags         whether those that decay without oscillating come last, see `slow_first`
+    """
+    M, K = M.detach(), K.detach()
+    D = None if D is None else D.detach()
+    found = None
+    if D is None and symmetric:
+        M, K = torch.broadcast_tensors(M, K)
+        found = _symmetric((M + M.mT) / 2, (K + K.mT) / 2, count, lambda K: torch.linalg.cholesky_ex(K).info == 0, _whole)
+    return _dense(M, D, K, count, derivatives, lags) if found is None else found
+
+
+def slowest_of_chain(M: Blocks, K: Blocks, count: int) -> Pairs | None:
+    """The same of symmetric block tridiagonal matrices, undamped; None where it is unstable beyond what a shift covers."""
+    M, K = (tuple(x.detach() for x in A) for A in (M, K))
+    M, K = (((A[0] + A[0].mT) / 2, A[1]) for A in (M, K))
+    return _symmetric(Chained(*M), Chained(*K), count, lambda K: positive_definite(K.diagonal_blocks, K.upper.mT, K.upper),
+                      subspace)
+
+
+class Chained(NamedTuple):
+    """A symmetric block tridiagonal matrix: diagonal blocks (..., n, w, w) and those to their right (..., n-1, w, w)."""
+
+    diagonal_blocks: Tensor
+    upper: Tensor
+
+
+def _largest(A: Any) -> Tensor:
+    """(...) on the diagonal."""
+    if isinstance(A, Chained):
+        return A.diagonal_blocks.diagonal(dim1=-2, dim2=-1).amax((-1, -2))
+    return A.diagonal(dim1=-2, dim2=-1).amax(-1)
+
+
+def _plus(K: Any, shift: Tensor, M: Any) -> Any:
+    if isinstance(K, Chained):
+        shift = shift[..., None, None, None]
+        return Chained(K.diagonal_blocks + shift * M.diagonal_blocks, K.upper + shift * M.upper)
+    return K + shift[..., None, None] * M
+
+
+def _symmetric(M: Any, K: Any, count: int, definite: Callable[[Any], Tensor], solve: Callable) -> Pairs | None:
+    """By `solve`; K + shift M for K where it is not positive definite; None where that is not either."""
+    good = definite(K)
+    shift = torch.zeros_like(_largest(K))
+    if not good.all():  # rigid motions, or buckled
+        shift = torch.where(good, shift, SHIFT * _largest(K) / _largest(M))
+        K = _plus(K, shift, M)
+        if not definite(K).all():
+            return None
+    value, vectors = solve(M, K, count + 1)
+    square = 1 / value - shift[..., None]
+    near = (value[..., :-1] - value[..., 1:]).abs() <= DISTINCT * value[..., :-1].abs()
+    near = torch.nn.functional.pad(near, (1, 0)) | torch.nn.functional.pad(near, (0, 1))
+    eigenvalue = _upper(torch.complex(-square[..., :count], torch.zeros_like(square[..., :count])).sqrt())
+    vectors = vectors.mT[..., :count, :]
+    return Pairs(eigenvalue, torch.complex(vectors, torch.zeros_like(vectors)), None, near[..., :count])
+
+
+def _upper(value: Tensor) -> Tensor:
+    """The one of each pair +-value with a positive imaginary part."""
+    return torch.where(value.imag < 0, -value, value)
+
+
+def _whole(M: Tensor, K: Tensor, count: int) -> tuple[Tensor, Tensor]:
+    """As `subspace`, dense."""
+    root = torch.linalg.cholesky(K)
+    flexible = torch.linalg.solve_triangular(root, torch.linalg.solve_triangular(root, M, upper=False).mT, upper=False)
+    value, vectors = torch.linalg.eigh((flexible + flexible.mT) / 2)
+    return value.flip(-1)[..., :count], torch.linalg.solve_triangular(root.mT, vectors.flip(-1)[..., :count], upper=True)
+
+
+def inverse_spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor]:
+    """1/eigenvalue^2, or with D 1/eigenvalue, and the vectors as columns: inverse because K is regular where M may not be."""
+    flexible = torch.linalg.solve(K, M if D is None else torch.cat((D, M), -1))
+    if D is None:
+        return torch.linalg.eig(-flexible)
+    eye = torch.eye(M.shape[-1], dtype=M.dtype, device=M.device).expand_as(M)
+    return torch.linalg.eig(torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2))
+
+
+def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
+    """Places (..., count) of the slowest among eigenvalues (..., n), one of each conjugate pair, the slowest first; `lags`:
+    first those that oscillate or grow, as lags decay, and may be many and slow.
+    """
+    size = torch.where((value.imag < 0) | ~torch.isfinite(value.abs()), torch.inf, value.abs())
+    order = size.argsort(dim=-1, stable=True)
+    if lags:
+        decays = torch.isinf(size) | ((value.imag.abs() <= STRAIGHT * size) & (value.real <= STRAIGHT * size))
+        order = order.gather(-1, decays.gather(-1, order).to(torch.int8).argsort(dim=-1, stable=True))
+    return order[..., :count]
+
+
+def _dense(M: Tensor, D: Tensor | None, K: Tensor, count: int, derivatives: bool, lags: bool) -> Pairs:
+    n = K.shape[-1]
+    found, vectors = inverse_spectrum(M, D, K)
+    value = 1 / found
+    if D is None:
+        value = _upper(value.sqrt())
+    slow = slow_first(value, count, lags)
+    slow = slow.gather(-1, value.imag.gather(-1, slow).argsort(dim=-1, stable=True))
+    rows = slow[..., None].expand(*slow.shape, vectors.shape[-1])
+    chosen, left = found.gather(-1, slow), None
+    if derivatives:
+        own = torch.linalg.inv_ex(vectors)[0].gather(-2, rows)[..., :n]
+        left = torch.linalg.solve(K.mT.to(own.dtype), own.mT).mT
+    near = ((chosen[..., :, None] - found[..., None, :]).abs() <= DISTINCT * chosen.abs()[..., :, None]).sum(-1) > 1
+    return Pairs(value.gather(-1, slow), vectors.mT.gather(-2, rows)[..., :n], left, near)
+
+
+def attach(M: Tensor, D: Tensor | None, K: Tensor, pairs: Pairs) -> tuple[Tensor, Tensor]:
+    """Eigenvalues and right vectors with their derivatives by M, D, K; those of repeated ones are refused when asked for.
+
+    Vectors have 1 as their largest entry.
+    """
+    value, v, w, repeated = pairs
+    v, largest = upright(v)
+    w = v if w is None else w
+    by = value[..., None]
+    Qv = _times(K, v) + by**2 * _times(M, v) + (0 if D is None else by * _times(D, v))
+    with torch.no_grad():
+        slope = 2 * by * _times(M, v) + (0 if D is None else _times(D, v))
+        pivot = (w * slope).sum(-1)
+    change = -(w * Qv).sum(-1) / torch.where(pivot == 0, 1, pivot)
+    change = _Distinct.apply(torch.where(pivot == 0, change.detach(), change), repeated)
+    missing = _Distinct.apply(Qv, repeated[..., None].expand_as(Qv))
+    matrices = (M.detach(), torch.zeros_like(M) if D is None else D.detach(), K.detach())
+    return value + (change - change.detach()), _Shape.apply(missing, *matrices, value, v, slope, largest)
+
+
+def upright(v: Tensor) -> tuple[Tensor, Tensor]:
+    """Vectors (..., n) with 1 as their largest entry, and where that is."""
+    largest = v.abs().argmax(-1, keepdim=True)
+    return v / v.gather(-1, largest), largest
+
+
+def _times(A: Tensor, v: Tensor) -> Tensor:
+    """A v for v (..., count, n), complex, A real."""
+    both = A @ torch.cat((v.real, v.imag), -2).mT
+    return torch.complex(*both.mT.chunk(2, -2))
+
+
+class _Distinct(torch.autograd.Function):
+    """The same, with an error where the derivative of a repeated eigenvalue, or of its vector, is asked for."""
+
+    generate_vmap_rule = True
+
+    @staticmethod
+    def forward(x: Tensor, repeated: Tensor) -> Tensor:
+        return x.clone()
+
+    @staticmethod
+    def setup_context(ctx, inputs, output) -> None:
+        ctx.save_for_backward(inputs[1])
+        ctx.save_for_forward(inputs[1])
+
+    @staticmethod
+    def backward(ctx, grad: Tensor):
+        return _refuse(grad, *ctx.saved_tensors), None
+
+    @staticmethod
+    def jvp(ctx, tangent: Tensor, _):
+        return _refuse(tangent, *ctx.saved_tensors)
+
+
+def _refuse(x: Tensor, repeated: Tensor) -> Tensor:
+    if (repeated & (x != 0)).any():
+        raise RuntimeError("the derivative of a repeated eigenvalue, or of its shape, was asked for; it has none of its own: "
+                           "distinct ones are wanted (two bending stiffnesses that differ)")
+    return x
+
+
+class _Shape(torch.autograd.Function):
+    """v, whose derivative solves the bordered system [Q, slope; e_k^T, 0] [dv; d lambda] = -[missing; 0], mode by mode."""
+
+    @staticmethod
+    def forward(missing, M, D, K, value, v, slope, largest) -> Tensor:
+        return v.clone()
+
+    @staticmethod
+    def setup_context(ctx, inputs, output) -> None:
+        ctx.save_for_backward(*inputs[1:])
+        ctx.save_for_forward(*inputs[1:])
+
+    @staticmethod
+    def _solve(saved: tuple[Tensor, ...], right: Tensor, adjoint: bool) -> Tensor:
+        M, D, K, value, v, slope, largest = saved
+        rows = []
+        for k in range(value.shape[-1]):
+            by = value[..., k, None, None]
+            Q = K + by * D + by**2 * M
+            pick = torch.zeros_like(v[..., k, :]).scatter(-1, largest[..., k, :], 1)
+            whole = torch.cat((torch.cat((Q, slope[..., k, :, None]), -1),
+                               torch.nn.functional.pad(pick, (0, 1))[..., None, :]), -2)
+            whole = whole.mH if adjoint else whole
+            rows.append(-torch.linalg.solve(whole, torch.nn.functional.pad(right[..., k, :], (0, 1))[..., None])[..., :-1, 0])
+        return torch.stack(rows, -2)
+
+    @staticmethod
+    def backward(ctx, grad: Tensor):
+        return _Shape._solve(ctx.saved_tensors, grad, True), *[None] * 7
+
+    @staticmethod
+    def jvp(ctx, tangent: Tensor, *_):
+        return _Shape._solve(ctx.saved_tensors, tangent, False)

@@ -1,0 +1,164 @@
+"""Constitutive law of an element: what stress its strain, and the rate of that, bring about.
+
+    S [F; M] = strain - eigenstrain + retardation (strain rate)
+
+S is the section's compliance. A zero on its diagonal makes a strain impossible: residuals keep S as it is, and tangents take
+a small flexibility there, so that Newton's method loses nothing (see `ElasticLaw.tangent_stiffness`). Matrices of uncoupled
+sections are stored as their diagonals, (..., k, 1): see `times`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..core.leaves import Tree, leaf
+from ..scene.beam import Beam
+from ..scene.scene import Scene
+from .coordinates.spatial import Space
+
+STIFFENED = 100.0  # by loads, over bending alone: P L^2/EI of that order
+REGULARISATION = {torch.float64: 1e-7, torch.float32: 1e-3}  # of the flexibility around it: a strain's least, in a tangent
+
+
+@dataclass(frozen=True)
+class ElasticLaw(Tree):
+    """S (..., N or 1, k, k) compliance, exact; C its inverse, regularised where a strain is impossible; both (..., k, 1) for an
+    uncoupled section. `rigid`: whether any strain is impossible.
+    """
+
+    S: Tensor = leaf(3)
+    C: Tensor = leaf(3)
+    rigid: bool
+
+    damped = False
+
+    def felt(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
+        """The strain (..., N, k) that stress answers to; rate() is its rate, asked for where it matters."""
+        return strain
+
+    def felt_by(self, E: Tensor, rate_by_strain: Tensor) -> Tensor:
+        """Derivative of `felt`, E (..., N, k, m) being that of the strain; rate_by_strain (...) 1/s."""
+        return E
+
+    def gap(self, felt: Tensor, stress: Tensor) -> Tensor:
+        """felt - S [F; M], (..., N, k): zero where the law holds."""
+        return felt - times(self.S, stress[..., None])[..., 0]
+
+    def stress(self, felt: Tensor) -> Tensor:
+        """[F; M] (..., N, k)."""
+        return times(self.C, felt[..., None])[..., 0]
+
+    def energy(self, strain: Tensor) -> Tensor:
+        """e C e/2 (..., N, k) J/m, by component; an impossible strain stores none, whatever rounding leaves of it."""
+        if self.rigid:
+            compliance = self.S if self.S.shape[-1] == 1 else self.S.diagonal(dim1=-2, dim2=-1)[..., None]
+            strain = torch.where(compliance[..., 0] == 0, 0.0, strain)
+        return strain * self.stress(strain) / 2
+
+    def dissipation(self, rate: Callable[[], Tensor]) -> Tensor | float:
+        """(..., N, k) W/m that a strain rate takes out, by component."""
+        return 0.0
+
+    def tangent_stiffness(self, length: Tensor, line_mass: Tensor | None = None, dt: Tensor | None = None) -> Tensor:
+        """S^-1 for the tangent of a balance, or of a step of dt (0-dim or (...)) with a line mass (..., N+1, 1) kg/m; constant,
+        in the form of S.
+
+        Impossible strains, and in a step those next to impossible beside the softest bending or twist and the inertia, get a
+        small flexibility: the tangent stays well conditioned.
+        """
+        S, h = self.S.detach(), length.detach()
+        slim = S.shape[-1] == 1
+        if not (slim or self.rigid):
+            return self.C.detach()
+        diagonal = S if slim else S.diagonal(dim1=-2, dim2=-1)[..., None]
+        L2 = h.sum(-2, keepdim=True)[..., None] ** 2
+        moments = {6: 3, 3: 1}[S.shape[-2]]  # strains that a moment brings about, in space and in a plane
+        sizes = S.shape[-2] - moments, moments
+        by_force, by_moment = (part.amax((-3, -2), keepdim=True) for part in diagonal.split(sizes, -2))
+        softest = torch.maximum(by_force / L2, by_moment)
+        moment = STIFFENED / torch.where(softest > 0, softest, torch.ones_like(softest))  # what bends round about, N m^2
+        force = moment / L2
+        if dt is not None:
+            h2 = h.amax(-2, keepdim=True)[..., None] ** 2
+            inertial = line_mass.detach().amax(-2, keepdim=True)[..., None] * h2 * (2 / dt[..., None, None, None]) ** 2
+            force, moment = force + inertial, moment + inertial * h2
+        parts = torch.broadcast_tensors(*[force] * sizes[0], *[moment] * sizes[1])
+        least = REGULARISATION[S.dtype] / torch.cat(parts, -2)
+        least = torch.where(diagonal == 0 if dt is None else diagonal < least, least, diagonal)
+        return 1 / least if slim else torch.linalg.inv(S + torch.diag_embed((least - diagonal)[..., 0]))
+
+
+@dataclass(frozen=True)
+class ViscoelasticLaw(ElasticLaw):
+    """With a retardation (Kelvin and Voigt's law): s, (..., 1, 1, 1), or a matrix in the form of S."""
+
+    retardation: Tensor = leaf(3)
+
+    damped = True
+
+    def felt(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
+        return strain + times(self.retardation, rate()[..., None])[..., 0]
+
+    def felt_by(self, E: Tensor, rate_by_strain: Tensor) -> Tensor:
+        return E + rate_by_strain * times(self.retardation, E)
+
+    def dissipation(self, rate: Callable[[], Tensor]) -> Tensor:
+        rate = rate()[..., None]
+        return (rate * times(self.C, times(self.retardation, rate)))[..., 0]
+
+    def damping_by(self, B: Tensor) -> Tensor:
+        """C retardation B: stress by the rate of what B takes to strain."""
+        return times(self.C, times(self.retardation, B))
+
+
+def law_of(scene: Scene, space: Space) -> ElasticLaw:
+    """The law of a scene's sections and its damping. Raises ValueError for six values of tau on a section with an impossible
+    strain.
+    """
+    beam = scene.beam
+    S, C = _slim(beam.compliance, beam, space), _slim(_regular_inverse(beam), beam, space)
+    if scene.damping is None:
+        return ElasticLaw(S, C, any(beam.rigid))
+    return ViscoelasticLaw(S, C, any(beam.rigid), _retardation(scene, space))
+
+
+def times(matrix: Tensor, x: Tensor) -> Tensor:
+    """matrix @ x for x (..., k, n), where the matrix may be given as (..., k, 1), its diagonal, or (..., 1, 1), a factor."""
+    return matrix * x if matrix.shape[-1] == 1 else matrix @ x
+
+
+def _slim(matrix: Tensor, beam: Beam, space: Space) -> Tensor:
+    matrix = space.project_section(matrix)
+    return matrix if beam.coupled else matrix.diagonal(dim1=-2, dim2=-1)[..., None]
+
+
+def _regular_inverse(beam: Beam) -> Tensor:
+    """S^-1; a strain that S makes impossible gets a flexibility that is small beside the others, for the tangent only."""
+    S = beam.compliance
+    if not any(beam.rigid):
+        return torch.linalg.inv(S)
+    rigid = torch.tensor(beam.rigid, device=S.device)
+    L = beam.length.sum(-1)[..., None, None]
+    scale = torch.cat((L.expand(*L.shape[:-1], 3), torch.ones_like(L).expand(*L.shape[:-1], 3)), -1)  # (..., 1, 6)
+    diagonal = S.diagonal(dim1=-2, dim2=-1)
+    largest = (diagonal / scale**2).amax(-1, keepdim=True).detach()  # flexibility of a bending or twist, 1/(N m^2)
+    largest = torch.where(largest > 0, largest, torch.ones_like(largest))
+    small = REGULARISATION[S.dtype] * largest * scale.detach() ** 2
+    return torch.linalg.inv(S + torch.diag_embed(torch.where(rigid & (diagonal == 0), small, torch.zeros_like(small))))
+
+
+def _retardation(scene: Scene, space: Space) -> Tensor:
+    """tau, or D^1/2 S^-1 D^1/2 with D = diag(tau): symmetric, never pumps energy."""
+    tau = scene.damping.tau
+    if not scene.damping.six:
+        return tau[..., None, None, None]
+    if any(scene.beam.rigid):
+        raise ValueError("six-valued tau was given for a section with an impossible strain; one value is wanted there")
+    if not scene.beam.coupled:
+        return space.project_section(torch.diag_embed(tau)).diagonal(dim1=-2, dim2=-1)[..., None, :, None]
+    root = torch.diag_embed(tau.sqrt())[..., None, :, :]
+    return space.project_section(scene.beam.compliance @ root @ torch.linalg.inv(scene.beam.compliance) @ root)

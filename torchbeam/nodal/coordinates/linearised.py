@@ -1,0 +1,153 @@
+"""Linearised coordinates: small displacements and rotations about the undeformed beam.
+
+A rotation is a rotation vector in the section's undeformed axes; two of them add. Strains are B_0 times the nodes' moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ...core.leaves import Tree, leaf
+from ...math import quaternions as quat
+from ...scene.scene import Scene
+from ...state.state import State
+from .. import element
+from ..assembly import ends
+from .spatial import Space
+
+
+class Moves(NamedTuple):
+    """Of an element, (..., 9): dr_j - dr_i m, frame a, and the rotation vectors of the nodes i and j rad, section axes."""
+
+    nine: Tensor
+
+
+@dataclass(frozen=True)
+class LinearElement(Tree):
+    """Elements as they are undeformed: chord r_j - r_i (..., N, 3) m; B (..., N, 6, 9) the strain operator by spins in
+    frame a; B_section by rotations in section axes.
+    """
+
+    chord: Tensor = leaf(2)
+    B: Tensor = leaf(3)
+    B_section: Tensor = leaf(3)
+
+    @classmethod
+    def of(cls, nodes: Tensor, frames: Tensor, length: Tensor) -> LinearElement:
+        (r_i, r_j), (q_i, q_j) = ends(nodes), ends(frames)
+        B = element.strain_operator(element.kinematics(r_i, r_j, q_i, q_j, length), length)
+        by_r, by_i, by_j = B.split(3, -1)
+        turned = torch.broadcast_tensors(by_r, by_i @ quat.matrix(q_i), by_j @ quat.matrix(q_j))
+        return cls(r_j - r_i, B, torch.cat(turned, -1))
+
+    def kinematics(self, r_i: Tensor, r_j: Tensor, q_i: Tensor, q_j: Tensor, length: Tensor) -> Moves:
+        """Positions m and rotation vectors rad (section axes) of the two nodes, (..., 3)."""
+        return Moves(torch.cat(torch.broadcast_tensors(r_j - r_i - self.chord, q_i, q_j), -1))
+
+    def strains(self, kin: Moves, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
+        return (self.B_section @ kin.nine[..., None])[..., 0] - reference
+
+    def forces(self, kin: Moves, stress: Tensor, length: Tensor) -> Tensor:
+        return length * (self.B.mT @ stress[..., None])[..., 0]
+
+    def strain_operator(self, kin: Moves, length: Tensor) -> Tensor:
+        return self.B.expand(*torch.broadcast_shapes(self.B.shape[:-2], kin.nine.shape[:-1]), 6, 9)
+
+    def geometric_stiffness(self, kin: Moves, stress: Tensor, length: Tensor) -> Tensor:
+        return torch.zeros_like(kin.nine[..., None] + kin.nine[..., None, :])
+
+
+@dataclass(frozen=True)
+class Small(Space):
+    """frames (..., N+1, 4), R (..., N+1, 3, 3): undeformed section axes -> frame a."""
+
+    frames: Tensor = leaf(2)
+    R: Tensor = leaf(3)
+    element: LinearElement
+
+    turns: ClassVar[bool] = False
+
+    @classmethod
+    def of(cls, scene: Scene) -> Small:
+        beam = scene.beam
+        return cls(beam.frames, quat.matrix(beam.frames), LinearElement.of(beam.nodes, beam.frames, beam.length[..., None]))
+
+    def to_reduced(self, state: State) -> State:
+        if state.frame is not None:
+            raise ValueError("a state in a frame that turns was given; small rotations want one that does not")
+        return replace(state, rotation=self.to_reduced_rotation(state.rotation))
+
+    def to_public(self, state: State) -> State:
+        return replace(state, rotation=quat.multiply(self.frames, quat.exponential(state.rotation)))
+
+    def pose(self, position: Tensor, rotation: Tensor, node: int) -> tuple[Tensor, Tensor]:
+        return position, quat.logarithm(quat.multiply(quat.conjugate(self.frames[..., node, :]), rotation))
+
+    def hinged(self, q: Tensor, rest: Tensor, axis: Tensor, node: int) -> Tensor:
+        R = self.R[..., node, :, :]
+        return rest + (R.mT @ (axis[:, None] * (R @ (q - rest)[..., None])))[..., 0]
+
+    kinematics = property(lambda self: self.element.kinematics)
+    strains = property(lambda self: self.element.strains)
+    forces = property(lambda self: self.element.forces)
+    strain_operator = property(lambda self: self.element.strain_operator)
+    geometric_stiffness = property(lambda self: self.element.geometric_stiffness)
+
+    # Rotations
+
+    def axes(self, rotation: Tensor, node: int | None = None) -> Tensor:
+        return self.R if node is None else self.R[..., node, :, :]
+
+    def matrix(self, q: Tensor) -> Tensor:
+        return self.R[..., self.R.shape[-3] - q.shape[-2]:, :, :]
+
+    spin_matrix = matrix
+
+    def to_frame(self, q: Tensor, spin: Tensor) -> Tensor:
+        R = self.R[..., self.R.shape[-3] - q.shape[-2]:, :, :]  # of all nodes, or of those that a clamp at node 0 leaves
+        return (R @ spin[..., None])[..., 0]
+
+    def to_reduced_rotation(self, q: Tensor) -> Tensor:
+        return quat.logarithm(quat.multiply(quat.conjugate(self.frames), q))
+
+    def rotation_rate(self, q: Tensor, spin: Tensor) -> Tensor:
+        return spin
+
+    def to_section(self, q: Tensor, spin: Tensor) -> Tensor:
+        R = self.R[..., self.R.shape[-3] - q.shape[-2]:, :, :]
+        return (R.mT @ spin[..., None])[..., 0]
+
+    def multiply(self, p: Tensor, q: Tensor) -> Tensor:
+        return p + q
+
+    def inverse(self, q: Tensor) -> Tensor:
+        return -q
+
+    def identity(self, like: Tensor) -> Tensor:
+        return torch.zeros_like(like)
+
+    def sqrt(self, q: Tensor) -> Tensor:
+        return q / 2
+
+    def normalize(self, q: Tensor) -> Tensor:
+        return q
+
+    cayley = theta = exponential = logarithm = normalize
+
+    def cosine(self, q: Tensor) -> Tensor:
+        return torch.ones_like(q[..., 0])
+
+    def theta_by_turn(self, theta: Tensor) -> Tensor:
+        return torch.eye(3, dtype=theta.dtype, device=theta.device).expand(*theta.shape, 3)
+
+    logarithm_by_turn = theta_by_turn
+
+    def mean_rotation(self, R: Tensor, before: Tensor) -> Tensor:
+        return torch.eye(3, dtype=R.dtype, device=R.device).expand_as(R)
+
+    def spin_skew(self, spin: Tensor) -> Tensor:
+        return torch.zeros_like(spin)[..., None] * spin[..., None, :]

@@ -1,0 +1,224 @@
+"""A beam that moves in a plane: two positions, one angle and three strains of the same mathematics.
+
+The plane has the axes e_1, e_2 (two of frame a) and the normal e_3; a section has its axes 1 (along the beam), t in the plane
+and n = e_3. A rotation is (cos(phi/2), sin(phi/2)): what is left of the quaternion. Strains are [gamma_1, gamma_t, kappa_n].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ...core.derivatives import cached
+from ...core.leaves import leaf
+from ...math import quaternions as quat
+from ...scene.scene import Scene
+from ...state.state import State
+from . import planar_element as element
+from .spatial import Space
+
+PLANES = {"xy": ((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)), "xz": ((1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0))}  # e_1, e_2, e_3
+INSIDE, OUTSIDE = [0, 1, 5], [2, 3, 4]  # of [1 t n 1 t n]: strains that a plane has, and those it has not
+CLOSE = {torch.float64: 1e-9, torch.float32: 1e-5}
+LEFT_OUT = {torch.float64: 1e-6, torch.float32: 1e-3}  # of a state given to start from
+
+
+@dataclass(frozen=True)
+class Plane(Space):
+    """See above. Maps from 3D and back are constant matrices.
+
+    name    "xy" or "xz"
+    basis   (3, 3) columns e_1, e_2, e_3;  section (3, 3) columns: section axes 1, t, n
+    place   0-dim m, of the plane along e_3
+    """
+
+    name: str
+    basis: Tensor = leaf(2)
+    section: Tensor = leaf(2)
+    place: Tensor = leaf(0)
+
+    position: ClassVar[int] = 2
+    spin: ClassVar[int] = 1
+    strain: ClassVar[int] = 3
+
+    kinematics = staticmethod(element.kinematics)
+    strains = staticmethod(element.strains)
+    forces = staticmethod(element.forces)
+    strain_operator = staticmethod(element.strain_operator)
+    geometric_stiffness = staticmethod(element.geometric_stiffness)
+    multiply = staticmethod(element.multiply)
+    inverse = staticmethod(element.inverse)
+    matrix = staticmethod(element.matrix)
+
+    @classmethod
+    def of(cls, scene: Scene, name: str) -> Plane:
+        """Raises ValueError where the beam or a section leaves the plane `name`."""
+        beam = scene.beam
+        close = CLOSE.get(beam.nodes.dtype, 1e-5)
+        basis = torch.tensor(PLANES[name], dtype=beam.nodes.dtype, device=beam.nodes.device).mT
+        normal = basis[:, 2]
+        place = beam.nodes.detach() @ normal
+        size = beam.length.detach().sum(-1).amax()
+        if (place - place.flatten()[0]).abs().max() > close * size:
+            raise ValueError(f"nodes out of the plane {name!r} were given; a beam in a plane of that direction is wanted")
+        across = torch.cat([(quat.matrix(q.detach()).mT @ normal).flatten(0, -2) for q in (beam.frames, beam.elements)])
+        n = across[0].round()
+        if (across - n).abs().max() > close or n[0] != 0:
+            raise ValueError(f"section axes at an angle to the plane {name!r} were given; y or z of every section is wanted "
+                             "along its normal")
+        e = torch.zeros_like(n)
+        e[0] = 1
+        section = torch.stack((e, torch.linalg.cross(n, e), n), -1)
+        both = torch.block_diag(section, section)
+        for what, given in (("compliance", beam.compliance), ("mass", beam.mass)):
+            local = (both.mT @ given.detach() @ both)
+            scale = local.diagonal(dim1=-2, dim2=-1).abs().sqrt()
+            coupling = local[..., INSIDE, :][..., OUTSIDE].abs()
+            if (coupling > close * scale[..., INSIDE][..., :, None] * scale[..., OUTSIDE][..., None, :]).any():
+                raise ValueError(f"a section whose {what} couples the plane {name!r} to what is out of it was given; "
+                                 "plane=None takes it")
+        return cls(name, basis, section, place.flatten()[0])
+
+    def _full(self, two: Tensor) -> Tensor:
+        return two @ self.basis[:, :2].mT
+
+    @cached
+    def _rotation_map(self) -> Tensor:
+        """(2, 4): the public quaternion of (cos, sin)."""
+        outer = quat.from_matrix(self.basis), quat.from_matrix(self.section.mT)
+        units = torch.eye(4, dtype=self.basis.dtype, device=self.basis.device)[[0, 3]]
+        return quat.multiply(quat.multiply(outer[0], units), outer[1])
+
+    @cached
+    def _stress_map(self) -> Tensor:
+        """(6, 3)"""
+        return torch.block_diag(self.section, self.section)[:, INSIDE]
+
+    @cached
+    def _load_map(self) -> Tensor:
+        """(6, 3)"""
+        return torch.block_diag(self.basis[:, :2], self.basis[:, 2:])
+
+    def to_reduced(self, state: State) -> State:
+        position, rotation = self.pose(state.position, state.rotation, 0)
+        velocity, spin = self.motion(state.velocity, state.spin)
+        return replace(state, position=position, rotation=rotation, velocity=velocity, spin=spin,
+                       stress=state.stress @ self._stress_map, reaction=state.reaction @ self._load_map,
+                       frame=None if state.frame is None else self._turn(state.frame))
+
+    def start(self, state: State) -> State:
+        inside = self.to_reduced(state)
+        there = self.to_public(inside)
+        for name in ("position", "rotation", "velocity", "spin"):
+            given, kept = (getattr(x, name).detach() for x in (state, there))
+            size = given.abs().amax() + (name != "rotation") * state.position.detach().abs().amax()
+            if ((given - kept).abs() > LEFT_OUT[given.dtype] * size).any():
+                raise ValueError(f"an initial state whose {name} leaves the plane {self.name!r} was given; one in it is "
+                                 "wanted, or plane=None")
+        return inside
+
+    def public_frame(self, q: Tensor) -> Tensor:
+        return torch.cat((q[..., :1], q[..., 1:] * self.basis[:, 2]), -1)
+
+    def to_public(self, state: State) -> State:
+        frame = None if state.frame is None else self.public_frame(state.frame)
+        return replace(state, position=self._full(state.position) + self.place * self.basis[:, 2],
+                       rotation=state.rotation @ self._rotation_map, velocity=self._full(state.velocity),
+                       spin=state.spin @ self.section[:, 2:].mT, stress=state.stress @ self._stress_map.mT,
+                       reaction=state.reaction @ self._load_map.mT, frame=frame)
+
+    def _turn(self, q: Tensor) -> Tensor:
+        """A rotation about the normal as (cos, sin)."""
+        return torch.cat((q[..., :1], q[..., 1:] @ self.basis[:, 2:]), -1)
+
+    def pose(self, position: Tensor, rotation: Tensor, node: int) -> tuple[Tensor, Tensor]:
+        return position @ self.basis[:, :2], rotation @ self._rotation_map.mT
+
+    def motion(self, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor]:
+        return velocity @ self.basis[:, :2], spin @ self.section[:, 2:]
+
+    def embed(self, load: Tensor) -> Tensor:
+        return load @ self._load_map.mT
+
+    def project(self, load: Tensor) -> Tensor:
+        return load @ self._load_map
+
+    def project_map(self, by: Tensor) -> Tensor:
+        return self._load_map.mT @ by @ self._load_map
+
+    def project_strain(self, strain: Tensor) -> Tensor:
+        return strain @ self._stress_map
+
+    def embed_strain(self, strain: Tensor) -> Tensor:
+        """(..., k) -> (..., 6), frame B."""
+        return strain @ self._stress_map.mT
+
+    def project_section(self, matrix: Tensor) -> Tensor:
+        return self._stress_map.mT @ matrix @ self._stress_map
+
+    def project_inertia(self, J: Tensor) -> Tensor:
+        n = self.section[:, 2:]
+        return n.mT @ J @ n
+
+    def project_offset(self, e: Tensor) -> Tensor:
+        return e @ self.section[:, :2]
+
+    def project_vector(self, v: Tensor) -> Tensor:
+        return v @ self.basis[:, :2]
+
+    def project_spin(self, omega: Tensor) -> Tensor:
+        return omega @ self.basis[:, 2:]
+
+    def site(self, position: Tensor, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        return (self._full(position) + self.place * self.basis[:, 2], self._full(velocity), spin @ self.basis[:, 2:].mT)
+
+    def axes(self, rotation: Tensor, node: int | None = None) -> Tensor:
+        return quat.matrix((rotation if node is None else rotation[..., node, :]) @ self._rotation_map)
+
+    def constrained(self, letters: tuple[bool, ...]) -> tuple[bool, ...]:
+        at = [int(self.basis[:, i].abs().argmax()) for i in range(3)]
+        return letters[at[0]], letters[at[1]], letters[3 + at[2]]
+
+    def identity(self, like: Tensor) -> Tensor:
+        return pad(torch.zeros_like(like[..., :1]), (1, 0), value=1.0)
+
+    def theta_by_turn(self, theta: Tensor) -> Tensor:
+        return (1 + theta * theta / 4)[..., None]
+
+    def exponential(self, phi: Tensor) -> Tensor:
+        return torch.cat((torch.cos(phi / 2), torch.sin(phi / 2)), -1)
+
+    def logarithm(self, q: Tensor) -> Tensor:
+        q = torch.where(q[..., :1] < 0, -q, q)
+        return 2 * torch.atan2(q[..., 1:], q[..., :1])
+
+    def logarithm_by_turn(self, q: Tensor) -> Tensor:
+        return torch.ones_like(q[..., :1, None])
+
+    def to_frame(self, q: Tensor, spin: Tensor) -> Tensor:
+        return spin
+
+    def to_reduced_rotation(self, q: Tensor) -> Tensor:
+        return q @ self._rotation_map.mT
+
+    def to_section(self, q: Tensor, spin: Tensor) -> Tensor:
+        return spin
+
+    def spin_matrix(self, q: Tensor) -> Tensor:
+        return torch.ones_like(q[..., :1, None])
+
+    def spin_skew(self, spin: Tensor) -> Tensor:
+        return torch.zeros_like(spin)[..., None]
+
+    def mean_rotation(self, R: Tensor, before: Tensor) -> Tensor:
+        return torch.ones_like(R)
+
+    def lever_matrix(self, x: Tensor) -> Tensor:
+        return element.turned(x)[..., None]
+
+    def skew(self, omega: Tensor) -> Tensor:
+        return omega[..., None] * torch.tensor(((0.0, -1), (1, 0)), dtype=omega.dtype, device=omega.device)

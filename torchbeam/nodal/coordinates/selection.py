@@ -1,0 +1,31 @@
+"""Which unknowns a scene asks for, and whether what acts on it stays in its plane."""
+
+from __future__ import annotations
+
+from ...core.leaves import constant
+from ...scene.scene import Scene
+from .linearised import Small
+from .planar import Plane
+from .spatial import Space
+
+
+def space_of(scene: Scene) -> Space:
+    """The space of a scene whose plane is not "auto". Raises ValueError where the beam, the motion of its frame or follower
+    loads do not fit it.
+    """
+    if scene.small:
+        if scene.plane is not None:
+            raise ValueError("plane and small were given; one of them is wanted")
+        if scene.frame is not None and scene.frame.angular_velocity is not None:
+            raise ValueError("small=True in a frame that turns was given; large rotations (small=False) are wanted there")
+        for load in scene.loads:
+            if load.follower or load.wants_support:
+                raise ValueError(f"small=True with {type(load).__name__} was given, whose load turns with the beam; dead loads "
+                                 "are wanted")
+        return Small.of(scene)
+    return Space() if scene.plane is None else Plane.of(scene, scene.plane)
+
+
+def only_numbers(scene: Scene) -> bool:
+    """Whether nothing acts or moves by a function or an input: only then can a plane be found."""
+    return all(constant(x) for x in (*scene.effects, scene.frame, scene.root, *scene.supports))

@@ -1,0 +1,211 @@
+"""Coordinates of nodes in space: their rotations, and the functions of the element between two of them. See `planar` for fewer
+unknowns, and `linearised` for small rotations, of the same mathematics.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ...core.leaves import Tree
+from ...math import quaternions as quat
+from ...state.state import State
+from .. import assembly, element
+
+
+class Space(Tree):
+    """Rotations are unit quaternions, spins are 3-vectors. A spin has two axes to be told in: the section's and frame a's.
+
+    position, spin, strain  numbers of a node's positions and spins, and of an element's strains
+    """
+
+    turns: ClassVar[bool] = True  # whether what is fixed to a section turns with it
+    position: ClassVar[int] = 3
+    spin: ClassVar[int] = 3
+    strain: ClassVar[int] = 6
+
+    kinematics = staticmethod(element.kinematics)
+    strains = staticmethod(element.strain)
+    forces = staticmethod(element.forces)
+    strain_operator = staticmethod(element.strain_operator)
+    geometric_stiffness = staticmethod(element.geometric_stiffness)
+
+    multiply = staticmethod(quat.multiply)
+    inverse = staticmethod(quat.conjugate)
+    normalize = staticmethod(quat.normalize)
+    exponential = staticmethod(quat.exponential)
+    logarithm = staticmethod(quat.logarithm)
+    to_frame = staticmethod(quat.rotate)  # a spin, section axes -> frame a
+    matrix = staticmethod(quat.matrix)  # of a position, section axes -> frame a
+    spin_matrix = staticmethod(quat.matrix)  # of a spin
+    spin_skew = staticmethod(quat.skew)  # of a spin, that another one is crossed with
+
+    @property
+    def unknowns(self) -> int:
+        """Of a node."""
+        return self.position + self.spin
+
+    # States, loads and maps of the public kind, in 3D
+
+    def to_reduced(self, state: State) -> State:
+        """A state in these coordinates."""
+        return state
+
+    def to_public(self, state: State) -> State:
+        """The public state."""
+        return state
+
+    def start(self, state: State) -> State:
+        """`enter` for a state that a user gave; ValueError where these coordinates do not hold it."""
+        return self.to_reduced(state)
+
+    def pose(self, position: Tensor, rotation: Tensor, node: int) -> tuple[Tensor, Tensor]:
+        """Position (..., 3), frame a, and quaternion (..., 4) of one node in these coordinates."""
+        return position, rotation
+
+    def motion(self, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor]:
+        """Velocity (..., 3), frame a, and spin (..., 3), section axes, likewise."""
+        return velocity, spin
+
+    def embed(self, load: Tensor) -> Tensor:
+        """[force; moment] (..., w) -> (..., 6)."""
+        return load
+
+    def project(self, load: Tensor) -> Tensor:
+        """[force; moment] (..., 6), frame a -> (..., w)."""
+        return load
+
+    def project_map(self, by: Tensor) -> Tensor:
+        """d[force; moment] by [displacement; spin], (..., 6, 6) -> (..., w, w)."""
+        return by
+
+    def project_strain(self, strain: Tensor) -> Tensor:
+        """(..., 6), frame B -> (..., k)."""
+        return strain
+
+    def site(self, position: Tensor, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Position, velocity and angular velocity, frame a, as (..., 3)."""
+        return position, velocity, spin
+
+    def axes(self, rotation: Tensor, node: int | None = None) -> Tensor:
+        """Section axes -> frame a, (..., 3, 3), of one node or of all."""
+        return quat.matrix(rotation if node is None else rotation[..., node, :])
+
+    def public_frame(self, q: Tensor) -> Tensor:
+        """Quaternion (..., 4) of frame a's rotation."""
+        return q
+
+    def project_section(self, matrix: Tensor) -> Tensor:
+        """6x6 of a section -> (..., k, k)."""
+        return matrix
+
+    def project_inertia(self, J: Tensor) -> Tensor:
+        """(..., 3, 3), section axes -> (..., s, s)."""
+        return J
+
+    def project_offset(self, e: Tensor) -> Tensor:
+        """(..., 3), section axes -> (..., p)."""
+        return e
+
+    def project_vector(self, v: Tensor) -> Tensor:
+        """A displacement or velocity (..., 3), frame a -> (..., p)."""
+        return v
+
+    def project_spin(self, omega: Tensor) -> Tensor:
+        """(..., 3), frame a -> (..., s)."""
+        return omega
+
+    def constrained(self, letters: tuple[bool, ...]) -> tuple[bool, ...]:
+        """Which of a node's unknowns a support holds, from position x y z and rotation x y z."""
+        return letters
+
+    # Rotations
+
+    def to_reduced_rotation(self, q: Tensor) -> Tensor:
+        """Quaternions (..., N+1, 4) of all nodes in these coordinates."""
+        return q
+
+    def rotation_rate(self, q: Tensor, spin: Tensor) -> Tensor:
+        """R' of R, spin in section axes."""
+        return self.multiply(q, pad(spin / 2, (1, 0)))
+
+    def hinged(self, q: Tensor, rest: Tensor, axis: Tensor, node: int) -> Tensor:
+        """The rotation q of a node that may turn from `rest` about one axis of frame a alone, a mask (3,): its turn about the
+        others is taken out.
+        """
+        turn = self.multiply(q, self.inverse(rest)) * pad(axis, (1, 0), value=1.0)
+        return self.multiply(self.normalize(turn), rest)
+
+    def about(self, rotation: Tensor, spin: Tensor, axis: Tensor, node: int) -> Tensor:
+        """Of the spins (..., N+1, 3) of all nodes, section axes: that of one node about an axis of frame a, a mask (3,)."""
+        return self.to_section(rotation, axis * self.to_frame(rotation, spin))[..., node, :]
+
+    def to_section(self, q: Tensor, spin: Tensor) -> Tensor:
+        """A spin, frame a -> section axes."""
+        return quat.rotate(quat.conjugate(q), spin)
+
+    def identity(self, like: Tensor) -> Tensor:
+        """The rotation that changes nothing, for positions `like` these."""
+        return pad(torch.zeros_like(like), (1, 0), value=1.0)
+
+    def cayley(self, theta: Tensor) -> Tensor:
+        """The rotation with Theta = 2 tan(angle/2) n."""
+        return quat.normalize(pad(theta / 2, (1, 0), value=1.0))
+
+    def theta(self, q: Tensor) -> Tensor:
+        """Theta = 2 tan(angle/2) n of a rotation."""
+        return 2 * q[..., 1:] / q[..., :1]
+
+    def theta_by_turn(self, theta: Tensor) -> Tensor:
+        """d(Theta) of R exp(~x) by x at 0: I + ~Theta/2 + Theta Theta^T/4."""
+        eye = torch.eye(3, dtype=theta.dtype, device=theta.device)
+        return eye + quat.skew(theta / 2) + theta[..., :, None] * theta[..., None, :] / 4
+
+    def logarithm_by_turn(self, q: Tensor) -> Tensor:
+        """d(log) of R exp(~x) by x at 0: I + ~psi/2 + k ~psi ~psi, psi = log R."""
+        eye, psi = torch.eye(3, dtype=q.dtype, device=q.device), quat.skew(quat.logarithm(q))
+        s2 = q[..., 1:].square().sum(-1, keepdim=True)
+        small = s2 < 1e-6
+        g = quat.arc_ratio(q[..., :1], s2)
+        k = torch.where(small, 1 / 12 + s2 / 180, (1 - g * q[..., :1]) / torch.where(small, 1.0, 4 * g**2 * s2))
+        return eye + psi / 2 + k[..., None] * psi @ psi
+
+    def cosine(self, q: Tensor) -> Tensor:
+        """cos(angle/2), (...)."""
+        return q[..., 0]
+
+    def sqrt(self, q: Tensor) -> Tensor:
+        """The rotation that gives q when made twice."""
+        return quat.half_way(self.identity(q[..., 1:]), q)
+
+    def mean_rotation(self, R: Tensor, before: Tensor) -> Tensor:
+        """(I + R R_before^T)/2 of spin matrices."""
+        return (torch.eye(3, dtype=R.dtype, device=R.device) + R @ before.mT) / 2
+
+    # Arms: a force at x has the moment arm(x)^T f; a spin moves x with arm(x) spin
+
+    def lever_matrix(self, x: Tensor) -> Tensor:
+        """(..., p, s) of a vector (..., p), frame a."""
+        return -quat.skew(x)
+
+    def skew(self, omega: Tensor) -> Tensor:
+        """(..., p, p) of omega x, for a spin (..., s), frame a."""
+        return quat.skew(omega)
+
+    # The chain, see `assembly`
+
+    def to_nodes(self, load: Tensor) -> Tensor:
+        """See `assembly.to_nodes`."""
+        return assembly.to_nodes(load, self.position)
+
+    def to_blocks(self, Y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """See `assembly.to_blocks`."""
+        return assembly.to_blocks(Y, self.position)
+
+    def to_elements(self, move: Tensor) -> Tensor:
+        """See `assembly.to_elements`."""
+        return assembly.to_elements(move, self.position)
+

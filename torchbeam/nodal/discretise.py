@@ -1,0 +1,101 @@
+"""Discretisation: from a scene to the constants of the nodal form."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from ..core.leaves import constant
+from ..core.validation import boolean, instance
+from ..scene.effects import Spring
+from ..scene.scene import Scene
+from .assembly import ends
+from .constitutive_law import law_of
+from .constraints import Constraints
+from .coordinates.planar import PLANES, Plane
+from .coordinates.selection import only_numbers, space_of
+from .element import kinematics, strain
+from .inertia import inertia_of
+from .loads import Nodes, external
+from .model import Model
+
+ROUNDING = 1e-9  # of a vector, that may lie out of a plane
+
+
+def discretise(scene: Scene, lumped: bool = False) -> Model:
+    """The model of a scene; `lumped`: mass at the nodes alone.
+
+    Raises ValueError for what the nodal form does not take: sections whose mass is not that of rigid ones, and loads and
+    motions that leave the scene's plane or do not fit small rotations.
+    """
+    instance("a scene", scene, Scene)
+    boolean("lumped", lumped)
+    if scene.plane == "auto":
+        return _in_a_plane(scene, lumped)
+    space = space_of(scene)
+    beam = scene.beam
+    h = beam.length[..., None]
+    rest = strain(kinematics(*ends(beam.nodes), *ends(beam.frames), h), h)
+    inertia, section_mass, share = inertia_of(scene, space, lumped)
+    model = Model(
+        scene=scene, space=space, constraints=Constraints.of(scene, space), inertia=inertia, length=h,
+        reference=space.project_strain(rest) if space.turns else torch.zeros_like(rest),
+        law=law_of(scene, space),
+        section_mass=section_mass, tributary_length=share,
+    )
+    if isinstance(space, Plane):
+        check_plane(model, discretise(replace(scene, plane=None), lumped))
+    return model
+
+
+def _in_a_plane(scene: Scene, lumped: bool) -> Model:
+    """In the first plane that everything fits, if there is one and nothing but numbers acts; else in 3D."""
+    for name in PLANES if only_numbers(scene) else ():
+        with suppress(ValueError):
+            return discretise(replace(scene, plane=name), lumped)
+    return discretise(replace(scene, plane=None), lumped)
+
+
+def check_plane(model: Model, whole: Model) -> None:
+    """Refuse numbers that act out of the plane: loads on the beam at rest, the points that springs are tied to, what the beam
+    bends by itself, masses that are not alike on both sides, motions of the frame and of supports. `whole` is the model in 3D.
+    Raises ValueError.
+    """
+    scene, space, beam = model.scene, model.space, model.scene.beam
+    still = torch.zeros_like(beam.nodes)
+    t = still.new_zeros(())
+    for load in scene.loads:
+        if constant(load):
+            wrench = external(whole, Nodes(beam.nodes, beam.frames, still, still), t, {}, (load,))
+            _refuse(space, type(load).__name__, wrench, space.embed(space.project(wrench)))
+        if isinstance(load, Spring) and isinstance(load.to, Tensor):  # slack at rest, it pulls nowhere
+            to = load.to - beam.nodes[..., load.node, :]
+            _refuse(space, "a Spring to a point", to, space.project_vector(to) @ space.basis[:, :2].mT)
+    for effect in scene.eigenstrains:
+        if constant(effect):
+            own = effect.eigenstrain(t, {}, model.length, model.count)
+            _refuse(space, type(effect).__name__, own, space.embed_strain(space.project_strain(own)))
+    for body in scene.bodies:
+        if body.offset is not None:
+            _refuse(space, "PointMass", body.offset, space.project_offset(body.offset) @ space.section[:, :2].mT)
+        if body.inertia is not None:
+            J = space.section.mT @ body.inertia @ space.section
+            across = J[..., 2:, :] * J.new_tensor((1.0, 1.0, 0.0))  # products of inertia with the normal
+            _refuse(space, "PointMass", J[..., 2:, :], J[..., 2:, :] - across)
+    motions = [] if scene.frame is None else [("a frame with a velocity", scene.frame.velocity, False),
+                                              ("a frame that turns", scene.frame.angular_velocity, True)]
+    for one in scene.supports:
+        motions += [("a displacement of a support", one.displacement, False), ("a turn of a support", one.turn, True)]
+    for what, x, turns in motions:
+        if isinstance(x, Tensor):
+            inside = space.project_spin(x) @ space.basis[:, 2:].mT if turns else space.project_vector(x) @ space.basis[:, :2].mT
+            _refuse(space, what, x, inside)
+
+
+def _refuse(space: Plane, what: str, given: Tensor, inside: Tensor) -> None:
+    out = (given - inside).detach().abs()
+    if (out > ROUNDING * given.detach().abs().amax()).any():
+        raise ValueError(f"{what} out of the plane {space.name!r} was given; one in it is wanted, or plane=None")

@@ -1,0 +1,1 @@
+"""Scenes: sections, beams, supports, prescribed motions, effects."""

@@ -1,0 +1,300 @@
+"""Beam: nodes, element lengths, section axes and section properties of the undeformed chain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ..core.leaves import Tree, batch_shapes, leaf
+from ..core.summary import counted, kind, lines, point, span
+from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, count, finite, positive
+from ..math import quaternions as quat
+from .section import Section, notes
+from .stations import Stations, of_elements
+
+Sections = Section | Sequence[Section] | Callable[[Tensor], Section]  # the last: a function of s, see `Beam.straight`
+
+
+@dataclass(frozen=True)
+class Beam(Tree):
+    """A chain of N elements between N + 1 nodes, undeformed, at rest; node 0 is the root, node -1 the tip.
+
+    nodes       (..., N+1, 3) m, frame a
+    frames      (..., N+1, 4) unit quaternions: section axes of the nodes -> frame a
+    elements    (..., N, 4) unit quaternions: section axes of the elements (C^ab) -> frame a
+    length      (..., N) m, of each element along the reference axis
+    compliance  (..., N or 1, 6, 6) and mass (..., N or 1, 6, 6): as in `Section`, per element
+    rigid, coupled, offset, rotary: as in `Section`; curved: whether node and element axes differ
+    """
+
+    nodes: Tensor = leaf(2)
+    frames: Tensor = leaf(2)
+    elements: Tensor = leaf(2)
+    length: Tensor = leaf(1)
+    compliance: Tensor = leaf(3)
+    mass: Tensor = leaf(3)
+    rigid: tuple[bool, ...]
+    coupled: bool
+    offset: bool
+    rotary: bool
+    curved: bool
+
+    def __repr__(self) -> str:
+        mass = (self.mass[..., 0, 0] * self.length).sum(-1)
+        size = [counted(self.count, "element"), f"{span(self.length.sum(-1))} m long", f"{span(mass)} kg"]
+        shape = ["curved or twisted at rest"] if self.curved else []
+        return lines("Beam", ", ".join([*size, *shape, *notes(self)]),
+                     f"root at {point(self.nodes[..., 0, :])} m, tip at {point(self.nodes[..., -1, :])} m",
+                     kind(self.batch_shape, self.nodes))
+
+    @property
+    def count(self) -> int:
+        """N, the number of elements."""
+        return self.nodes.shape[-2] - 1
+
+    @property
+    def batch_shape(self) -> torch.Size:
+        return torch.broadcast_shapes(*batch_shapes(self))
+
+    @classmethod
+    def straight(
+        cls,
+        length: Value,
+        elements: int,
+        section: Sections,
+        direction: Value = (1.0, 0.0, 0.0),
+        up: Value = (0.0, 0.0, 1.0),
+        root: Value = (0.0, 0.0, 0.0),
+        twist: Value | Callable[[Tensor], Tensor] | None = None,
+    ) -> Beam:
+        """A straight beam of `elements` equal elements.
+
+        length     (...) m
+        section    one `Section`; a sequence of one per element; or a function of the arc length s (..., m) m that gives one
+                   `Section` with a last batch axis m: a taper, or `Stations`
+        direction  (..., 3) of the beam, frame a;  up (..., 3): the section's z axis is `up` made square to it
+        root       (..., 3) m, position of node 0, frame a
+        twist      rad by which the section axes at rest are turned about the beam: a number (...) for that of the tip, growing
+                   evenly from none at the root; or a function of s (..., m) m that gives (..., m), a `Table` for one
+
+        Raises ValueError for a length that is not positive, fewer than one element, or `up` along `direction`.
+        """
+        N = count("elements", elements)
+        (length,), axes, root = _placed(section, direction, up, root, length=length, _twist=twist)
+        s = torch.linspace(0, 1, N + 1, dtype=length.dtype, device=length.device)
+        nodes = root[..., None, :] + (length[..., None] * s)[..., None] * axes[..., None, :, 0]
+        q = quat.from_matrix(axes)[..., None, :]
+        each = (length / N)[..., None].expand(*length.shape, N)
+        if twist is None:
+            return cls._with_section(section, nodes, q.expand(*q.shape[:-2], N + 1, 4), q.expand(*q.shape[:-2], N, 4), each,
+                                     curved=False)
+        if callable(twist):
+            angle = as_tensor(twist(length[..., None] * s), length.dtype, length.device)
+            if angle.shape[-1:] != (N + 1,):
+                raise ValueError(f"a twist of shape {tuple(angle.shape)} was given; (..., {N + 1}) is wanted")
+        else:
+            angle = as_tensor(twist, length.dtype, length.device)[..., None] * s
+        frames = quat.multiply(q, quat.exponential(pad(finite("twist", angle)[..., None], (0, 2))))
+        return cls._with_section(section, nodes, frames, _middles(frames), each, curved=True)
+
+    @classmethod
+    def curve(
+        cls,
+        length: Value,
+        elements: int,
+        section: Sections,
+        curvature: Value | Callable[[Tensor], Tensor],
+        direction: Value = (1.0, 0.0, 0.0),
+        up: Value = (0.0, 0.0, 1.0),
+        root: Value = (0.0, 0.0, 0.0),
+    ) -> Beam:
+        """A beam that is curved and twisted at rest, of `elements` elements of equal arc length.
+
+        length     (...) m, along the axis
+        curvature  (..., 3) 1/m in section axes: rate of twist, of turning about y and about z. Constant (an arc, a helix), or
+                   a function of s (..., m) m that gives (..., m, 3): then of each element's middle, and constant over it
+        section, direction, up, root: as in `straight`, direction and up at node 0
+
+        Each element is integrated exactly: over a length h of constant curvature k the axes turn by exp(h ~k) and the axis
+        advances by the integral of exp(s ~k) e1. No element may turn by pi.
+
+        Raises ValueError for a length that is not positive, fewer than one element, or elements that turn by pi or more.
+        """
+        N = count("elements", elements)
+        (length,), axes, root = _placed(section, direction, up, root, length=length, _curvature=curvature)
+        h = (length / N)[..., None].expand(*length.shape, N)
+        if callable(curvature):
+            curvature = curvature(h.cumsum(-1) - h / 2)
+            k = finite("curvature", axis_last("curvature", as_tensor(curvature, length.dtype, length.device), 3))
+            if k.ndim < 2 or k.shape[-2] != N:
+                raise ValueError(f"a curvature of shape {tuple(k.shape)} was given for {N} places; (..., {N}, 3) is wanted")
+        else:
+            k = as_tensor(curvature, length.dtype, length.device)
+            k = finite("curvature", axis_last("curvature", k, 3))[..., None, :]
+        turn = h[..., None] * k
+        if concrete(torch.linalg.vector_norm(turn, dim=-1) >= math.pi).any():
+            raise ValueError(f"a curvature that turns one of {N} elements by pi or more was given; more elements are wanted")
+        each, step = quat.exponential(turn), h[..., None] * _advance(turn)
+        frames, nodes = [quat.from_matrix(axes)], [root]
+        for i in range(N):
+            nodes.append(nodes[-1] + quat.rotate(frames[-1], step[..., i, :]))
+            frames.append(quat.normalize(quat.multiply(frames[-1], each[..., i, :])))
+        nodes, frames = (torch.stack(torch.broadcast_tensors(*x), -2) for x in (nodes, frames))
+        return cls._with_section(section, nodes, frames, _middles(frames), h, curved=True)
+
+    @classmethod
+    def from_nodes(cls, nodes: Value, section: Sections, frames: Value | None = None) -> Beam:
+        """A chain through `nodes` (..., N+1, 3) m; elements are the chords.
+
+        frames  (..., N, 3, 3) section axes of the elements as columns, frame a, the first along the chord; without
+                them, z is frame a's z made square to the chord (y instead, where the chord runs along z).
+
+        Raises ValueError for fewer than two nodes, coinciding neighbours, or frames that are left-handed or whose x axis leaves
+        the chord.
+        """
+        dtype, device = _dtype_with(section, nodes, frames)
+        if isinstance(nodes, (list, tuple)) and any(isinstance(point, Tensor) for point in nodes):  # (..., 3) each
+            nodes = torch.stack(torch.broadcast_tensors(*(as_tensor(point, dtype, device) for point in nodes)), -2)
+        nodes = finite("nodes", axis_last("nodes", as_tensor(nodes, dtype, device), 3))
+        if nodes.ndim < 2 or nodes.shape[-2] < 2:
+            raise ValueError(f"nodes of shape {tuple(nodes.shape)} were given; (..., N+1, 3) with N >= 1 is wanted")
+        chord = nodes.diff(dim=-2)
+        N = chord.shape[-2]
+        length = positive("the distance of neighbouring nodes", torch.linalg.vector_norm(chord, dim=-1))
+        if frames is None:
+            z = torch.tensor([0.0, 0, 1], dtype=dtype, device=device)
+            y = torch.tensor([0.0, 1, 0], dtype=dtype, device=device)
+            steep = chord[..., 2:].abs() > 0.99 * length[..., None]
+            frames = axes_along(chord, torch.where(steep, y, z))
+        else:
+            frames = orthonormal(as_tensor(frames, dtype, device), N)
+            if concrete((frames[..., :, 0] - chord / length[..., None]).abs() > 1e-5).any():
+                raise ValueError("frames whose first column leaves the chord were given; it runs from node to node")
+        return cls._chain(section, nodes, quat.from_matrix(frames), length)
+
+    @classmethod
+    def arc(
+        cls,
+        radius: Value,
+        angle: Value,
+        elements: int,
+        section: Sections,
+        direction: Value = (1.0, 0.0, 0.0),
+        up: Value = (0.0, 0.0, 1.0),
+        root: Value = (0.0, 0.0, 0.0),
+    ) -> Beam:
+        """A planar circular arc that starts along `direction` and turns about `up` (counter-clockwise) by `angle` (rad,
+        up to 2 pi) with the given radius (m); the section's z axis is `up`. Nodes lie on the arc, elements have the
+        arc's length.
+
+        Raises ValueError for a radius or angle that is not positive, an angle above 2 pi or fewer than one element.
+        """
+        N = count("elements", elements)
+        (radius, angle), axes, root = _placed(section, direction, up, root, radius=radius, angle=angle)
+        if concrete(angle > 2 * math.pi * (1 + 1e-6)).any():
+            raise ValueError(f"angle = {concrete(angle).max().item():g} was given; an arc of up to 2 pi is wanted")
+        s = torch.linspace(0, 1, N + 1, dtype=angle.dtype, device=angle.device) * angle[..., None]
+        in_plane = radius[..., None, None] * torch.stack((torch.sin(s), 1 - torch.cos(s), torch.zeros_like(s)), -1)
+        nodes = root[..., None, :] + in_plane @ axes.mT
+        frames = quat.multiply(quat.from_matrix(axes)[..., None, :], quat.exponential(pad(s[..., None], (2, 0))))
+        each = (radius * angle / N)[..., None].expand(*torch.broadcast_shapes(radius.shape, angle.shape), N)
+        return cls._with_section(section, nodes, frames, _middles(frames), each, curved=True)
+
+    @classmethod
+    def _chain(cls, section, nodes: Tensor, elements: Tensor, length: Tensor) -> Beam:
+        return cls._with_section(section, nodes, axes_of_nodes(elements), elements, length, curved=True)
+
+    @classmethod
+    def _with_section(cls, section: Sections, nodes, frames, elements, length, curved) -> Beam:
+        one = isinstance(section, Section)
+        section = section if one else of_elements(section, length)
+        common_dtype(nodes, section.compliance)  # says so where a function of s gave another dtype
+        compliance, mass = (x[..., None, :, :] if one else x for x in (section.compliance, section.mass))
+        return cls(nodes, frames, elements, length, compliance, mass, rigid=section.rigid, coupled=section.coupled,
+                   offset=section.offset, rotary=section.rotary, curved=curved)
+
+
+def _placed(section: Sections, direction: Value, up: Value, root: Value, **sizes: Value
+            ) -> tuple[list[Tensor], Tensor, Tensor]:
+    """Arguments common to beams that start at a root: sizes by name, positive (those whose name begins with _ only take part in
+    the dtype); axes (..., 3, 3) of the root; its position (..., 3).
+    """
+    dtype, device = _dtype_with(section, direction, up, root, *(x for x in sizes.values() if not callable(x) and x is not None))
+    values = [positive(name, as_tensor(x, dtype, device)) for name, x in sizes.items() if not name.startswith("_")]
+    direction, up, root = (finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
+                           for name, value in (("direction", direction), ("up", up), ("root", root)))
+    return values, axes_along(direction, up), root
+
+
+def orthonormal(frames: Tensor, *counts: int) -> Tensor:
+    """`frames` (..., n, 3, 3) with n one of `counts`, if they are rotation matrices; ValueError otherwise."""
+    finite("frames", frames)
+    if frames.ndim < 3 or frames.shape[-3] not in counts or frames.shape[-2:] != (3, 3):
+        wanted = " or ".join(f"(..., {n}, 3, 3)" for n in counts)
+        raise ValueError(f"frames of shape {tuple(frames.shape)} were given; {wanted} is wanted")
+    if concrete((frames.mT @ frames - torch.eye(3, dtype=frames.dtype, device=frames.device)).abs() > 1e-5).any():
+        raise ValueError("frames that are not orthonormal were given; rotation matrices are wanted")
+    if concrete(torch.linalg.det(frames.detach()) < 0).any():
+        raise ValueError("left-handed frames were given; rotation matrices are wanted")
+    return frames
+
+
+def axes_of_nodes(elements: Tensor) -> Tensor:
+    """Axes of the nodes (..., N+1, 4), half way between those of the neighbouring elements (..., N, 4); those of the end
+    elements at the ends.
+    """
+    inner = quat.half_way(elements[..., :-1, :], elements[..., 1:, :])
+    return torch.cat((elements[..., :1, :], inner, elements[..., -1:, :]), -2)
+
+
+def _middles(frames: Tensor) -> Tensor:
+    """Axes of the elements, half way between those of their nodes."""
+    return quat.half_way(frames[..., :-1, :], frames[..., 1:, :])
+
+
+def _advance(turn: Tensor) -> Tensor:
+    """The integral of exp(x ~turn) e1 over x from 0 to 1, (..., 3): e1 + b turn x e1 + c turn x (turn x e1), with
+    b = (1 - cos t)/t^2 and c = (t - sin t)/t^3 at t = |turn|.
+    """
+    t2 = (turn * turn).sum(-1, keepdim=True)
+    small = t2 < 1e-4
+    t = torch.where(small, torch.ones_like(t2), t2).sqrt()
+    half = torch.sin(t / 2) / t
+    b = torch.where(small, 0.5 - t2 / 24 + t2 * t2 / 720, 2 * half * half)
+    c = torch.where(small, 1 / 6 - t2 / 120 + t2 * t2 / 5040, (t - torch.sin(t)) / t**3)
+    e1 = pad(torch.ones_like(t2), (0, 2))
+    across = torch.linalg.cross(turn, e1)
+    return e1 + b * across + c * torch.linalg.cross(turn, across)
+
+
+def axes_along(direction: Tensor, up: Tensor) -> Tensor:
+    """Columns x along `direction`, z along `up` made square to it, y = z x x: (..., 3, 3).
+
+    Raises ValueError where `up` is parallel to `direction` or either is zero.
+    """
+    direction, up = torch.broadcast_tensors(direction, up)
+    length = positive("the length of direction", torch.linalg.vector_norm(direction, dim=-1, keepdim=True))
+    x = direction / length
+    across = up - (up * x).sum(-1, keepdim=True) * x
+    size = torch.linalg.vector_norm(across, dim=-1, keepdim=True)
+    if concrete(size <= 1e-6 * torch.linalg.vector_norm(up, dim=-1, keepdim=True)).any():
+        raise ValueError("an up vector parallel to the beam's direction was given; one that leaves it is wanted")
+    z = across / size
+    return torch.stack((x, torch.linalg.cross(z, x), z), -1)
+
+
+def _dtype_with(section: Sections, *values: Value) -> tuple[torch.dtype, torch.device]:
+    if isinstance(section, Stations):
+        return common_dtype(*values, section.s, section.section.compliance)
+    if callable(section):
+        return common_dtype(*values)
+    sections = tuple(section) if isinstance(section, Sequence) else (section,)
+    for s in sections:
+        if not isinstance(s, Section):
+            raise ValueError(f"a section of type {type(s).__name__} was given; a torchbeam.Section is wanted")
+    return common_dtype(*values, *(s.compliance for s in sections))

@@ -1,0 +1,77 @@
+"""Effects: loads, damping, added masses and eigenstrains. Only what a scene names exists.
+
+An effect is a small frozen dataclass with one kind:
+    load         force and moment at load points of the beam: `wrench(site, t, inputs)`, `tangent(site, t, inputs)`
+    strain       `Damping`: stress that follows the strain rate
+    inertia      `PointMass`: mass at a node
+    eigenstrain  `Actuation`: strain and curvature of the unloaded beam
+A load acts on one node (`node` is an index) or along the beam, per unit length (`node` is None). Load points may be
+nodes or elements, by the form of the beam.
+"""
+
+from .actuation import Actuation
+from .custom_load import CustomLoad
+from .damping import Damping, MassDamping, rayleigh
+from .drag import Drag
+from .gravity import Gravity
+from .histories import Accelerogram, History
+from .load_point import (
+    ACCELERATION,
+    INERTIAL,
+    POSITION,
+    ROTATION,
+    SPIN,
+    VELOCITY,
+    Effect,
+    Load,
+    LoadPoint,
+    Pose,
+    Wrench,
+    jacobians,
+    together,
+)
+from .loads import LineLoad, PointLoad, TipLoad
+from .point_mass import PointMass
+from .springs import RootSpring, Spring
+from .values import Along, Input, Inputs, LoadValue, PerElement, inputs_at, inputs_of, plain, value_along, value_at
+
+__all__ = [
+    "ACCELERATION",
+    "INERTIAL",
+    "POSITION",
+    "ROTATION",
+    "SPIN",
+    "VELOCITY",
+    "Accelerogram",
+    "Actuation",
+    "Along",
+    "CustomLoad",
+    "Damping",
+    "Drag",
+    "Effect",
+    "Gravity",
+    "History",
+    "Input",
+    "Inputs",
+    "LineLoad",
+    "Load",
+    "LoadPoint",
+    "LoadValue",
+    "MassDamping",
+    "PerElement",
+    "PointLoad",
+    "PointMass",
+    "Pose",
+    "RootSpring",
+    "Spring",
+    "TipLoad",
+    "Wrench",
+    "inputs_at",
+    "inputs_of",
+    "jacobians",
+    "plain",
+    "rayleigh",
+    "together",
+    "value_along",
+    "value_at",
+]

@@ -1,0 +1,193 @@
+"""Load defined by a user's function of the motion, with optional internal states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.functions_of_time import at_time, taken
+from ...core.leaves import leaf
+from ...core.validation import Value, broadcast, choice, count, finite, shown
+from ...core.validation import function as check_function
+from ..beam import Beam
+from .load_point import INERTIAL, INTERNAL, MOTION, READS, Load, LoadPoint, Wrench, derivatives, jacobians
+from .loads import whole_node
+from .values import Input, Inputs, plain, to_sites, value_at
+
+PLACE = "s"  # may be asked for in `of`, and is no motion
+
+
+@dataclass(frozen=True)
+class CustomLoad(Load):
+    """A load by a function of the motion: `function(position, rotation, velocity, spin, t, **named)` -> (force, moment).
+
+    function  position (..., 3) m, rotation (..., 3, 3) section axes -> frame a, velocity (..., 3) m/s absolute, spin (..., 3)
+              rad/s, all in frame a; t (0-dim) s. Returns force and moment (..., 3) in frame a, N and N m, per metre along the
+              beam, tensors or sequences of numbers; None = absent. Written in torch operations; what it returns for a site
+              depends on that site alone. Where samples stand at different times it is called once for each of these.
+    node      counts from the root, -1 is the tip; None = along the beam, where the arguments are (..., sites, ...)
+    inputs    `Input`s, or names with sizes {"u": 2}: the function takes them by name, with as many axes as the motion
+    values    parameters by name, numbers or tensors, which the function takes by that name: (...) at a node; along the beam one
+              for each element (..., N), for each node (..., N+1) or for all (..., 1), handed over as (..., sites), where a node
+              takes the mean of its elements by their lengths
+    internal  how many internal states z it has (actuator lag, inflow), along the beam at each site; the function then takes `z`
+              by name, (..., internal) or (..., sites, internal)
+    rate      z' = rate(z, position, rotation, velocity, spin, t, **named), 1/s of z, z by its place; z starts at zero
+    of        what the function and the rate depend on, of "position", "rotation", "velocity", "spin": the others are given as
+              None, and their derivatives are not taken. Empty: a load of t, inputs, values and z. Handed over by name
+              are "acceleration" (..., 3) m/s^2 and "angular_acceleration" (..., 3) rad/s^2, absolute, frame a, and along the
+              beam the arclength "s" (..., sites) m from the root
+
+    The tangent comes by automatic differentiation. In an implicit step z is taken at mid step, linearly implicit,
+
+        z_mid = z_n + (I - dt/2 dg/dz)^-1 dt/2 g(z_n, ...),    z_{n+1} = 2 z_mid - z_n
+
+    which for a linear law is the midpoint rule, and is stable for any lag (Rosenbrock 1963). A load of accelerations adds
+    mass, its derivative by them; an explicit method wants it linear in them. In `State.internal` the loads'
+    states stand one load after the other, (sites x internal) row by row.
+
+    Raises ValueError for internal states without a rate, a rate without them, unknown names in `of`, "s" at a node, or two
+    arguments of one name; when it acts, for a function that returns anything but force and moment of the right shape.
+    """
+
+    function: Callable[..., tuple[Tensor | None, Tensor | None]] = leaf(None)
+    node: int | None = -1
+    inputs: Iterable[Input] | dict[str, int] = ()
+    internal: int = 0
+    rate: Callable[..., Tensor] | None = leaf(None, default=None)
+    of: Sequence[str] = READS
+    values: dict[str, Value] | None = leaf(lambda load: int(load.node is None), default=None)
+
+    def __post_init__(self) -> None:
+        if not callable(self.function):
+            raise ValueError(f"{shown(self.function)} was given to Load; a function of the motion is wanted")
+        if self.rate is not None:
+            check_function("rate", self.rate)
+        if self.node is not None:
+            whole_node(self.node)
+        count("internal", self.internal, least=0)
+        if bool(self.internal) != (self.rate is not None):
+            given = "internal states without a rate" if self.internal else "a rate without internal states"
+            raise ValueError(f"{given} was given to Load; both or neither are wanted")
+        given = self.inputs
+        inputs = [Input(n, size) for n, size in given.items()] if isinstance(given, dict) else _listed(given)
+        if not all(isinstance(i, Input) for i in inputs):
+            raise ValueError(f"{shown(given)} was given as Load's inputs; Inputs, or names with sizes, are wanted")
+        of = _listed(self.of)
+        for name in of:
+            choice("of", name, (*MOTION, PLACE))
+        if PLACE in of and self.node is not None:
+            raise ValueError("the arclength 's' was asked for by a Load at a node; one along the beam, node=None, has it")
+        if not (self.values is None or isinstance(self.values, dict)):
+            raise ValueError(f"{shown(self.values)} was given as Load's values; numbers or tensors by name are wanted")
+        for name, value in (self.values or {}).items():
+            if isinstance(value, Input) or callable(value):
+                raise ValueError(f"{type(value).__name__} was given as Load's value {name!r}; numbers or a tensor are wanted")
+        values = {name: plain(value) for name, value in (self.values or {}).items()}
+        for name, value in values.items():
+            finite(f"Load's value {name!r}", torch.as_tensor(value))
+        names = [*(i.name for i in inputs), *values, *(["z"] if self.internal else []), *(n for n in of if n not in READS)]
+        for name in {n for n in names if names.count(n) > 1}:
+            raise ValueError(f"two arguments of the name {name!r} were given to Load; one is wanted")
+        for name, value in dict(inputs=tuple(inputs), of=tuple(of), values=values).items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def depends(self) -> frozenset[str]:
+        return frozenset(self.of) - {PLACE}
+
+    def internal_states(self, beam: Beam) -> int:
+        return self.internal if self.node is not None else self.internal * (beam.count + 1)
+
+    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        z = None
+        if self.internal:
+            z = site.internal if site.dt is None else self.advance(site, site.internal, t, inputs, site.dt)
+        motion, named, lead = self._arguments(site, t, inputs, z)
+
+        def wrench(now: Tensor) -> Wrench:
+            found = self.function(*motion, now, **named)
+            if not isinstance(found, (tuple, list)) or len(found) != 2 or all(w is None for w in found):
+                given = f"{len(found)} values" if isinstance(found, (tuple, list)) and len(found) != 2 else shown(found)
+                raise ValueError(f"a Load's function that returns {given} was given; (force, moment) is wanted, one of them "
+                                 "None where it is absent")
+            return tuple(None if w is None else _returned("a Load's function", w, 3, lead, site.R) for w in found)
+
+        return at_time(wrench, t, own=1 if self.node is not None else 2)
+
+    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        return super().tangent(site, t, inputs) if self.depends else {}
+
+    def rates(self, site: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs) -> Tensor:
+        """z' as z is, (..., internal) or (..., sites, internal)."""
+        motion, named, lead = self._arguments(site, t, inputs, z)
+        z = named.pop("z")
+
+        def rate(now: Tensor) -> Tensor:
+            g = _returned("a Load's rate", self.rate(z, *motion, now, **named), self.internal, lead, z)
+            return g.expand(torch.broadcast_shapes(g.shape, z.shape))
+
+        return at_time(rate, t, own=1 if self.node is not None else 2)
+
+    def rates_tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """Derivative (..., internal, 3 or internal) of z' by each name that the load depends on, as in `tangent`, and by z."""
+        return derivatives(lambda at: self.rates(at, at.internal, t, inputs), site, (*sorted(self.depends), INTERNAL))
+
+    def advance(self, site: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs, dt: Tensor) -> Tensor:
+        """z at the middle of a step of dt (...) that starts with z; the motion as at its middle."""
+        half = (dt / 2)[..., None] if self.node is not None else (dt / 2)[..., None, None]
+        g = self.rates(site, z, t, inputs)
+        (slope,) = jacobians(lambda x: self.rates(site, x, t, inputs), z.expand(*g.shape))
+        eye = torch.eye(self.internal, dtype=g.dtype, device=g.device)
+        return z + torch.linalg.solve(eye - half[..., None] * slope, (half * g)[..., None])[..., 0]
+
+    def _arguments(self, site: LoadPoint, t: Tensor, inputs: Inputs, z: Tensor | None
+                   ) -> tuple[tuple[Tensor | None, ...], dict[str, Tensor], torch.Size]:
+        """Position, rotation, velocity, spin (None where they are not used); the others by name; their axes before their
+        own. All have as many of these, so that they can be stacked; along the beam one of them is for the sites.
+        """
+        motion = dict(position=site.position, rotation=site.R, velocity=site.velocity, spin=site.spin)
+        motion = tuple(v if name in self.of else None for name, v in motion.items())
+        named = {i.name: value_at(i, t, inputs, site.R) for i in self.inputs}
+        numbers = self.values
+        if self.node is None:
+            named = {name: v[..., None, :] for name, v in named.items()}
+            numbers = {name: to_sites(f"Load's value {name!r}", v, site.s, site.elements) for name, v in numbers.items()}
+            numbers |= {PLACE: site.s} if PLACE in self.of else {}
+        for name in INERTIAL:
+            if name in self.of:
+                named[name] = torch.zeros_like(site.R[..., 0]) if getattr(site, name) is None else getattr(site, name)
+        if z is not None:
+            named["z"] = z
+        own = (1, 2, 1, 1)
+        axes = max([site.R.ndim - 2, *(x.ndim - k for x, k in zip(motion, own, strict=True) if x is not None),
+                    *(x.ndim - 1 for x in named.values()), *(x.ndim for x in numbers.values())])
+        lead = torch.broadcast_shapes(site.R.shape[:-2], *(x.shape[:-1] for x in named.values()),
+                                      *(x.shape for x in numbers.values()))
+        named = {name: _with_axes(x, axes + 1) for name, x in named.items()}
+        numbers = {name: _with_axes(x, axes) for name, x in numbers.items()}
+        return (tuple(None if x is None else _with_axes(x, axes + k) for x, k in zip(motion, own, strict=True)),
+                named | numbers, lead)
+
+
+def _with_axes(x: Tensor, count: int) -> Tensor:
+    """x with so many axes, the new ones first."""
+    return x if x.ndim == count else x[(None,) * (count - x.ndim)]
+
+
+def _listed(given: Any) -> list[Any]:
+    """A sequence, or one value as such."""
+    return list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
+
+
+def _returned(whose: str, value: Any, size: int, lead: torch.Size, like: Tensor) -> Tensor:
+    """Value that a function of the motion returned, (..., size), if its axes fit the arguments'; ValueError otherwise."""
+    if not isinstance(value, (Tensor, tuple, list)):
+        raise ValueError(f"{whose} that returns {shown(value)} was given; tensors (..., {size}) are wanted")
+    value = taken(f"{whose}'s value", value, like, size)
+    broadcast(f"{whose}'s value and arguments", value.shape[:-1], lead)  # the function may bring axes of its own
+    return value

@@ -1,0 +1,111 @@
+"""Damping proportional to stiffness (stress by strain rate) and to mass (force against velocity)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...core.leaves import Tree, leaf
+from ...core.validation import Value, as_tensor, axis_last, boolean, common_dtype, finite, has_dtype, numbers, positive
+from ...math.quaternions import skew
+from .load_point import ROTATION, SPIN, VELOCITY, Load, LoadPoint, Wrench
+from .values import Inputs, parameter, plain
+
+
+@dataclass(frozen=True)
+class Damping(Tree):
+    """Stiffness-proportional damping: [F; M] = S^-1 (strain + tau * strain rate).
+
+    tau  (...) s, one value; or (..., 6), one for each strain [gamma1..3, kappa1..3]: then the damping matrix is
+         D^1/2 S^-1 D^1/2 with D = diag(tau), which is symmetric and never pumps energy.
+    six  whether tau has six values; found from the shape (a last axis of six) unless given.
+
+    Raises ValueError for a negative tau.
+    """
+
+    tau: Value = leaf(lambda damping: int(damping.six))
+    six: bool | None = None
+
+    kind = "strain"
+
+    def __post_init__(self) -> None:
+        tau = plain(self.tau)
+        positive("tau", torch.as_tensor(tau), zero=True)
+        six = boolean("six", self.six) if self.six is not None else tau.ndim > 0 and tau.shape[-1] == 6
+        object.__setattr__(self, "tau", axis_last("tau", tau, 6) if six else tau)
+        object.__setattr__(self, "six", six)
+
+
+@dataclass(frozen=True)
+class MassDamping(Load):
+    """Mass-proportional damping: force and moment per length -alpha R Mass R^T [velocity; spin], against the absolute motion.
+
+    alpha  (...) 1/s; a free vibration decays as exp(-alpha t / 2), whatever its frequency
+
+    A rigid motion is damped too: it models the air around a beam, not the beam. Raises ValueError for a negative alpha.
+    """
+
+    alpha: Value = leaf(0)
+
+    node = None
+    depends = frozenset({ROTATION, VELOCITY, SPIN})
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "alpha", parameter("alpha", self.alpha))
+
+    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        motion = torch.stack(torch.broadcast_tensors(site.velocity, site.spin), -2) @ site.R  # rows R^T v and R^T w
+        momenta = (site.mass @ motion.flatten(-2)[..., None]).unflatten(-2, (2, 3))[..., 0] @ site.R.mT
+        return tuple((-self.alpha[..., None, None, None] * momenta).unbind(-2))
+
+    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """By the motion: -alpha R Mass R^T; by spin: R and R^T turn."""
+        M = self._mass(site)
+        force, moment = self.wrench(site, t, inputs)
+        turned = M @ torch.cat(torch.broadcast_tensors(skew(site.velocity), skew(site.spin)), -2)
+        turned = turned - torch.cat((skew(force), skew(moment)), -2)
+        return {ROTATION: turned, VELOCITY: M[..., :3], SPIN: M[..., 3:]}
+
+    def _mass(self, site: LoadPoint) -> Tensor:
+        """-alpha times the mass per length in frame a, (..., sites, 6, 6)."""
+        zero = torch.zeros_like(site.R)
+        both = torch.cat((torch.cat((site.R, zero), -1), torch.cat((zero, site.R), -1)), -2)
+        return -self.alpha[..., None, None, None] * (both @ site.mass @ both.mT)
+
+
+def rayleigh(frequency: Sequence[Value] | Tensor, ratio: Sequence[Value] | Tensor) -> tuple[MassDamping, Damping]:
+    """Rayleigh damping, a pair of `MassDamping` and `Damping`, for given damping ratios of two modes, or nearest in the sum of
+    squares to those of more: ratio = alpha/(2 w) + tau w/2 (Rayleigh 1877).
+
+    frequency  two or more w, rad/s, (...) each; or (..., n), as in `modes(scene).frequency`
+    ratio      of each mode, likewise; 1 = critical. A mode between two is damped less than they are, modes beyond them more
+
+    Which modal damping a beam can have: this one, whatever the way it moves; and, for kinds of motion that strain it in
+    different ways, a tau of their own: `Damping` of six values damps stretching, shear, torsion and bending about y and z by
+    tau w/2 each, with w the frequency of the mode meant. A damping matrix made of the modes themselves would tie every node
+    to every other, and would hold for small motions about one shape alone.
+
+    Raises ValueError for fewer than two different frequencies, and where the fit takes a negative coefficient: the ratios are
+    then too different for the frequencies.
+    """
+    plainly = not has_dtype([frequency, ratio])
+    dtype = torch.float64 if plainly else common_dtype(frequency, ratio)[0]
+    w, z = (finite(name, as_tensor(v, dtype)) for name, v in (("frequency", frequency), ("ratio", ratio)))
+    if w.ndim == 0 or w.shape[-1] < 2 or z.ndim == 0 or z.shape[-1] != w.shape[-1]:
+        raise ValueError(f"rayleigh with frequencies of shape {tuple(w.shape)} and ratios of shape {tuple(z.shape)} was given; "
+                         "(..., n) of both is wanted, n = 2 or more")
+    if not (w > 0).all() or (w == w[..., :1]).all(-1).any():
+        raise ValueError("rayleigh with equal frequencies, or with one that is not positive, was given; positive ones that "
+                         "differ are wanted")
+    scale = w.mean(-1, keepdim=True)
+    shares = torch.stack((scale / (2 * w), w / (2 * scale)), -1)
+    alpha, tau = (torch.linalg.pinv(shares) @ z.to(w)[..., None])[..., 0].unbind(-1)
+    if (tau < 0).any() or (alpha < 0).any():
+        raise ValueError("rayleigh with ratios that take a negative coefficient was given; ratios nearer to each other are "
+                         "wanted")
+    found = alpha * scale[..., 0], tau / scale[..., 0]
+    alpha, tau = (numbers(x.numpy()) for x in found) if plainly else found  # numbers have no dtype of their own
+    return MassDamping(alpha), Damping(tau, six=False)

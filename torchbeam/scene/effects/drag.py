@@ -1,0 +1,146 @@
+"""Drag and added mass of a slender body in a fluid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...core.functions_of_time import at_time, taken
+from ...core.leaves import leaf
+from ...core.validation import Value
+from ...math.quaternions import skew
+from .load_point import ACCELERATION, POSITION, ROTATION, VELOCITY, Load, LoadPoint, Wrench, jacobians
+from .values import Input, Inputs, load_value, parameter, present
+
+
+@dataclass(frozen=True)
+class Drag(Load):
+    """Quadratic drag per unit length (Morison et al. 1950; across and along the axis after Taylor 1952):
+
+        f = -1/2 rho d (C_n |v_n| v_n + pi C_t |v_t| v_t) - C_a rho pi d^2/4 a_n,    v = velocity - flow
+
+    with v_t along the deformed axis and v_n across it, and a_n across it of the acceleration: the flow is uniform and steady
+    where there is an added mass
+
+    density   (...) kg/m^3 of the fluid;  diameter (...) m: width across the flow, pi d the wetted circumference
+    normal, tangential  (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and 0.4 above the drag crisis
+    flow      m/s: (..., 3) in inertial axes, as Gravity's g; or function(position, t) -> (..., sites, 3), both in frame a;
+              None = still
+    added_mass  (...) C_a of the fluid that moves along; a circular cylinder in potential flow has 1
+
+    The fluid's inertia is a load: its work is in `energy.work`, and `energy.kinetic` is the beam's alone.
+
+    Raises ValueError for a negative density, diameter or coefficient, or an added mass in a flow that is a function (whose own
+    acceleration would push as well).
+    """
+
+    density: Value = leaf(0)
+    diameter: Value = leaf(0)
+    normal: Value = leaf(0, default=1.2)
+    tangential: Value = leaf(0, default=0.0)
+    flow: Value | Callable[[Tensor, Tensor], Tensor] | None = leaf(lambda drag: None if callable(drag.flow) else 1,
+                                                                   default=None)
+    added_mass: Value = leaf(0, default=0.0)
+
+    node = None
+
+    def __post_init__(self) -> None:
+        for name in ("density", "diameter", "normal", "tangential", "added_mass"):
+            object.__setattr__(self, name, parameter(f"Drag's {name}", getattr(self, name)))
+        if isinstance(self.flow, Input):
+            raise ValueError("Drag's flow as an Input was given; a value, or a function of position and t, is wanted")
+        if self.flow is not None and not callable(self.flow):
+            object.__setattr__(self, "flow", load_value("Drag's flow", self.flow))
+        object.__setattr__(self, "carries", present(self.added_mass))
+        if self.carries and callable(self.flow):
+            raise ValueError("Drag with an added mass in a flow that is a function was given; with an added mass the flow is "
+                             "uniform and steady")
+
+    @property
+    def added(self) -> Tensor:
+        """(..., 1, 1) kg/m, mass of fluid that moves with the beam across its axis."""
+        return (self.added_mass * self.density * self.diameter**2 * (math.pi / 4))[..., None, None]
+
+    @property
+    def wants_axes(self) -> bool:
+        return self.flow is not None and not callable(self.flow)
+
+    @property
+    def depends(self) -> frozenset[str]:
+        more = {POSITION: callable(self.flow), ACCELERATION: self.carries}
+        return frozenset({ROTATION, VELOCITY, *(name for name, read in more.items() if read)})
+
+    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        axis, u, across = self._parts(site, t, inputs)
+        normal, tangential = self._factors()
+        force = normal * norm(across) * across + tangential * u.abs() * u * axis
+        if site.acceleration is None or not self.carries:
+            return force, None
+        a = site.acceleration
+        return force - self.added * (a - (a * axis).sum(-1, keepdim=True) * axis), None
+
+    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """With e the axis, P = e e^T and u = v.e:
+
+            d(|v_n| v_n) = (|v_n| I + v_n v_n^T/|v_n|) d(v_n),    d(v_n) = (I - P) dv - (e v^T + u I) de
+            d(|u| u e) = 2 |u| P dv + |u| (2 e v^T + u I) de,    de = spin x e
+            d(a_n) = (I - P) da - (e a^T + (a.e) I) de
+        """
+        axis, u, across = self._parts(site, t, inputs)
+        normal, tangential = (c[..., None] for c in self._factors())
+        eye = torch.eye(3, dtype=axis.dtype, device=axis.device)
+        size = norm(across)
+        unit = across / torch.where(size > 0, size, torch.ones_like(size))
+        grow = normal * (size[..., None] * eye + outer(across, unit))
+        along = 2 * tangential * u.abs()[..., None]
+        by_axis = outer(axis, u * axis + across) + u[..., None] * eye  # -d(v_n)/de
+        turn = (along / 2 * (u[..., None] * eye + 2 * outer(axis, u * axis + across)) - grow @ by_axis) @ -skew(axis)
+        P = outer(axis, axis)
+        by_velocity = grow @ (eye - P) + along * P
+        found = {ROTATION: turn, VELOCITY: by_velocity}
+        if self.carries:
+            added, a = self.added[..., None], site.acceleration
+            found[ACCELERATION] = -added * (eye - P)
+            if a is not None:
+                along_a = (a * axis).sum(-1, keepdim=True)[..., None]
+                found[ROTATION] = turn + added * (outer(axis, a) + along_a * eye) @ -skew(axis)
+        if callable(self.flow):
+            at = site.position.expand(*torch.broadcast_shapes(site.position.shape, axis.shape))
+            (slope,) = jacobians(lambda x: self._flow(x, t).expand_as(x), at)
+            found[POSITION] = -by_velocity @ slope
+        return {name: torch.cat((d, torch.zeros_like(d)), -2) for name, d in found.items()}
+
+    def _flow(self, position: Tensor, t: Tensor) -> Tensor:
+        """(..., sites, 3) m/s, frame a, of a flow that is a function."""
+        return at_time(lambda now: taken("a flow function's value", self.flow(position, now), position, 3), t, own=2)
+
+    def _factors(self) -> tuple[Tensor, Tensor]:
+        """-1/2 rho d C_n and -1/2 rho d pi C_t, (..., 1, 1)."""
+        pressure = -self.density * self.diameter
+        return tuple(v[..., None, None] for v in (pressure * self.normal / 2, pressure * self.tangential * (math.pi / 2)))
+
+    def _parts(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor, Tensor]:
+        """The axis (..., 3), the relative velocity along it (..., 1) and across it (..., 3)."""
+        axis, v = site.R[..., :, 0], site.velocity
+        if callable(self.flow):
+            v = v - self._flow(site.position, t)
+        elif self.flow is not None:
+            v = v - site.from_inertial(self.flow)[..., None, :]
+        u = (v * axis).sum(-1, keepdim=True)
+        return axis, u, v - u * axis
+
+
+def norm(v: Tensor) -> Tensor:
+    """|v| (..., 1), with derivative 0 at v = 0."""
+    square = v.square().sum(-1, keepdim=True)
+    some = square > 0
+    return torch.where(some, torch.where(some, square, torch.ones_like(square)).sqrt(), torch.zeros_like(square))
+
+
+def outer(x: Tensor, y: Tensor) -> Tensor:
+    """x y^T"""
+    return x[..., :, None] * y[..., None, :]

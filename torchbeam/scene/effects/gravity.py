@@ -1,0 +1,49 @@
+"""Gravity: weight of the beam and of point masses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...core.leaves import leaf
+from ...core.validation import Value
+from ...math.quaternions import skew
+from ..beam import Beam
+from .load_point import ROTATION, Load, LoadPoint
+from .values import Inputs, load_value, value_at
+
+
+@dataclass(frozen=True)
+class Gravity(Load):
+    """Uniform acceleration g (..., 3) m/s^2, in inertial axes that coincide with frame a at t = 0."""
+
+    g: Value = leaf(1)
+
+    node = None
+    conservative = True
+    wants_axes = True
+    depends = frozenset({ROTATION})
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "g", load_value("Gravity's g", self.g))
+
+    def depends_on(self, beam: Beam) -> frozenset[str]:
+        """The moment of an offset centre of mass turns; the force does not. (A point mass with an offset: the same.)"""
+        return self.depends if beam.offset else frozenset()
+
+    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
+        """Per unit length: force R M11 R^T g, moment R M21 R^T g."""
+        body = site.R.mT @ self._here(site, t, inputs)[..., None]
+        weight = site.mass[..., :3] @ body
+        return tuple(site.rotate(w[..., 0]) for w in (weight[..., :3, :], weight[..., 3:, :]))
+
+    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        turned = site.mass[..., :3] @ site.R.mT @ skew(self._here(site, t, inputs))
+        parts = zip((turned[..., :3, :], turned[..., 3:, :]), self.wrench(site, t, inputs), strict=True)
+        return {ROTATION: torch.cat([site.R @ part - skew(w) for part, w in parts], -2)}
+
+    def _here(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        """g (..., 1, 3) in frame a."""
+        return site.from_inertial(value_at(self.g, t, inputs, site.R))[..., None, :]

@@ -1,0 +1,167 @@
+"""Load points, where and how a load acts at one instant, and loads in general: force, moment, tangent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ...core.functions_of_time import HOOKED, saves_by_hooks, within_dual_numbers
+from ...core.leaves import Tree
+from ...math.quaternions import skew
+from ..beam import Beam
+from .values import Inputs
+
+Wrench = tuple[Tensor | None, Tensor | None]  # force and moment (..., 3), frame a; None = absent
+
+
+class Pose(NamedTuple):
+    """Pose and motion of a support: position (..., 3) m, R (..., 3, 3) its axes -> frame a, velocity (..., 3) m/s and
+    spin (..., 3) rad/s absolute, frame a; None = at rest.
+    """
+
+    position: Tensor
+    R: Tensor
+    velocity: Tensor | None = None
+    spin: Tensor | None = None
+
+
+@dataclass(frozen=True)
+class LoadPoint:
+    """Point where a load acts at one instant (of an implicit step: its middle), frame a: (..., sites, ...) along the beam,
+    (...) at one node.
+
+    R         (..., 3, 3) section axes -> frame a
+    mass      (..., 6, 6) mass per length about the site, point masses included, section axes; only along the beam
+    position  (..., 3) m;  velocity (..., 3) m/s absolute;  spin (..., 3) rad/s absolute angular velocity, frame a's axes:
+              None unless the effect reads them
+    acceleration  (..., 3) m/s^2 and angular_acceleration (..., 3) rad/s^2, absolute, likewise; None also where they are not
+              known: an explicit form takes the derivative by them as a mass
+    s         (..., sites) m, arclength of the sites from the root; only along the beam
+    axes      (..., 3, 3) inertial axes -> frame a at this instant; None = they coincide
+    support   node 0's prescribed pose, for effects that want it (`wants_support`)
+    internal  (..., z), along the beam (..., sites, z): internal states of this effect at the start of the step, or at this
+              instant where there is no step
+    dt        (...) s, length of the step whose middle this is; None = there is no step
+    elements  of the beam; only along it
+    """
+
+    R: Tensor
+    mass: Tensor | None = None
+    position: Tensor | None = None
+    velocity: Tensor | None = None
+    spin: Tensor | None = None
+    s: Tensor | None = None
+    axes: Tensor | None = None
+    support: Pose | None = None
+    internal: Tensor | None = None
+    dt: Tensor | None = None
+    acceleration: Tensor | None = None
+    angular_acceleration: Tensor | None = None
+    elements: int | None = None
+
+    def rotate(self, v: Tensor) -> Tensor:
+        """Section axes -> frame a."""
+        return (self.R @ v[..., None])[..., 0]
+
+    def from_inertial(self, v: Tensor) -> Tensor:
+        """Inertial axes -> frame a, (..., 3) of the frame."""
+        return v if self.axes is None else (self.axes @ v[..., None])[..., 0]
+
+
+ROTATION, POSITION, VELOCITY, SPIN = READS = ("rotation", "position", "velocity", "spin")
+ACCELERATION, ANGULAR_ACCELERATION = INERTIAL = ("acceleration", "angular_acceleration")
+MOTION = (*READS, *INERTIAL)
+INTERNAL = "internal"
+
+
+class Load(Tree):
+    """Base of all loads. A load declares what its wrench depends on (`depends`); its tangent comes by automatic differentiation
+    unless it writes its own.
+    """
+
+    kind = "load"
+    conservative = False
+    follower = False  # whether what is given turns with the section
+    internal = 0  # how many internal states it has
+    frees_root = False  # whether it holds node 0 in the place of a clamp
+    wants_support = False  # whether it reads site.support
+    wants_axes = False  # whether it reads site.axes
+    depends: frozenset[str] = frozenset()
+
+    def depends_on(self, beam: Beam) -> frozenset[str]:
+        """Names among `MOTION`: what the wrench depends on; empty = a dead load."""
+        return self.depends
+
+    def moves(self, beam: Beam) -> bool:
+        """Whether the wrench depends on the configuration or the motion of the beam."""
+        return bool(self.depends_on(beam))
+
+    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        """Force and moment in frame a, N and N m (per metre along the beam); None where absent. t is 0-dim, or (...) where the
+        samples stand at different times: see `functions_of_time.at_time`.
+        """
+        raise NotImplementedError
+
+    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """Derivative (..., 6, 3) of [force; moment] by each name the wrench depends on: by displacement, by the spin s that
+        turns R into (1 + ~s) R, by velocity, by angular velocity and by the accelerations, all in frame a.
+        """
+        return derivatives(lambda at: together(self.wrench(at, t, inputs), at.R), site,
+                           [name for name in MOTION if name in self.depends])
+
+    def internal_states(self, beam: Beam) -> int:
+        """How many numbers it remembers."""
+        return self.internal
+
+
+def derivatives(function: Callable[[LoadPoint], Tensor], site: LoadPoint, names: Sequence[str]) -> dict[str, Tensor]:
+    """Derivative (..., m, n) of a function (..., m) of the site by each name of it, see `Load.tangent`; sites do not mix."""
+    at = [getattr(site, n, None) for n in names]  # nothing is known of a turn, or of an acceleration: 0
+    at = [site.R.new_zeros(*site.R.shape[:-2], 3) if x is None else x for x in at]
+
+    def of(*xs: Tensor) -> Tensor:
+        moved = {("R" if n == ROTATION else n): site.R + skew(x) @ site.R if n == ROTATION else x
+                 for n, x in zip(names, xs, strict=True)}
+        return function(replace(site, **moved))
+
+    return dict(zip(names, jacobians(of, *at), strict=True))
+
+
+def together(wrench: Wrench, like: Tensor) -> Tensor:
+    """[force; moment] (..., 6), zeros where absent; `like` (..., 3, 3) has the sites' axes."""
+    force, moment = (like.new_zeros(*like.shape[:-2], 3) if w is None else w for w in wrench)
+    return torch.cat(torch.broadcast_tensors(force, moment), -1)
+
+
+def jacobians(function: Callable[..., Tensor], *xs: Tensor) -> tuple[Tensor, ...]:
+    """Derivatives (..., m, n) of function(*xs) (..., m) by each x (..., n), where the leading axes do not mix. By reverse
+    mode: all x for the price of m cotangents; works where derivatives are switched off, and is differentiable itself. By
+    forward mode where a graph is checkpointed: torch.func has no reverse mode beside hooks on saved tensors.
+    """
+    if saves_by_hooks():
+        if within_dual_numbers():
+            raise ValueError(HOOKED)
+        return _by_forward_mode(function, tuple(x.contiguous() for x in xs))
+    out, pull = torch.func.vjp(function, *xs)
+    lead, m = out.shape[:-1], out.shape[-1]
+    if any(x.shape[:-1] != lead for x in xs):
+        out, pull = torch.func.vjp(function, *(x.expand(*lead, x.shape[-1]) for x in xs))
+    one_hot = torch.eye(m, dtype=out.dtype, device=out.device).reshape(m, *(1,) * len(lead), m).expand(m, *lead, m)
+    return tuple(g.movedim(0, -2) for g in torch.func.vmap(pull)(one_hot))
+
+
+def _by_forward_mode(function: Callable[..., Tensor], xs: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+    sizes = [x.shape[-1] for x in xs]
+    columns = torch.eye(sum(sizes), dtype=xs[0].dtype, device=xs[0].device).split(sizes, -1)
+
+    def along(*tangents: Tensor) -> Tensor:
+        return torch.func.jvp(function, xs, tuple(v + torch.zeros_like(x) for v, x in zip(tangents, xs, strict=True)))[1]
+
+    return torch.func.vmap(along, out_dims=-1)(*columns).split(sizes, -1)
+
+
+Effect = Any  # any class with a `kind`

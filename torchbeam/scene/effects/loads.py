@@ -1,0 +1,96 @@
+"""Given forces and moments: on a node, on the tip, along the beam."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...core.leaves import leaf
+from ...core.validation import Value, boolean, whole
+from ...math.quaternions import skew
+from .load_point import ROTATION, Load, LoadPoint, Wrench, together
+from .values import Inputs, LoadValue, load_value, value_along, value_at
+
+
+@dataclass(frozen=True, kw_only=True)
+class GivenLoad(Load):
+    """Force and moment with a value each: a tensor (..., 3), a function t -> (..., 3), an `Input`, or None = absent.
+
+    A dead load keeps its direction in frame a; a follower load is given in section axes and turns with the section.
+    """
+
+    force: Value | None = leaf(1, default=None)
+    moment: Value | None = leaf(1, default=None)
+    follower: bool = False
+
+    def __post_init__(self) -> None:
+        if self.force is None and self.moment is None:
+            raise ValueError(f"{type(self).__name__} with neither force nor moment was given; one of them is wanted")
+        for name in ("force", "moment"):
+            value = load_value(f"{type(self).__name__}'s {name}", getattr(self, name), along=isinstance(self, LineLoad))
+            object.__setattr__(self, name, value)
+        boolean(f"{type(self).__name__}'s follower", self.follower)
+
+    @property
+    def depends(self) -> frozenset[str]:
+        return frozenset({ROTATION} if self.follower else ())
+
+    @property
+    def conservative(self) -> bool:
+        """Whether its work is independent of the path: that of a dead force is, that of a dead moment is not."""
+        return self.moment is None and not self.follower
+
+    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        values = [None if v is None else self._at_sites(v, site, t, inputs) for v in (self.force, self.moment)]
+        return tuple(site.rotate(v) if self.follower and v is not None else v for v in values)
+
+    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """d(R f) = spin x R f."""
+        if not self.follower:
+            return {}
+        return {ROTATION: -torch.cat([skew(w) for w in together(self.wrench(site, t, inputs), site.R).split(3, -1)], -2)}
+
+    def _at_sites(self, value: LoadValue, site: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        return value_at(value, t, inputs, site.R)
+
+
+@dataclass(frozen=True)
+class PointLoad(GivenLoad):
+    """Force (N) and moment (N m) on one node; nodes count from the root, -1 is the tip."""
+
+    node: int
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        whole_node(self.node)
+
+
+@dataclass(frozen=True)
+class TipLoad(PointLoad):
+    """Force (N) and moment (N m) on the last node."""
+
+    node: int = -1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.node != -1:
+            raise ValueError(f"TipLoad with node = {self.node} was given; PointLoad takes a node")
+
+
+@dataclass(frozen=True)
+class LineLoad(GivenLoad):
+    """Force (N/m) and moment (N) per unit length along the whole beam: the same everywhere, `Along(function)` of s and t, or
+    `PerElement(values)`.
+    """
+
+    node = None
+
+    def _at_sites(self, value: LoadValue, site: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        return value_along(value, site.s, t, inputs, site.R, site.elements)
+
+
+def whole_node(node: int) -> int:
+    """`node` if it is a whole number; ValueError otherwise."""
+    return whole("node", node)

@@ -1,0 +1,96 @@
+"""Point masses: rigid bodies at nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ...core.leaves import Tree, leaf
+from ...core.validation import ROUNDING, Value, axis_last, concrete, finite, numbers, positive
+from ...core.validation import inertia as check_inertia
+from ...math.quaternions import skew
+from .loads import whole_node
+from .values import plain
+
+
+@dataclass(frozen=True)
+class PointMass(Tree):
+    """A rigid body at a node.
+
+    mass     (...) kg; or its 6x6 mass matrix (..., 6, 6) about the node, [velocity; spin], section axes: then it is the whole
+    inertia  (..., 3) principal or (..., 3, 3) moments about its own centre, kg m^2, section axes; None = a point. A shape that
+             ends in (3, 3) is that of matrices: a batch of three bodies' principal moments goes by `torch.diag_embed`
+    offset   (..., 3) m of its centre from the node, section axes; None = at the node
+    node     counts from the root, -1 is the tip
+
+    Weight acts on it where the scene has `Gravity`. After construction mass is (...), offset (..., 3) or None, inertia
+    (..., 3, 3) or None, whichever way they were given.
+
+    Raises ValueError for a negative mass, an inertia that is not symmetric, has a negative principal moment or one above the
+    sum of the others, or a 6x6 matrix that no rigid body has (a mass that depends on the direction).
+    """
+
+    mass: Value = leaf(0)
+    inertia: Value | None = leaf(2, default=None)
+    offset: Value | None = leaf(1, default=None)
+    node: int = -1
+
+    kind = "inertia"
+
+    def __post_init__(self) -> None:
+        whole_node(self.node)
+        mass, inertia, offset = (None if v is None else plain(v) for v in (self.mass, self.inertia, self.offset))
+        if mass.ndim >= 2 and mass.shape[-2:] == (6, 6):
+            if inertia is not None or offset is not None:
+                raise ValueError("PointMass with a 6x6 mass and an inertia or offset was given; the matrix holds them")
+            mass, inertia, offset = _rigid_body(mass)
+        positive("PointMass's mass", torch.as_tensor(mass), zero=True)
+        if offset is not None:
+            finite("PointMass's offset", torch.as_tensor(axis_last("PointMass's offset", offset, 3)))
+        if inertia is not None:
+            axis_last("PointMass's inertia", inertia, 3)
+            if inertia.ndim < 2 or inertia.shape[-2] != 3:
+                inertia = torch.diag_embed(inertia) if isinstance(inertia, Tensor) else inertia[..., None] * np.eye(3)
+            J, m = torch.as_tensor(inertia), torch.as_tensor(mass)
+            arm = torch.zeros(()) if offset is None else torch.as_tensor(offset).square().sum(-1)
+            _check_inertia(J, m.detach() * arm.detach())
+        for name, value in (("mass", mass), ("inertia", inertia), ("offset", offset)):
+            object.__setattr__(self, name, value)
+
+    @property
+    def about_node(self) -> Tensor:
+        """The 6x6 mass (..., 6, 6) about the node, section axes: with ~c of the offset, [[m I, -m ~c], [m ~c, J - m ~c ~c]]."""
+        m = self.mass[..., None, None]
+        eye = torch.eye(3, dtype=m.dtype, device=m.device)
+        c = torch.zeros_like(eye) if self.offset is None else skew(self.offset)
+        J = torch.zeros_like(eye) if self.inertia is None else self.inertia
+        mI, mc, J = torch.broadcast_tensors(m * eye, m * c, J - m * (c @ c))
+        return torch.cat((torch.cat((mI, -mc), -1), torch.cat((mc, J), -1)), -2)
+
+
+def _check_inertia(J: Tensor, moved: Tensor) -> None:
+    """J (..., 3, 3) about the centre; `moved` (...) mass times offset^2."""
+    finite("PointMass's inertia", J)
+    size = J.detach().abs().amax((-1, -2), keepdim=True)
+    if concrete((J - J.mT).abs() > ROUNDING * size).any():
+        raise ValueError("a PointMass's inertia that is not symmetric was given; moments of inertia are symmetric")
+    check_inertia("a PointMass's inertia", J, size[..., 0, 0] + moved.to(J))
+
+
+def _rigid_body(matrix: Tensor | np.ndarray) -> tuple:
+    """(mass, inertia about the centre, offset) of a 6x6 mass about the node."""
+    M = torch.as_tensor(matrix)
+    finite("PointMass's mass", M)
+    m = M[..., 0, 0]
+    size = M.detach().abs().amax((-1, -2), keepdim=True)
+    eye = torch.eye(3, dtype=M.dtype, device=M.device)
+    mc = (M[..., 3:, :3] - M[..., 3:, :3].mT) / 2  # m ~c
+    c = torch.stack((mc[..., 2, 1], mc[..., 0, 2], mc[..., 1, 0]), -1) / torch.where(m > 0, m, torch.ones_like(m))[..., None]
+    J = M[..., 3:, 3:] + m[..., None, None] * skew(c) @ skew(c)
+    body = torch.cat((torch.cat((m[..., None, None] * eye, -mc), -1), torch.cat((mc, M[..., 3:, 3:]), -1)), -2)
+    if concrete((body - M).abs() > ROUNDING * size).any():
+        raise ValueError("a PointMass's 6x6 mass that no rigid body has was given; [[m I, -m ~c], [m ~c, J]] is wanted")
+    return (m, J, c) if isinstance(matrix, Tensor) else tuple(numbers(x.numpy()) for x in (m, J, c))

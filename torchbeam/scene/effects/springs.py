@@ -1,0 +1,210 @@
+"""Springs: a node tied to a point, and an elastic clamp."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ...core.leaves import leaf
+from ...core.validation import Value, as_tensor, axis_last, common_dtype, has_dtype, numbers
+from ...math import quaternions as quat
+from ...math.quaternions import skew
+from .drag import norm, outer
+from .load_point import POSITION, ROTATION, SPIN, VELOCITY, Load, LoadPoint, Pose, Wrench
+from .loads import whole_node
+from .values import Inputs, load_value, parameter, plain, present, value_at
+
+
+@dataclass(frozen=True)
+class Spring(Load):
+    """Spring between a node and a point: force -(k (|d| - length) + c d|d|/dt) d/|d|, d from the point to the node.
+
+    node       counts from the root, -1 is the tip
+    stiffness  (...) k, N/m
+    to         (..., 3) m, frame a, or a function t -> (..., 3): the point
+    length     (...) m unstretched; the number 0 makes it linear: -k d - c (velocity)
+    damping    (...) c, N s/m
+
+    Raises ValueError for a negative stiffness, length or damping.
+    """
+
+    node: int
+    stiffness: Value = leaf(0)
+    to: Value | Callable[[Tensor], Tensor] = leaf(1)
+    length: Value = leaf(0, default=0.0)
+    damping: Value = leaf(0, default=0.0)
+
+    def __post_init__(self) -> None:
+        whole_node(self.node)
+        for name in ("stiffness", "length", "damping"):
+            object.__setattr__(self, name, parameter(f"Spring's {name}", getattr(self, name)))
+        object.__setattr__(self, "to", load_value("Spring's to", self.to))
+        object.__setattr__(self, "linear", not present(self.length))
+        object.__setattr__(self, "damped", present(self.damping))
+
+    @property
+    def conservative(self) -> bool:
+        return not self.damped and not callable(self.to)
+
+    @property
+    def depends(self) -> frozenset[str]:
+        return frozenset({POSITION, *({VELOCITY} if self.damped else ())})
+
+    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        k, length, c = (v[..., None] for v in (self.stiffness, self.length, self.damping))
+        d = site.position - value_at(self.to, t, inputs, site.R)
+        if self.linear:
+            return -k * d - (c * site.velocity if self.damped else 0), None
+        n, r = _direction(d)
+        tension = k * (r - length)
+        if self.damped:
+            tension = tension + c * (n * site.velocity).sum(-1, keepdim=True)
+        return -tension * n, None
+
+    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """Undamped: -k (I - length/|d| (I - n n^T))."""
+        if self.damped and not self.linear:
+            return super().tangent(site, t, inputs)
+        k, length, c = (v[..., None, None] for v in (self.stiffness, self.length, self.damping))
+        eye = torch.eye(3, dtype=site.R.dtype, device=site.R.device)
+        by_r = -k * eye
+        if not self.linear:
+            n, r = _direction(site.position - value_at(self.to, t, inputs, site.R))
+            by_r = by_r + k * length / r[..., None] * (eye - outer(n, n))
+        found = {POSITION: by_r, **({VELOCITY: -c * eye} if self.damped else {})}
+        return {name: torch.cat((d, torch.zeros_like(d)), -2) for name, d in found.items()}
+
+
+def _direction(d: Tensor) -> tuple[Tensor, Tensor]:
+    """d/|d| and |d| (..., 1); at d = 0 no direction, and a length of 1."""
+    r = norm(d)
+    r = torch.where(r > 0, r, torch.ones_like(r))
+    return d / r, r
+
+
+@dataclass(frozen=True)
+class RootSpring(Load):
+    """An elastic, damped clamp: node 0 hangs in its support by six springs, from the energy 1/2 d^T k d + 1/2 phi^T k phi.
+
+    stiffness  (..., 6) N/m and N m/rad along and about the support's axes, or a pair (forces, moments) of values or triples
+    damping    the same, N s/m and N m s/rad, on the motion against the support; None = none
+
+    d is the displacement and phi the rotation vector (|phi| < pi) of node 0 from its support, in the support's axes, which are
+    the section's at rest. The support stays where the beam has node 0, or moves as the scene's root does.
+
+    Raises ValueError for a negative or infinite stiffness or damping.
+    """
+
+    stiffness: Value = leaf(1)
+    damping: Value | None = leaf(1, default=None)
+
+    node = 0
+    frees_root = True
+    wants_support = True
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "damping"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, parameter(f"RootSpring's {name}", _six(name, getattr(self, name))))
+
+    @property
+    def conservative(self) -> bool:
+        return self.damping is None
+
+    @property
+    def depends(self) -> frozenset[str]:
+        return frozenset({POSITION, ROTATION, *((VELOCITY, SPIN) if self.damping is not None else ())})
+
+    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        """force -k d; moment -T^-T k phi, where T^-1 spin = d(phi)/dt: T^-T = I + ~phi/2 + c ~phi ~phi."""
+        support = _spread(site)
+        back = support.R.mT
+        k = self.stiffness
+        arm = site.position - support.position
+        turn = _Turn.of(back @ site.R)
+        force = k[..., :3, None] * (back @ arm[..., None])
+        moment = turn.back @ (k[..., 3:, None] * turn.phi[..., None])
+        if self.damping is not None:
+            v, spin = site.velocity, site.spin
+            v = v if support.velocity is None else v - support.velocity
+            if support.spin is not None:
+                v = v - torch.linalg.cross(*torch.broadcast_tensors(support.spin, arm))
+                spin = spin - support.spin
+            c = self.damping
+            force = force + c[..., :3, None] * (back @ v[..., None])
+            moment = moment + c[..., 3:, None] * (back @ spin[..., None])
+        return tuple(-(support.R @ w)[..., 0] for w in (force, moment))
+
+    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """With p = k phi:  d(T^-T p) = (T^-T k - ~p/2 - c (~(phi x p) + ~phi ~p) + 2 c' (phi x (phi x p)) phi^T) T^-1 spin."""
+        support = _spread(site)
+        k = self.stiffness
+        turn = _Turn.of(support.R.mT @ site.R)
+        p = k[..., 3:] * turn.phi
+        tilde, across = skew(turn.phi), torch.linalg.cross(turn.phi, p)
+        twice = (tilde @ across[..., None])[..., 0]
+        by_phi = (turn.back * k[..., None, 3:] - skew(p) / 2 - turn.c[..., None] * (skew(across) + tilde @ skew(p))
+                  + 2 * outer(turn.slope * twice, turn.phi))
+        found = {POSITION: _turned(support.R, torch.diag_embed(k[..., :3])),
+                 ROTATION: _turned(support.R, by_phi @ turn.back.mT)}
+        if self.damping is not None:
+            c = torch.diag_embed(self.damping.unflatten(-1, (2, 3)))
+            found[VELOCITY], found[SPIN] = (_turned(support.R, part) for part in c.unbind(-3))
+            if support.spin is not None:
+                found[POSITION] = found[POSITION] - found[VELOCITY] @ skew(support.spin)
+        pads = {POSITION: (0, 3), VELOCITY: (0, 3), ROTATION: (3, 0), SPIN: (3, 0)}
+        return {name: -pad(part, (0, 0, *pads[name])) for name, part in found.items()}
+
+
+def _spread(site: LoadPoint) -> Pose:
+    """The support with the site's batch axes: one matrix times a batch rounds otherwise than a batch times a batch."""
+    shape = torch.broadcast_shapes(site.support.R.shape, site.R.shape)
+    return site.support._replace(R=site.support.R.expand(shape))
+
+
+class _Turn(NamedTuple):
+    """A rotation by |phi| < pi: its vector phi (..., 3); T^-T (..., 3, 3); with x = |phi|/2 and y = |phi|^2 the coefficient
+    c = (1 - x cot x)/y and its slope dc/dy (..., 1).
+    """
+
+    phi: Tensor
+    back: Tensor
+    c: Tensor
+    slope: Tensor
+
+    @classmethod
+    def of(cls, R: Tensor) -> _Turn:
+        q = quat.from_matrix(R)
+        phi = quat.logarithm(q)
+        y, s2 = phi.square().sum(-1, keepdim=True), q[..., 1:].square().sum(-1, keepdim=True)
+        g = quat.arc_ratio(q[..., :1].abs(), s2)
+        u, small = g * q[..., :1].abs(), y < 1e-3  # x cot x
+        safe = torch.where(small, torch.ones_like(y), y)
+        c = torch.where(small, 1 / 12 + y / 720 + y * y / 30240, (1 - u) / safe)
+        slope = torch.where(small, 1 / 720 + y / 15120, (g * g - u) / (2 * safe * safe) - c / safe)
+        tilde = skew(phi)
+        eye = torch.eye(3, dtype=R.dtype, device=R.device)
+        return cls(phi, eye + tilde / 2 + c[..., None] * tilde @ tilde, c, slope)
+
+
+def _turned(R: Tensor, matrix: Tensor) -> Tensor:
+    """R matrix R^T."""
+    return R @ matrix.expand_as(R) @ R.mT
+
+
+def _six(name: str, value: Value) -> Value:
+    """Six values (..., 6) from six, or from a pair of numbers or triples."""
+    if isinstance(value, (list, tuple)) and len(value) == 2:
+        own = has_dtype(value)
+        dtype = common_dtype(value)[0] if own else torch.float64
+        parts = [as_tensor(p, dtype) for p in value]
+        parts = [p.expand(3) if p.ndim == 0 else axis_last(f"RootSpring's {name}", p, 3) for p in parts]
+        lead = torch.broadcast_shapes(*(p.shape[:-1] for p in parts))
+        both = torch.cat([p.expand(*lead, 3) for p in parts], -1)
+        return both if own else numbers(both.numpy())
+    return axis_last(f"RootSpring's {name}", plain(value), 6)

@@ -1,0 +1,195 @@
+"""Values of effects: a tensor, numbers, a function of t, an Input; along the beam also a function of s, or a value for
+each element.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ...core.functions_of_time import at_time, taken
+from ...core.leaves import Placeholder, Tree, leaf, leaves
+from ...core.validation import (
+    Value,
+    as_tensor,
+    axis_last,
+    common_dtype,
+    count,
+    finite,
+    has_dtype,
+    numbers,
+    positive,
+    real,
+    shown,
+)
+
+
+@dataclass(frozen=True)
+class Input(Placeholder):
+    """In place of a load's value: `size` numbers by `name`, given at each step (or call) and held over it."""
+
+    name: str
+    size: int
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise ValueError(f"an Input with the name {shown(self.name)} was given; text is wanted")
+        count("size", self.size)
+
+
+@dataclass(frozen=True)
+class Along(Tree):
+    """A line load's value as a function of place and time: `function(s, t)` -> (..., sites, 3) per metre.
+
+    s (..., sites) m is the arclength from the root, t (0-dim) s. It may return a tensor or a (nested) sequence.
+    """
+
+    function: Callable[[Tensor, Tensor], Tensor] = leaf(None)
+
+    def __post_init__(self) -> None:
+        if not callable(self.function):
+            raise ValueError(f"Along({shown(self.function)}) was given; a function of s and t is wanted")
+
+    def __call__(self, s: Tensor, t: Tensor) -> Tensor:
+        return at_time(lambda now: taken("an Along function's value", self.function(s, now), s, 3), t, own=2)
+
+
+@dataclass(frozen=True)
+class PerElement(Tree):
+    """A line load's value for each element: (..., N, 3) per metre, or a function t -> (..., N, 3).
+
+    A node takes the mean of its two elements, by their lengths: the load that it gathers is then half of each.
+    """
+
+    value: Value | Callable[[Tensor], Tensor] = leaf(2)
+
+    def __post_init__(self) -> None:
+        if callable(self.value):
+            return
+        value = plain(self.value)
+        if value.ndim < 2 or value.shape[-1] != 3:
+            raise ValueError(f"PerElement of shape {tuple(value.shape)} was given; (..., N, 3) is wanted")
+        finite("PerElement's value", torch.as_tensor(value))
+        object.__setattr__(self, "value", value)
+
+    def checked(self, value: Any, elements: int) -> Any:
+        """`value` if it has a row for each of the elements; ValueError otherwise."""
+        if value.ndim < 2 or tuple(value.shape[-2:]) != (elements, 3):
+            raise ValueError(f"PerElement of shape {tuple(value.shape)} was given; (..., {elements}, 3) is wanted, one of each "
+                             "element")
+        return value
+
+    def __call__(self, s: Tensor, t: Tensor, elements: int) -> Tensor:
+        """(..., sites, 3) at sites with the arclengths s (..., sites), of a beam of so many elements: its elements or nodes."""
+        def rows(now: Tensor) -> Tensor:
+            return self.checked(taken("a PerElement function's value", self.value(now), s), elements)
+
+        value = at_time(rows, t, own=2) if callable(self.value) else self.checked(self.value, elements)
+        return value if s.shape[-1] == elements else _mean_of_elements(value, s)
+
+
+def _mean_of_elements(value: Tensor, s: Tensor) -> Tensor:
+    """At the nodes with the arclengths s (..., N+1), (..., N+1, c), from values (..., N, c) of the elements."""
+    h = s.diff(dim=-1)[..., None]
+    ends = torch.zeros_like(h[..., :1, :])
+    before, after = torch.cat((ends, h), -2), torch.cat((h, ends), -2)
+    first, last = value[..., :1, :], value[..., -1:, :]
+    return (before * torch.cat((first, value), -2) + after * torch.cat((value, last), -2)) / (before + after)
+
+
+def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
+    """A parameter (..., sites) at the sites with the arclengths s (..., sites), elements or nodes of a beam of so many
+    elements: from one without axes or (..., 1) for all, from (..., N) of the elements or (..., N+1) of the nodes. Raises
+    ValueError for another size.
+    """
+    sites, given = s.shape[-1], value.shape[-1] if value.ndim else 1
+    if given in (1, sites):
+        return value.expand(*value.shape[:-1], sites)
+    if given == elements:
+        return _mean_of_elements(value[..., None], s)[..., 0]
+    if given == elements + 1:
+        return (value[..., 1:] + value[..., :-1]) / 2
+    raise ValueError(f"{name} of shape {tuple(value.shape)} was given; one number for all, for each of the {elements} elements "
+                     f"or for each of the {elements + 1} nodes is wanted")
+
+
+def inputs_of(effect: Tree) -> list[Input]:
+    """The inputs that an effect takes, by its leaves or, of a user's load, by name."""
+    held = [one.value for one in leaves(effect)] + list(getattr(effect, "inputs", ()))
+    return [value for value in held if isinstance(value, Input)]
+
+
+Inputs = dict[str, Tensor]
+LoadValue = Tensor | np.ndarray | Callable[..., Tensor] | Input  # an array: plain numbers, of no dtype of their own
+
+
+def value_at(value: LoadValue, t: Tensor, inputs: Inputs, like: Tensor) -> Tensor:
+    """The load's value (..., 3) at time t, 0-dim or each sample's own; an `Input` is looked up by name.
+
+    Raises ValueError where an input is missing or has the wrong last axis.
+    """
+    if isinstance(value, Input):
+        if value.name not in inputs:
+            given = ", ".join(sorted(inputs)) or "none"
+            raise ValueError(f"the input {value.name!r} is wanted at each step; given were: {given}")
+        return axis_last(f"input {value.name!r}", inputs[value.name], value.size)
+    if callable(value):
+        return at_time(lambda now: taken("a load function's value", value(now), like, 3), t)
+    return value
+
+
+def inputs_at(inputs: dict[str, Any], t: Tensor, like: Tensor) -> dict[str, Any]:
+    """Inputs by name at the time t: functions of it evaluated, the others as they are."""
+    return {name: at_time(lambda now, v=v, name=name: taken(f"the input {name!r}", v(now), like), t) if callable(v) else v
+            for name, v in inputs.items()}
+
+
+def value_along(value: LoadValue | Along | PerElement, s: Tensor | None, t: Tensor, inputs: Inputs, like: Tensor,
+                elements: int) -> Tensor:
+    """The same (..., sites or 1, 3) at sites along the beam of so many elements, at the arclengths s (..., sites)."""
+    if isinstance(value, PerElement):
+        return value(s, t, elements)
+    return value(s, t) if isinstance(value, Along) else value_at(value, t, inputs, like)[..., None, :]
+
+
+def plain(value: Value) -> Tensor | np.ndarray:
+    """A tensor as it is, NumPy's floating numbers and a sequence that holds tensors as one, and plain numbers as an array: they
+    take the dtype of what they meet. Raises ValueError for what is no real number.
+    """
+    if isinstance(value, Tensor):
+        return real(value)
+    return as_tensor(value, *common_dtype(value)) if has_dtype(value) else numbers(value)
+
+
+def load_value(name: str, value: Value | None, *, along: bool = False) -> LoadValue | None:
+    """`value` checked: (..., 3), a function, an Input of size 3, or None; `along` the beam also Along and PerElement."""
+    if isinstance(value, (Along, PerElement)):
+        if not along:
+            raise ValueError(f"{name} as {type(value).__name__} was given; only what acts along the beam takes it")
+        return value
+    if value is None or callable(value):
+        return value
+    if isinstance(value, Input):
+        if value.size != 3:
+            raise ValueError(f"{name} with an Input of size {value.size} was given; size 3 is wanted")
+        return value
+    value = axis_last(name, plain(value), 3)
+    finite(name, torch.as_tensor(value))
+    return value
+
+
+def parameter(name: str, value: Value, *, zero: bool = True) -> Tensor | np.ndarray:
+    """A number (...) that may not be negative (nor zero, without `zero`); ValueError otherwise."""
+    value = plain(value)
+    positive(name, torch.as_tensor(value), zero=zero)
+    return value
+
+
+def present(value: Tensor | np.ndarray) -> bool:
+    """Whether a parameter is present: any tensor, and any number but 0."""
+    return isinstance(value, Tensor) or bool(value.any())

@@ -1,0 +1,94 @@
+"""Prescribed motion: of frame a, and of the supports in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.functions_of_time import at_time, taken, with_rate, with_user_rate
+from ..math import quaternions as quat
+from .effects import Pose
+from .supports import Support
+
+
+@dataclass(frozen=True)
+class PrescribedMotion:
+    """A scene's prescribed motions as functions of t, 0-dim or one of each sample; frame a. Their rates are exact, see
+    `functions_of_time.with_rate`.
+    """
+
+    scene: Any
+
+    def frame(self, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
+        """v (..., 3) m/s and omega (..., 3) rad/s of frame a; None = at rest."""
+        frame = self.scene.frame
+        given = (None, None) if frame is None else (frame.velocity, frame.angular_velocity)
+        return tuple(None if x is None else self._value(x, t) for x in given)
+
+    def pose(self, support: Support, t: Tensor, share: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
+        """Position (..., 3) and quaternion (..., 4) of a support, after a share (..., 1) of its motion."""
+        beam = self.scene.beam
+        position, rotation = beam.nodes[..., support.node, :], beam.frames[..., support.node, :]
+        if support.displacement is not None:
+            position = position + share * self._value(support.displacement, t)
+        if support.turn is not None:
+            rotation = quat.multiply(quat.exponential(share * self._value(support.turn, t)), rotation)
+        return position, rotation
+
+    def rates(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
+        """Velocity and spin (..., 3) of a support in frame a, both in frame a's axes, relative to it."""
+        still = torch.zeros_like(self.scene.beam.nodes[..., support.node, :])
+        velocity = spin = still
+        if callable(support.displacement):
+            _, velocity = self._moving("a displacement", support.displacement, t)
+        if callable(support.turn):
+            phi, rate = self._moving("a rotation", support.turn, t)
+            spin = quat.spin_of_vector(phi, rate)
+        return velocity, spin
+
+    def absolute(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
+        """Absolute velocity (..., 3), frame a, and spin (..., 3), section axes, of a clamp."""
+        position, rotation = self.pose(support, t)
+        velocity, spin = self.rates(support, t) if support.moves else (torch.zeros_like(position),) * 2
+        v, omega = self.frame(t)
+        if v is not None:
+            velocity = velocity + v
+        if omega is not None:
+            velocity = velocity + torch.linalg.cross(*torch.broadcast_tensors(omega, position))
+            spin = spin + omega
+        return velocity, quat.rotate(quat.conjugate(rotation), spin)
+
+    def acceleration(self, support: Support, t: Tensor) -> Tensor:
+        """Rates (..., 2, 3) of the absolute velocity and spin of a clamp, absolute, in frame a's axes."""
+        def motion(now: Tensor) -> Tensor:
+            v, spin = self.absolute(support, now)
+            spin = quat.rotate(self.pose(support, now)[1], spin)
+            return torch.stack(torch.broadcast_tensors(v, spin), -2)
+
+        now, rate = with_rate(motion, t)
+        omega = self.frame(t)[1]
+        return rate if omega is None else rate + torch.linalg.cross(*torch.broadcast_tensors(omega[..., None, :], now))
+
+    def root_pose(self, t: Tensor) -> Pose:
+        """Pose of the support of node 0, for elastic clamps."""
+        root = self.scene.root
+        support = Support(0) if root is None else Support(0, displacement=root.displacement, turn=root.rotation)
+        position, rotation = self.pose(support, t)
+        velocity, spin = self.absolute(support, t)
+        return Pose(position, quat.matrix(rotation), velocity, quat.rotate(rotation, spin))
+
+    def _value(self, value: Any, t: Tensor) -> Tensor:
+        nodes = self.scene.beam.nodes
+        if not callable(value):
+            return value
+        return at_time(lambda now: taken("a motion function's value", value(now), nodes, 3), t)
+
+    def _moving(self, name: str, function: Any, t: Tensor) -> tuple[Tensor, Tensor]:
+        """The function's value and rate (..., 3)."""
+        def value(now: Tensor) -> Tensor:
+            return taken("a motion function's value", function(now), self.scene.beam.nodes, 3)
+
+        return at_time(lambda now: with_user_rate(name, value, now), t)

@@ -1,0 +1,225 @@
+"""Scene: a beam, its supports, the motion of its frame, and the effects that act on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+
+from ..core.derivatives import cached
+from ..core.leaves import Tree, batch_shapes, bound, own_leaves
+from ..core.summary import kind, lines
+from ..core.validation import as_tensor, axis_last, boolean, broadcast, choice, instance, precision, shown
+from .beam import Beam
+from .effects import Damping, Effect, Inputs, PerElement, inputs_of
+from .supports import Frame, RootMotion, Support
+
+PLANES = (None, "xy", "xz", "auto")
+KINDS = ("load", "strain", "inertia", "eigenstrain")
+
+
+@dataclass(frozen=True)
+class Scene(Tree):
+    """Scene: a beam with supports and effects; only what is named exists.
+
+    beam      `Beam`
+    effects   loads, damping, point masses ..., see `torchbeam.scene.effects`
+    frame     `Frame`, None = frame a is inertial
+    root      `RootMotion` of the clamp at node 0, None = it stays where the beam has it
+    plane     None = 3D. "xy" or "xz": solved in that plane of frame a with three unknowns a node; what acts out of it is left
+              out where it is a function or an input, and refused where it is a number. "auto": in a plane if the beam, its
+              sections and all numbers lie in one and nothing else acts
+    supports  `Support`s; None = a clamp at node 0, () = free
+    small     small displacements and rotations: linear about the undeformed beam. A state holds rotations below pi
+
+    Sorted once, here: `loads`, `bodies` (point masses), `eigenstrains`, `damping` (one `Damping` or None), `inputs` (name ->
+    size), `supports` by node.
+
+    Raises ValueError for an object without a kind, two dampings, a node that does not exist, a load whose dtype is not
+    the beam's, two inputs of one name with different sizes, two supports of one node, or what leaves the plane.
+    """
+
+    beam: Beam
+    effects: Iterable[Effect] = ()
+    frame: Frame | None = None
+    root: RootMotion | None = None
+    plane: str | None = None
+    supports: Iterable[Support] | None = None
+    small: bool = False
+
+    def __post_init__(self) -> None:
+        instance("a beam", self.beam, Beam)
+        for name, wanted in (("frame", Frame), ("root", RootMotion)):
+            if getattr(self, name) is not None:
+                instance(name, getattr(self, name), wanted)
+        choice("plane", self.plane, PLANES)
+        boolean("small", self.small)
+        precision(self.beam.nodes.dtype)
+        effects = tuple(self.effects) if isinstance(self.effects, Iterable) else (self.effects,)
+        for effect in effects:
+            if isinstance(effect, type) or getattr(effect, "kind", None) not in KINDS:
+                raise ValueError(f"{shown(effect)} was given, which is not an effect; see torchbeam.scene.effects for what is")
+            self._check_node(effect)
+            for one in own_leaves(effect):
+                if isinstance(one.value, PerElement) and not callable(one.value.value):
+                    one.value.checked(one.value.value, self.beam.count)
+        set_ = object.__setattr__
+        for name, given in (("effects", effects), ("frame", self.frame), ("root", self.root)):
+            set_(self, name, self._bound(given))
+        set_(self, "supports", self._bound(self._supported()))
+        if len(self._of("strain")) > 1:
+            raise ValueError(f"{len(self._of('strain'))} dampings were given; at most one is wanted")
+        _ = self.inputs, self.batch_shape  # say so where sizes or axes do not fit
+
+    def __repr__(self) -> str:
+        nodes = self.beam.count + 1
+        held = [("clamp" if s.clamp else "support") + f" of node {s.node}" + (", moving" if s.moves else "")
+                for s in self.supports]
+        moving = ("frame a moves; " if self.frame is not None else "") + (
+            "small displacements and rotations" if self.small else "in 3D" if self.plane is None else f"plane {self.plane!r}")
+        return lines("Scene", repr(self.beam), f"effects: {', '.join(_where(e, nodes) for e in self.effects) or 'none'}",
+                     "supports: " + (", ".join(held) or "none, free"), moving, kind(self.batch_shape, self.beam.nodes))
+
+    @cached
+    def loads(self) -> tuple[Effect, ...]:
+        return self._of("load")
+
+    @cached
+    def internal_states(self) -> tuple[int, ...]:
+        """How many numbers each load remembers."""
+        return tuple(load.internal_states(self.beam) for load in self.loads)
+
+    @cached
+    def bodies(self) -> tuple[Effect, ...]:
+        return self._of("inertia")
+
+    @cached
+    def eigenstrains(self) -> tuple[Effect, ...]:
+        return self._of("eigenstrain")
+
+    @cached
+    def damping(self) -> Damping | None:
+        return next(iter(self._of("strain")), None)
+
+    def _of(self, kind: str) -> tuple[Effect, ...]:
+        return tuple(e for e in self.effects if e.kind == kind)
+
+    @cached
+    def inputs(self) -> dict[str, int]:
+        """Name -> size."""
+        found: dict[str, int] = {}
+        for effect in self.effects:
+            for value in inputs_of(effect):
+                if found.setdefault(value.name, value.size) != value.size:
+                    raise ValueError(f"the input {value.name!r} has the sizes {found[value.name]} and {value.size}; one is "
+                                     "wanted")
+        return found
+
+    def _bound(self, given: Any) -> Any:
+        """Effects, motions, supports with the beam's dtype and device."""
+        for one in given if isinstance(given, tuple) else (given,):
+            try:
+                bound(one, self.dtype, self.device)
+            except ValueError as error:
+                raise ValueError(f"{type(one).__name__} of {error}") from None
+        return bound(given, self.dtype, self.device)
+
+    @property
+    def has_prescribed_motion(self) -> bool:
+        """Whether frame a or a support moves."""
+        return self.frame is not None or any(s.moves for s in self.supports)
+
+    @property
+    def changes(self) -> bool:
+        """Whether anything may be a function of time: a load, a motion, an eigenstrain, any effect that is none of
+        the library's.
+        """
+        held = (v for x in (*self.effects, *self.supports, self.frame, self.root) if x is not None for v in vars(x).values())
+        return (any(callable(v) and not (isinstance(v, PerElement) and not callable(v.value)) for v in held)
+                or any(not type(e).__module__.startswith(f"{__package__}.") for e in self.effects))
+
+    def _supported(self) -> tuple[Support, ...]:
+        """The supports by node, nodes counted from the root; the root's motion in that of node 0."""
+        freed = any(e.frees_root for e in self._of("load"))
+        asked = self.supports.given if isinstance(self.supports, NodeSupports) else self.supports
+        given = (() if freed else (Support(0),)) if asked is None else asked
+        given = tuple(given) if isinstance(given, Iterable) else (given,)
+        count, found = self.beam.count + 1, {}
+        for support in given:
+            if not isinstance(support, Support):
+                raise ValueError(f"{shown(support)} was given as a support; a torchbeam.Support is wanted")
+            if not -count <= support.node < count:
+                raise ValueError(f"a support of node {support.node} was given; the beam has the nodes 0 to {count - 1}")
+            if found.setdefault(support.node % count, support) is not support:
+                raise ValueError(f"two supports of node {support.node % count} were given; one is wanted")
+        if freed and 0 in found and any(found[0].held):
+            raise ValueError("a RootSpring and a support that holds node 0 were given; one of them is wanted")
+        if self.root is not None and not freed and not (0 in found and found[0].turn is self.root.rotation
+                                                        and found[0].displacement is self.root.displacement):
+            if 0 not in found or not found[0].clamp or found[0].displaced:
+                raise ValueError("root was given for a node 0 that is not clamped or has a motion of its own; one clamp with "
+                                 "one motion is wanted")
+            found[0] = replace(found[0], displacement=self.root.displacement, turn=self.root.rotation)
+        supports = NodeSupports(replace(found[node], node=node) for node in sorted(found))
+        supports.given = None if asked is None else given
+        return supports
+
+    def _check_node(self, effect: Effect) -> None:
+        node, N = getattr(effect, "node", None), self.beam.count
+        if node is not None and not -(N + 1) <= node <= N:
+            raise ValueError(f"node = {node} was given for a beam with the nodes 0 to {N}; -1 is the tip")
+
+    @property
+    def dtype(self) -> torch.dtype:
+        return self.beam.nodes.dtype
+
+    @property
+    def device(self) -> torch.device:
+        return self.beam.nodes.device
+
+    @property
+    def batch_shape(self) -> torch.Size:
+        """Broadcast of the leading axes of every tensor in the scene (functions and inputs join later)."""
+        return broadcast("a beam and what acts on it", *batch_shapes(self))
+
+    def tensors(self, given: dict[str, Any]) -> Inputs:
+        """Inputs as tensors, by keyword or in a dictionary inputs={...}, which has room for names that are keywords of a
+        function. Raises ValueError where one is missing, unknown, of the wrong size, or of axes that do not broadcast.
+        """
+        if isinstance(given.get("inputs"), dict):
+            given = merge_inputs(given["inputs"], {name: value for name, value in given.items() if name != "inputs"})
+        for name in given:
+            if name not in self.inputs:
+                raise ValueError(f"the input {name!r} was given; the scene has {', '.join(self.inputs) or 'none'}")
+        for name in self.inputs:
+            if name not in given:
+                raise ValueError(f"the input {name!r} is missing; the scene wants {', '.join(self.inputs)}")
+        found = {name: axis_last(f"input {name!r}", as_tensor(value, self.dtype, self.device), self.inputs[name])
+                 for name, value in given.items()}
+        if found:
+            broadcast("a scene and inputs", self.batch_shape, *(value.shape[:-1] for value in found.values()))
+        return found
+
+
+def _where(effect: Effect, nodes: int) -> str:
+    """An effect's name and, where it acts at one node, that node."""
+    node = getattr(effect, "node", None)
+    return type(effect).__name__ + ("" if node is None else f" at node {node % nodes}")
+
+
+class NodeSupports(tuple):
+    """Supports by node; `given` is what they were found from, so that `dataclasses.replace` finds them afresh."""
+
+    given: Iterable[Support] | None = None
+
+
+def merge_inputs(inputs: Any, more: dict[str, Any]) -> dict[str, Any]:
+    """A scene's inputs by name, and more of them. Raises ValueError where there are no names, or a name comes twice."""
+    if not isinstance(inputs, dict):
+        raise ValueError(f"inputs of type {type(inputs).__name__} was given; a dictionary of values by name is wanted")
+    for name in more:
+        if name in inputs:
+            raise ValueError(f"the input {name!r} was given twice; once is wanted")
+    return {**inputs, **more}

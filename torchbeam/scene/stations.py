@@ -1,0 +1,153 @@
+"""Stations: section properties at places along a beam, and their averages over elements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.leaves import Tree, leaf
+from ..core.validation import as_tensor, broadcast, common_dtype, count, finite, instance
+from .section import Section
+
+# Gauss-Legendre points and weights on [0, 1], exact to the seventh power
+POINTS = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263)
+WEIGHTS = (0.17392742256872692, 0.32607257743127305, 0.32607257743127305, 0.17392742256872692)
+
+
+@dataclass(frozen=True)
+class Table(Tree):
+    """A number along the beam: straight lines between the places s, the first and the last value held outside.
+
+    s       (..., n) m, arc length from the root, strictly increasing
+    values  (..., n), or (..., n, k) with `width` = k numbers at each place
+    """
+
+    s: Tensor = leaf(1)
+    values: Tensor = leaf(lambda table: 1 if table.width is None else 2)
+    width: int | None = None
+
+    def __post_init__(self) -> None:
+        dtype, device = common_dtype(self.s, self.values)
+        s, values = (as_tensor(v, dtype, device) for v in (self.s, self.values))
+        if self.width is not None:
+            count("width", self.width)
+        object.__setattr__(self, "s", _places(s))
+        object.__setattr__(self, "values", finite("a Table's values", values))
+        shape = s.shape[-1:] if self.width is None else (*s.shape[-1:], self.width)
+        if values.ndim < len(shape) or values.shape[values.ndim - len(shape):] != shape:
+            wanted = f"(..., {', '.join(map(str, shape))})"
+            raise ValueError(f"a Table's values of shape {tuple(values.shape)} were given; {wanted} are wanted")
+
+    def __call__(self, s: Tensor) -> Tensor:
+        """Values (..., m) or (..., m, k) at s (..., m) m."""
+        values = self.values[..., None] if self.width is None else self.values
+        found = _between(self.s, values, s)
+        return found[..., 0] if self.width is None else found
+
+
+@dataclass(frozen=True)
+class Stations(Tree):
+    """Sections at places along a beam, in place of one section: `Beam.straight(length, elements, Stations(s, sections))`.
+
+    s        (n,) or (..., n) m, arc length from the root, strictly increasing; the beam lies between the first and the last
+    section  a sequence of n `Section`, or one whose last batch axis is n
+
+    Between stations the 6x6 stiffness and the 6x6 mass run along straight lines. Not the compliance: where a height tapers,
+    EI goes like its p-th power, p = 1 to 4, and over a relative change x of the height from station to station straight
+    lines in EI err by p (p - 1) x^2/8, in 1/EI by p (p + 1) x^2/8. A strain that is impossible must be so at every station.
+
+    Raises ValueError for places that do not increase, another number of sections, or a strain that is impossible at some.
+    """
+
+    s: Tensor = leaf(1)
+    section: Section | Sequence[Section]
+
+    def __post_init__(self) -> None:
+        section = self.section if isinstance(self.section, Section) else stacked(_sections(self.section))
+        s = _places(as_tensor(self.s, *common_dtype(self.s, section.compliance)))
+        n = s.shape[-1]
+        if section.batch_shape[-1:] != (n,):
+            given = section.batch_shape[-1] if section.batch_shape else 1
+            raise ValueError(f"{given} sections were given for {n} stations; one each is wanted")
+        zero = section.compliance.diagonal(dim1=-2, dim2=-1) == 0
+        if (zero.any(-2) != zero.all(-2)).any():
+            raise ValueError("a strain that is impossible at some stations was given; at all or at none is wanted")
+        object.__setattr__(self, "s", s)
+        object.__setattr__(self, "section", section)
+
+    def __call__(self, s: Tensor) -> Section:
+        """The sections at s (..., m) m, m their last batch axis. Raises ValueError for an s beyond the stations."""
+        slack = 1e-5 * (self.s[..., -1:] - self.s[..., :1])
+        if ((s < self.s[..., :1] - slack) | (s > self.s[..., -1:] + slack)).any():
+            span = f"{self.s.min().item():g} to {self.s.max().item():g} m"
+            raise ValueError(f"a beam from {s.min().item():g} to {s.max().item():g} m was given stations from {span}; "
+                             "stations from end to end are wanted")
+        S, mass, n = self.section.compliance, self.section.mass, self.s.shape[-1]
+        rigid = torch.tensor([float(r) for r in self.section.rigid], dtype=S.dtype, device=S.device).diag()
+        stiffness = torch.linalg.inv(S + rigid)
+        K, mass = (_between(self.s, x.expand(*x.shape[:-3], n, 6, 6).flatten(-2), s).unflatten(-1, (6, 6))
+                   for x in (stiffness, mass))
+        S = torch.linalg.inv((K + K.mT) / 2) - rigid
+        return self.section.like((S + S.mT) / 2, mass)
+
+
+def _sections(given: Any) -> tuple[Section, ...]:
+    """One `Section` or more; ValueError otherwise."""
+    sections = tuple(given) if isinstance(given, Iterable) else (given,)
+    for section in sections:
+        instance("a section", section, Section)
+    if not sections:
+        raise ValueError("no sections were given; one for each station is wanted")
+    return sections
+
+
+def stacked(sections: Sequence[Section]) -> Section:
+    """One section whose last batch axis counts the given ones."""
+    return Section(*(torch.stack(torch.broadcast_tensors(*(getattr(s, name) for s in sections)), -3)
+                     for name in ("compliance", "mass")))
+
+
+def of_elements(section: Sequence[Section] | Callable[[Tensor], Section], length: Tensor) -> Section:
+    """The sections of N elements of the given length (..., N) m, N (or 1) their last batch axis. A function of s, `Stations`
+    among them, is averaged over each element at four Gauss points, compliance and mass: the bending of an element under a
+    constant moment and its weight are then those of the beam.
+    """
+    N = length.shape[-1]
+    if callable(section):
+        points, weights = (torch.tensor(x, dtype=length.dtype, device=length.device) for x in (POINTS, WEIGHTS))
+        start = length.cumsum(-1) - length
+        found = section((start[..., None] + length[..., None] * points).flatten(-2))
+        if not isinstance(found, Section) or found.batch_shape[-1:] != (4 * N,):
+            given = f"of batch shape {tuple(found.batch_shape)}" if isinstance(found, Section) else type(found).__name__
+            raise ValueError(f"a function of s that gave a section {given} for {4 * N} places was given; one Section with a "
+                             "last batch axis of that many is wanted")
+        mean = (torch.einsum("...nkij,k->...nij", x.expand(*x.shape[:-3], 4 * N, 6, 6).unflatten(-3, (N, 4)), weights)
+                for x in (found.compliance, found.mass))
+        return found.like(*mean)
+    sections = tuple(section)
+    if not sections or not all(isinstance(s, Section) for s in sections) or len(sections) not in (1, N):
+        raise ValueError(f"{len(sections)} sections were given for {N} elements; one Section or one each is wanted")
+    return stacked(sections)
+
+
+def _places(s: Tensor) -> Tensor:
+    finite("s", s)
+    if s.ndim == 0 or s.shape[-1] < 2 or not (s.diff(dim=-1) > 0).all():
+        raise ValueError(f"the places s = {s.flatten().tolist()[:8]} were given; two or more, strictly increasing, are wanted")
+    return s
+
+
+def _between(s: Tensor, values: Tensor, at: Tensor) -> Tensor:
+    """Straight lines through values (..., n, k) at s (..., n), looked up at (..., m): (..., m, k)."""
+    shape = broadcast("places and values", s.shape[:-1], values.shape[:-2], at.shape[:-1])
+    n, m, k = s.shape[-1], at.shape[-1], values.shape[-1]
+    s, at, values = s.expand(*shape, n), at.to(values).expand(*shape, m), values.expand(*shape, n, k)
+    i = (torch.searchsorted(s.detach().contiguous(), at.detach().contiguous(), right=True) - 1).clamp(0, n - 2)
+    a, b = s.gather(-1, i), s.gather(-1, i + 1)
+    share = ((at - a) / (b - a)).clamp(0, 1)[..., None]
+    before, after = (values.gather(-2, j[..., None].expand(*shape, m, k)) for j in (i, i + 1))
+    return before + share * (after - before)

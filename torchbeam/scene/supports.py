@@ -1,0 +1,119 @@
+"""Supports of nodes, and prescribed motions of the clamp and of frame a."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.leaves import Tree, leaf
+from ..core.validation import Value, axis_last, finite, shown, whole
+from .effects.values import plain
+
+AXES = "xyz"
+Motion = Callable[[Tensor], Tensor]
+
+
+@dataclass(frozen=True)
+class Frame(Tree):
+    """Prescribed motion of frame a, in its own axes: values (..., 3) or functions t -> (..., 3).
+
+    velocity          v of the origin, m/s
+    angular_velocity  omega, rad/s
+    """
+
+    velocity: Value | Motion | None = leaf(1, default=None)
+    angular_velocity: Value | Motion | None = leaf(1, default=None)
+
+    def __post_init__(self) -> None:
+        for name in ("velocity", "angular_velocity"):
+            _motion(self, name)
+
+
+@dataclass(frozen=True)
+class RootMotion(Tree):
+    """Motion of the clamp in frame a: functions t -> (..., 3), or values (..., 3) of a clamp that stands elsewhere than the
+    beam has node 0; `Accelerogram` is a function, of a shaker or an earthquake. Rates of functions are taken by forward
+    mode: they are written in torch operations on t (torch.sin(t), not math.sin(t)), else a ValueError says so.
+
+    displacement  of node 0 from its place in the beam, m
+    rotation      of node 0 from its axes in the beam: a rotation vector, rad, frame a
+    """
+
+    displacement: Value | Motion | None = leaf(1, default=None)
+    rotation: Value | Motion | None = leaf(1, default=None)
+
+    def __post_init__(self) -> None:
+        for name in ("displacement", "rotation"):
+            _motion(self, name)
+
+
+@dataclass(frozen=True)
+class Support(Tree):
+    """Support: prescribed position and rotation components of a node.
+
+    node          counts from the root, -1 is the tip
+    position      the components in frame a that are held: "xyz" all, "yz" a slide along x, "" none
+    rotation      "xyz" all; two letters: a hinge about the third axis of frame a; "": a pin
+    displacement  (..., 3) m of the held components from where the beam has the node, frame a: a value, or a function of t for
+                  a support that moves. None = none
+    turn          (..., 3) rad, likewise: rotation vector from the node's axes in the beam, frame a; wants rotation="xyz"
+
+    What is held is where the beam has the node, displaced and turned so, in statics and in motion, whatever a start has there:
+    an equilibrium looks for its shape from there, a motion refuses a start that is elsewhere, or that moves where nothing does
+    (see `simulate`). Values that do not change are no motion: what takes supports that stand takes them.
+
+    Raises ValueError for other letters, a rotation about which one axis is held, or a motion of what is not held.
+    """
+
+    node: int
+    position: str = AXES
+    rotation: str = AXES
+    displacement: Value | Motion | None = leaf(1, default=None)
+    turn: Value | Motion | None = leaf(1, default=None)
+
+    def __post_init__(self) -> None:
+        whole("node", self.node)
+        for name in ("position", "rotation"):
+            letters = getattr(self, name)
+            if not isinstance(letters, str) or set(letters) - set(AXES) or len(set(letters)) != len(letters):
+                raise ValueError(f"{name} = {shown(letters)} was given; some of the letters x, y and z are wanted, or none")
+        if len(self.rotation) == 1:
+            raise ValueError(f"rotation = {self.rotation!r} was given; all three components are held, two (a hinge about the "
+                             "third) or none")
+        for name in ("displacement", "turn"):
+            _motion(self, name)
+        if self.displacement is not None and not self.position:
+            raise ValueError("a displacement of a node whose position is free was given; held components are wanted")
+        if self.turn is not None and len(self.rotation) < 3:
+            raise ValueError(f"turn with rotation = {self.rotation!r} was given; rotation = 'xyz' is wanted")
+
+    @property
+    def held(self) -> tuple[bool, ...]:
+        """Position x y z, rotation x y z."""
+        return tuple(axis in letters for letters in (self.position, self.rotation) for axis in AXES)
+
+    @property
+    def clamp(self) -> bool:
+        return all(self.held)
+
+    @property
+    def moves(self) -> bool:
+        """Whether its place changes in time."""
+        return callable(self.displacement) or callable(self.turn)
+
+    @property
+    def displaced(self) -> bool:
+        """Whether it is elsewhere than the beam has its node."""
+        return self.displacement is not None or self.turn is not None
+
+
+def _motion(owner: Any, name: str) -> None:
+    value = getattr(owner, name)
+    if value is not None and not callable(value):
+        value = axis_last(name, plain(value), 3)
+        finite(name, torch.as_tensor(value))
+        object.__setattr__(owner, name, value)

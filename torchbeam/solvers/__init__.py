@@ -1,0 +1,1 @@
+"""Newton's method and what follows from its solution; knows no beam."""

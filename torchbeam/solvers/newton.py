@@ -1,0 +1,103 @@
+"""Newton's method, controlled by convergence, per sample."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..core.batch_subset import BatchSubset, NotSeparable
+from ..core.derivatives import no_derivatives
+from ..core.leaves import Tree
+from ..core.status import BROKEN, DIVERGED, SUCCESS
+from ..core.validation import concrete
+from .problem import Problem
+
+TOLERANCE = {torch.float64: 1e-8, torch.float32: 1e-4}  # of the scaled residual after the last update
+LIMIT = 25  # iterations
+QUADRATIC = 0.01  # a residual that falls by this factor falls quadratically
+
+
+class Outcome(NamedTuple):
+    """x: the solution (or the last iterate); reaction (..., K, w); status (...) int, see `core.status.STATUS`;
+    iterations (...) int.
+    """
+
+    x: Any
+    reaction: Tensor
+    status: Tensor
+    iterations: Tensor
+
+
+def newton(problem: Problem, x: Any, active: Tensor | None = None, tolerance: float | None = None, limit: int = LIMIT
+           ) -> Outcome:
+    """Solve problem.residual(x) = 0. Samples that have converged stop changing, so that none depends on its neighbours;
+    those outside of `active` (...) never start. Once few are left, those alone go on (see `BatchSubset`): the same answers, but
+    that products of another shape may round differently.
+
+    A sample has converged once its scaled residual is below `tolerance`, or sure to be after the update that is at hand:
+    from r to s, the next is s (s/r)^2 where convergence is quadratic, and this is trusted once s < r/100. The update is made
+    either way. A sample whose residual stops being finite has failed and is left alone.
+    """
+    with no_derivatives():
+        return _iterate(problem, x, active, None, tolerance, limit)
+
+
+def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | None, tolerance: float | None,
+             limit: int) -> Outcome:
+    """`before` (...): the scaled residual of the iteration before; None = there was none."""
+    first = before is None
+    for k in range(limit):
+        residual, *about = problem.residual(x)
+        size = residual.measure()
+        if k == 0:
+            tolerance = tolerance or TOLERANCE[size.dtype]
+            over = torch.zeros_like(size, dtype=torch.bool) if active is None else ~active.expand(size.shape)
+            done = over
+            status = torch.where(torch.isfinite(size) | (not first), DIVERGED, BROKEN)
+            iterations = torch.zeros_like(status)
+            before = torch.zeros_like(size) if first else before
+            x = type(x)(*(v.expand(*size.shape, *v.shape[-2:]) for v in x))
+            few = None if active is None else BatchSubset.worthwhile(~over)
+            part = None if few is None else _part(problem, few)
+            if part is not None:
+                rest = _iterate(part, _taken(few, x), None, None, tolerance, limit)
+                reaction = size.new_zeros(*size.shape, *rest.reaction.shape[-2:])
+                return _joined(few, Outcome(x, reaction, torch.where(over, SUCCESS, status), iterations), rest)
+        *change, root = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
+        keep = over[..., None, None]
+        x = type(x)(*(torch.where(keep, a, b) for a, b in zip(x, problem.update(x, *change), strict=True)))
+        reaction = torch.where(keep, size.new_zeros(()) if k == 0 else reaction, root)
+        iterations = iterations + ~over
+        drop = size / before
+        done = done | (~over & ((size <= tolerance) | ((drop < QUADRATIC) & (size * drop**2 <= tolerance))))
+        over = done | ~torch.isfinite(size)
+        before = size
+        if concrete(over).all():
+            break
+        few = BatchSubset.worthwhile(~over) if k < limit - 1 else None
+        part = None if few is None else _part(problem, few)
+        if part is not None:
+            rest = _iterate(part, _taken(few, x), None, few.take(before, 0), tolerance, limit - 1 - k)
+            return _joined(few, Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations), rest)
+    return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
+
+
+def _part(problem: Problem, few: BatchSubset) -> Problem | None:
+    """The problem of some samples alone; None where it cannot be taken apart."""
+    try:
+        return few.gather(problem) if isinstance(problem, Tree) else None
+    except NotSeparable:
+        return None
+
+
+def _taken(few: BatchSubset, x: Any) -> Any:
+    return type(x)(*(few.take(v, 2) for v in x))
+
+
+def _joined(few: BatchSubset, whole: Outcome, rest: Outcome) -> Outcome:
+    """The outcome of all, where some went on by themselves."""
+    x = type(whole.x)(*(few.put(a, b, 2) for a, b in zip(whole.x, rest.x, strict=True)))
+    return Outcome(x, few.put(whole.reaction, rest.reaction, 2), few.put(whole.status, rest.status, 0),
+                   whole.iterations.index_add(0, few.index, rest.iterations))

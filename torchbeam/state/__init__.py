@@ -1,0 +1,1 @@
+"""States at one instant, and solutions over time."""

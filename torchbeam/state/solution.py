@@ -1,0 +1,84 @@
+"""Solution: trajectory, energies and solver statistics of a simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from torch import Tensor
+
+from ..core.summary import counted, kind, lines, point, span, statuses
+from .state import Point, Reaction
+
+
+class Energy(NamedTuple):
+    """(time, ...) J: kinetic, strain, and the work of the loads since the start (None where it was not asked for).
+    Strain energy is that of the strain less the eigenstrain (`Actuation`). Undamped, kinetic + strain - work
+    is constant, but for what a change of the eigenstrain brings in.
+    """
+
+    kinetic: Tensor
+    strain: Tensor
+    work: Tensor | None
+
+
+@dataclass
+class Stats:
+    """Solver statistics. Counters that a method does not have stay None.
+
+    steps        time steps (implicit: of the grid)
+    evaluations  right-hand-side evaluations
+    iterations   Newton iterations, (steps, ...) per step and sample
+    drift        largest violation of the undifferentiated equations, (...) (block rate form)
+    reason       one sentence per kind of failure that occurred: status -> sentence
+    """
+
+    steps: int | None = None
+    evaluations: int | None = None
+    iterations: Tensor | None = None
+    drift: Tensor | None = None
+    reason: dict[int, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A trajectory; time is the first axis of everything in it.
+
+    t       (time,) s
+    state   the states, `state[-1]` is the last (restart from it with `initial=`)
+    energy  `Energy`
+    stats   `Stats`
+    """
+
+    t: Tensor
+    state: Any
+    energy: Energy
+    stats: Stats
+
+    def __repr__(self) -> str:
+        done = [counted(self.stats.steps, "step")] if self.stats.steps is not None else []
+        done += [counted(self.stats.evaluations, "evaluation")] if self.stats.evaluations is not None else []
+        last = self.nodes[-1, ..., -1, :]
+        return lines("Solution", f"{counted(len(self.t), 'instant')}, t = {span(self.t)} s" + "".join(f", {x}" for x in done),
+                     f"{type(self.state).__name__} of {self.nodes.shape[-2]} nodes, tip at {point(last)} m in the end",
+                     statuses(self.status), kind(self.nodes.shape[1:-2], self.nodes))
+
+    @property
+    def tip(self) -> Point:
+        """position, velocity (time, ..., 3), rotation (time, ..., 3, 3), spin (time, ..., 3), frame a."""
+        return self.state.tip
+
+    @property
+    def nodes(self) -> Tensor:
+        """(time, ..., N+1, 3) m, frame a."""
+        return self.state.nodes
+
+    @property
+    def root(self) -> Reaction:
+        """force, moment (time, ..., 3): load of the support on the beam, frame a."""
+        return self.state.root
+
+    @property
+    def status(self) -> Tensor:
+        """(...) per sample: 0 = success."""
+        return self.state.status[-1]

@@ -1,0 +1,71 @@
+"""Initial states: supported nodes have to start on their supports."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.validation import concrete
+from ..math import quaternions as quat
+from ..scene.prescribed_motion import PrescribedMotion
+from ..scene.supports import AXES, Support
+from .state import State, held_rotation, set_node
+
+OFF = {torch.float64: 1e-6, torch.float32: 2e-3}  # of the beam's length, and rad
+SWUNG = {torch.float64: 1e-4, torch.float32: 2e-3}  # rad, of a hinge's axis: an explicit method keeps it to its tolerance
+MOVING = {torch.float64: 1e-3, torch.float32: 1e-2}  # of the largest velocity, and spin
+AT = "; wanted is where the beam has it, displaced and turned as its support is (torchbeam.rest, equilibrium and " \
+     "State.from_nodes lead there)"
+
+
+def on_supports(state: State, scene: Any, t: Tensor) -> State:
+    """`state` with supported components at time t (0-dim) exactly where beam and supports have them, derivatives
+    included. A sample that has failed is put there without a check: it stands where it stopped.
+
+    Raises ValueError where the state is elsewhere by more than rounding, or moves where nothing does.
+    """
+    prescribed_motion, beam = PrescribedMotion(scene), scene.beam
+    judged = state.status == 0
+    length = beam.length.detach().sum(-1)
+    position, rotation = state.position, state.rotation
+    for support in scene.supports:
+        node, (place, turn) = support.node, prescribed_motion.pose(support, t)
+        holds, turns = (place.new_tensor(part) for part in (support.held[:3], support.held[3:]))
+        away = (position[..., node, :] - place).detach() * holds
+        _judge(away, OFF[state.position.dtype] * length, judged, support, "position", "m", AT)
+        swing = quat.multiply(rotation[..., node, :], quat.conjugate(turn))
+        angle = 2 * torch.asin((swing[..., 1:].detach() * turns).clamp(-1, 1))
+        limit = OFF if len(support.rotation) == 3 else SWUNG
+        _judge(angle, torch.full_like(length, limit[length.dtype]), judged, support, "rotation", "rad", AT)
+        position = set_node(position, node, torch.where(holds > 0, place, position[..., node, :]))
+        rotation = set_node(rotation, node, held_rotation(rotation[..., node, :], turn, support))
+    state = replace(state, position=position, rotation=rotation)
+    if not scene.has_prescribed_motion:
+        _judge_velocities(state, scene, judged)
+    return state
+
+
+def _judge_velocities(state: State, scene: Any, judged: Tensor) -> None:
+    spin = quat.rotate(state.rotation, state.spin)
+    for name, x, unit, letters in (("velocity", state.velocity, "m/s", 0), ("spin", spin, "rad/s", 3)):
+        x = x.detach()
+        limit = MOVING[x.dtype] * torch.linalg.vector_norm(x, dim=-1).amax(-1)
+        for support in scene.supports:
+            held = x.new_tensor(support.held[letters:letters + 3])
+            _judge(x[..., support.node, :] * held, limit, judged, support, name, unit, "; its support does not move")
+
+
+def _judge(off: Tensor, limit: Tensor, judged: Tensor, support: Support, what: str, unit: str, wanted: str) -> None:
+    """ValueError where off (..., 3) is larger than limit (...)."""
+    bad = (off.abs() > limit[..., None]).any(-1) & judged
+    wrong = concrete(bad)
+    if not wrong.any():
+        return
+    off = concrete(torch.where(bad[..., None], off.abs(), 0.0))[wrong][0]
+    axis = int(off.argmax())
+    which = f" of sample {wrong.nonzero()[0].tolist()}" if wrong.ndim else ""
+    raise ValueError(f"initial{which} was given with the {what} {AXES[axis]} of node {support.node}, which is held, "
+                     f"{off[axis].item():.3g} {unit} off{wanted}")

@@ -1,0 +1,1 @@
+"""Equilibrium, equilibrium paths, and what holds a beam."""

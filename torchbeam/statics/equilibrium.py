@@ -1,0 +1,216 @@
+"""Equilibrium of a scene."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.derivatives import no_derivatives
+from ..core.leaves import wants_gradient
+from ..core.status import DIVERGED, STATUS
+from ..core.validation import boolean, choice, concrete, instant
+from ..core.validation import tolerance as check_tolerance
+from ..math.block_tridiagonal import finite_pivots, positive_definite
+from ..nodal.balance import Linearisation
+from ..nodal.discretise import discretise
+from ..nodal.model import Model
+from ..scene.scene import Scene
+from ..solvers.implicit_gradient import differentiated, implicit_gradient
+from ..solvers.newton import newton
+from ..state.state import State, check_state, rest, turning
+from . import relaxation
+from .arc_length import LoadedProblem, where
+from .mechanism import unheld
+from .path import NEUTRAL, stable_branch
+from .steady import Configuration, SteadyProblem
+
+TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on another branch
+FIRST, WHOLE = 1.0, 1.2  # rad by the tangent at no load: of a first step; of one that may be the whole load
+EASY = 0.8  # rad: after a step with that turn the next is as long again
+FEWEST = 1 / 64  # of the load in a first step
+SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}  # of the softest pivot at no load
+LARGE = 1e4  # times the move that the loads bring about at first
+LEAST = 1e-4  # smallest load step, as a share of the whole load
+LIMIT = 12  # iterations in a load step: one that takes more is quicker in two
+REASON = {**STATUS, DIVERGED: "Newton's method found none; the load may be past a limit point, or the beam slack: "
+                             "relax=True starts from a damped run"}
+SWING = "relax=True lets it swing to where its loads hold it"
+UNRELAXED = "the damped run came to no rest; its loads may drive it on"
+
+
+def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, tolerance: float | None = None,
+                throw: bool = True, branch: str = "first", relax: bool = False, **inputs: Any) -> State:
+    """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which stands as at t = 0.
+
+    initial    where to start, at no load; None = the undeformed beam. What supports hold is put where they have it
+    tolerance  of the scaled residual; default 1e-8 in float64
+    throw      raise where a sample has no equilibrium; otherwise its `status` says so and it holds the last shape on the way
+    branch     "first": the one that the way up leads to; "stable": a sample that is unstable there is followed again from no
+               load on, by arc length (see `path`), along the branches that bifurcate, to the side to which it leans
+    relax      come there by a motion without inertia in a viscous fluid instead of by load steps, then by Newton's method: for
+               what is far from where it starts and hardly stiff on the way, as a slack cable or a hinged beam that swings down
+    inputs     by name, (..., size): by keyword, or all in a dictionary inputs={...}
+
+    The load is raised in steps, per sample, where Newton's method needs it: a step in which it fails, or a node turns by more
+    than 1 rad, is halved. Infinite stiffness is taken as it is. Differentiable by the implicit function theorem.
+
+    Past a point of buckling the way up may keep to a branch that is no longer stable. Where all loads are conservative (dead
+    forces, gravity) a RuntimeWarning names the samples whose tangent is not positive definite. Where a derivative is recorded
+    at a limit point, a RuntimeError says that there is none (with throw=False the sample is a constant); at a point of
+    bifurcation a RuntimeWarning says that some do not exist.
+
+    Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form does not take and
+    RuntimeError for a sample without equilibrium; where nothing holds a rigid motion of it, the sentence says which.
+    """
+    choice("branch", branch, ("first", "stable"))
+    boolean("throw", throw)
+    model = discretise(scene)
+    tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
+    given = scene.tensors(inputs)
+    start = rest(scene) if initial is None else check_state(initial, scene)
+    time = instant("t", t, scene.beam.nodes)
+    start = model.space.start(start)
+    start = Configuration(start.position, start.rotation, start.stress)
+    x, reaction, status = (relaxation.relax if relax else _climb)(model, time, given, start, tolerance)
+    good = status == 0
+    problem = SteadyProblem(model, time, given, torch.ones_like(status, dtype=scene.dtype))
+    conservative = all(load.conservative for load in scene.loads) and not turning(scene)
+    if branch == "stable":
+        unstable = good & _unstable(problem, x, start)
+        if concrete(unstable).any():
+            with no_derivatives():
+                *stable, found = stable_branch(model, LoadedProblem(model, time, given), start, unstable, tolerance)
+            x, reaction = where(found, tuple(stable), (x, reaction))
+    if differentiated(problem, x) or wants_gradient(*start):
+        limit, fork = _singular(problem, x, start, good)
+        if throw and concrete(limit).any():
+            raise RuntimeError(f"{_which(limit)} is at a limit point: the equilibrium has no derivative by the load there "
+                               "(`path` goes through it)")
+        if concrete(fork).any():
+            warnings.warn(f"{_which(fork)} is at a point of bifurcation: derivatives by what pushes it off its path do not "
+                          "exist", RuntimeWarning, stacklevel=2)
+        good = good & ~limit
+        held = {name: torch.where(good[..., None], v, v.detach()) for name, v in given.items()}
+        problem = replace(problem, inputs=held)
+        x, reaction = _attached(problem, x, reaction, start, good)
+    failed = status != 0
+    if throw and concrete(failed).any():
+        alike = failed is not concrete(failed)  # one of many that torch.func.vmap has
+        failed, status = concrete(failed), concrete(status)
+        which = f"sample {_first(failed)} of {tuple(failed.shape)}" if failed.ndim else "the scene"
+        code = int(status[failed][0])
+        loose = "" if alike or code != DIVERGED else unheld(model, time, given, tuple(failed.nonzero()[0].tolist()))[1]
+        reason = REASON[code] if code != DIVERGED or not relax else UNRELAXED
+        if loose:
+            reason = f"nothing holds {loose}; a support or a spring would ({UNRELAXED if relax else SWING})"
+        raise RuntimeError(f"{which} has no equilibrium: {reason}")
+    if conservative:
+        unstable = ~failed & _unstable(problem, x, start)
+        if concrete(unstable).any():
+            warnings.warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to "
+                          "another (branch='stable' looks for it)", RuntimeWarning, stacklevel=2)
+    return problem.state(x, reaction, status)
+
+
+def _which(mask: Tensor) -> str:
+    mask = concrete(mask)
+    return f"sample {_first(mask)} ({int(mask.sum())} of {mask.numel()})" if mask.ndim else "the beam (1 of 1)"
+
+
+def _first(mask: Tensor) -> Any:
+    first = mask.nonzero()[0].tolist()
+    return first[0] if len(first) == 1 else tuple(first)
+
+
+def _tangent(problem: SteadyProblem, x: Configuration) -> Linearisation:
+    return problem.linearise(x, *problem.residual(x)[1:])
+
+
+def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration) -> Tensor:
+    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no load."""
+    with no_derivatives():
+        tangent = _tangent(problem, x)
+        doubtful = ~positive_definite(tangent.D, tangent.L, tangent.U)
+        if not concrete(doubtful).any():
+            return doubtful
+        unloaded = _tangent(problem, start)
+        (here, sound), (usual, _) = (finite_pivots(k.D, k.L, k.U) for k in (tangent, unloaded))
+        here, usual = (torch.linalg.eigvalsh(p + p.mT).amin((-1, -2)) for p in (here, usual))
+        return doubtful & ((here < -NEUTRAL * usual.clamp(min=0)) | ~sound)
+
+
+def _singular(problem: SteadyProblem, x: Configuration, start: Configuration, good: Tensor) -> tuple[Tensor, Tensor]:
+    """(...) whether the softest pivot is next to nothing beside the softest one at no load: at a limit point, where the load
+    brings that motion about, or at a point of bifurcation, where it does not.
+    """
+    with no_derivatives():
+        (soft, ease), (usual, before) = (_softness(problem, at) for at in (x, start))
+        singular = good & (soft < SINGULAR[x.stress.dtype] * usual)
+        limit = singular & (ease > LARGE * before)
+        return limit, singular & ~limit
+
+
+def _softness(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, Tensor]:
+    """(...) the softest pivot, and the largest move that a change of the loads by themselves brings about."""
+    residual, *about = problem.residual(x)
+    tangent = problem.linearise(x, *about)
+    unloaded = replace(problem, load_factor=torch.zeros_like(problem.load_factor)).residual(x)[0]
+    move = tangent.solve(residual.nodes - unloaded.nodes, torch.zeros_like(residual.strain))[0]
+    return torch.linalg.svdvals(finite_pivots(tangent.D, tangent.L, tangent.U)[0]).amin((-1, -2)), move.abs().amax((-1, -2))
+
+
+def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Configuration, tolerance: float | None
+           ) -> tuple[Configuration, Tensor, Tensor]:
+    """Raise the load from 0 to 1, each sample at its own pace: (shape, reaction, status)."""
+    with torch.no_grad():
+        probe, _ = SteadyProblem(model, t, inputs, t.new_ones(())).residual(x)
+        shape = probe.measure().shape
+        x = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in x))
+        reached, step = t.new_zeros(shape), _first_step(SteadyProblem(model, t, inputs, t.new_ones(shape)), x)
+        reaction = probe.nodes.new_zeros(*shape, *model.constraints.fixed.shape)
+        status = torch.zeros(shape, dtype=torch.long, device=t.device)
+        while True:
+            climbing = (reached < 1) & (status == 0)
+            if not concrete(climbing).any():
+                return x, reaction, status
+            share = torch.where(climbing, (reached + step).clamp(max=1), reached)
+            problem = SteadyProblem(model, t, inputs, share)
+            outcome = newton(problem, problem.apply_supports(x), climbing, tolerance, LIMIT)
+            turn = model.space.multiply(model.space.inverse(x.rotation), outcome.x.rotation)
+            cosine = model.space.cosine(turn).abs().amin(-1)
+            calm = cosine > torch.cos(torch.as_tensor(TURN / 2))
+            good = climbing & (outcome.status == 0) & calm
+            x = Configuration(*(torch.where(good[..., None, None], a, b) for a, b in zip(outcome.x, x, strict=True)))
+            reaction = torch.where(good[..., None, None], outcome.reaction, reaction)
+            reached = torch.where(good, share, reached)
+            turned = 2 * torch.arccos(cosine.clamp(max=1))
+            step = torch.where(good, (EASY / turned).clamp(1.5, 4.0) * step, step / 2)
+            stuck = climbing & ~good & (step < LEAST)
+            status = torch.where(stuck, outcome.status.clamp(min=DIVERGED), status)
+
+
+def _first_step(problem: SteadyProblem, x: Configuration) -> Tensor:
+    """(...) share of the load to begin with: that under which no node would turn by more than 1 rad if the beam stayed as
+    soft as it is; all of it where none would turn by more than 1.2.
+    """
+    residual, *about = problem.residual(x)
+    move, *_ = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
+    turn = torch.linalg.vector_norm(move[..., problem.model.space.position:], dim=-1).amax(-1)
+    return torch.where(turn > WHOLE, (FIRST / turn).clamp(min=FEWEST), 1.0)
+
+
+def _attached(problem: SteadyProblem, x: Configuration, reaction: Tensor, start: Configuration, good: Tensor
+              ) -> tuple[Configuration, Tensor]:
+    """The solution with its derivatives, those by the supports included, whose place and axes come from the scene. A sample
+    that is not good keeps its shape and has none.
+    """
+    mask = good[..., None, None]
+    safe = Configuration(start.position.detach(), start.rotation.detach(), torch.zeros_like(start.stress))
+    solved = Configuration(*(torch.where(mask, a, b) for a, b in zip(x, safe, strict=True)))
+    attached, moved = implicit_gradient(problem, problem.apply_supports(solved), good)
+    x = Configuration(*(torch.where(mask, a, b) for a, b in zip(attached, x, strict=True)))
+    return x, torch.where(mask, moved, reaction)

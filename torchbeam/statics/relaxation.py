@@ -1,0 +1,113 @@
+"""Relaxation: a beam comes to rest in a fluid so viscous that it has no inertia; where Newton's method by itself finds nothing.
+
+    mu (r - r_before)/dtau = forces,   mu' theta/dtau = moments          a node (theta: its turn since, frame a)
+
+by backward Euler, in steps dtau that grow as the beam calms down: with conservative loads each lowers the energy (the
+proximal point method; pseudo-transient continuation, Kelley and Keyes 1998). The loads grow from none to all until tau = 1.
+Once a step turns no node by much, Newton's method without the fluid takes over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.leaves import leaf
+from ..core.status import DIVERGED
+from ..core.validation import concrete
+from ..math.block_tridiagonal import positive_definite
+from ..nodal.balance import Linearisation, Residual
+from ..nodal.model import Model
+from ..solvers.newton import newton
+from .steady import Configuration, SteadyProblem
+
+FIRST, LEAST, STEPS = 1 / 16, 1e-9, 500  # step: the first, and the smallest; how many
+TURN, CALM = 1.0, 0.2  # rad a node may turn in a step; after which Newton's method is tried
+EASY, GROWTH = 0.4, (1.1, 4.0)  # rad: after a step with that turn the next is as long again
+LIMIT = 12  # iterations
+
+
+@dataclass(frozen=True)
+class Viscous(SteadyProblem):
+    """`SteadyProblem` in the fluid: before (`Configuration`), and drag (..., N+1, w) N/m and N m/rad of one step."""
+
+    before: Configuration = leaf(2)
+    drag: Tensor = leaf(2)
+
+    def residual(self, x: Configuration) -> tuple[Residual, Any]:
+        residual, kin = super().residual(x)
+        space, x = self.model.space, self.apply_supports(x)
+        turn = space.theta(space.multiply(space.inverse(self.before.rotation), x.rotation))
+        way = torch.cat((x.position - self.before.position, space.to_frame(x.rotation, turn)), -1)
+        return residual._replace(nodes=residual.nodes + self.drag * way), kin
+
+    def linearise(self, x: Configuration, kin: Any) -> Linearisation:
+        tangent = super().linearise(x, kin)
+        return tangent._replace(D=tangent.D + torch.diag_embed(self.drag[..., self.model.constraints.first:, :]))
+
+
+def relax(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Configuration, tolerance: float | None
+          ) -> tuple[Configuration, Tensor, Tensor]:
+    """From x, each sample at its own pace: (shape, reaction, status). Where loads are conservative, every step and the end are
+    minima of the energy, not saddles of it.
+    """
+    downhill = all(load.conservative for load in model.scene.loads) and not model.turning
+    with torch.no_grad():
+        whole = SteadyProblem(model, t, inputs, t.new_ones(()))
+        probe = whole.residual(x)[0]
+        shape = probe.measure().shape
+        whole = SteadyProblem(model, t, inputs, t.new_ones(shape))
+        x = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in x))
+        viscosity = _viscosity(model, probe)
+        reached, step = t.new_zeros(shape), t.new_full(shape, FIRST)
+        reaction = probe.nodes.new_zeros(*shape, *model.constraints.fixed.shape)
+        going = torch.ones(shape, dtype=torch.bool, device=t.device)
+        for _ in range(STEPS):
+            share = (reached + step).clamp(max=1)
+            fluid = Viscous(model, t, inputs, share, x, viscosity / step[..., None, None])
+            outcome = newton(fluid, fluid.apply_supports(x), going, tolerance, LIMIT)
+            turned = _turned(model, x, outcome.x)
+            good = going & (outcome.status == 0) & (turned < TURN)
+            good = good & _minimum(fluid, outcome.x) if downhill else good
+            x, reached = _where(good, outcome.x, x), torch.where(good, reached + step, reached)
+            step = torch.where(good, (EASY / turned).clamp(*GROWTH) * step, step / 4)
+            calm = good & (reached >= 1) & (turned < CALM)
+            if concrete(calm).any():
+                outcome = newton(whole, whole.apply_supports(x), calm, tolerance, LIMIT)
+                found = calm & (outcome.status == 0) & (_turned(model, x, outcome.x) < CALM)
+                found = found & _minimum(whole, outcome.x) if downhill else found
+                x = _where(found, outcome.x, x)
+                reaction = torch.where(found[..., None, None], outcome.reaction, reaction)
+                going = going & ~found
+            if not concrete(going & (step > LEAST)).any():
+                break
+        return x, reaction, torch.where(going, DIVERGED, 0)
+
+
+def _minimum(problem: SteadyProblem, x: Configuration) -> Tensor:
+    tangent = problem.linearise(x, *problem.residual(x)[1:])
+    return positive_definite(tangent.D, tangent.L, tangent.U)
+
+
+def _viscosity(model: Model, unbalanced: Residual) -> Tensor:
+    """(..., N+1, w): with which what is out of balance at the start would move the beam by its length in tau = 1."""
+    p, share = model.space.position, model.tributary_length.detach()
+    length = share.sum((-1, -2))
+    force = unbalanced.nodes[..., :p].abs().sum((-1, -2)) + unbalanced.nodes[..., p:].abs().sum((-1, -2)) / length
+    force = torch.where(force > 0, force, torch.ones_like(force))
+    along = (force / length**2)[..., None, None] * share
+    about = along * share**2 / 12
+    return torch.cat((along.expand(*along.shape[:-1], p), about.expand(*about.shape[:-1], model.space.spin)), -1)
+
+
+def _turned(model: Model, before: Configuration, after: Configuration) -> Tensor:
+    """(...) rad, the largest turn of a node."""
+    turn = model.space.multiply(model.space.inverse(before.rotation), after.rotation)
+    return 2 * torch.arccos(model.space.cosine(turn).abs().amin(-1).clamp(max=1))
+
+
+def _where(mask: Tensor, a: Configuration, b: Configuration) -> Configuration:
+    return Configuration(*(torch.where(mask[..., None, None], *both) for both in zip(a, b, strict=True)))

@@ -1,0 +1,1 @@
+"""Studies that the commands run: accuracy, effect costs, rates, hard cases, verification."""

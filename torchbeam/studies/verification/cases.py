@@ -1,0 +1,5 @@
+"""The list of verification cases."""
+
+from . import motion, rotating, stability, statics, wing
+
+CASES = [*statics.CASES, *stability.CASES, *wing.CASES, *motion.CASES, *rotating.CASES]
