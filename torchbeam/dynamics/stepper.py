@@ -73,7 +73,7 @@ class Stepper:
         if conserve and scene.has_prescribed_motion:
             raise ValueError("conserve with a frame or support that moves was given; what holds the beam still is wanted")
         if self.method is GeneralizedAlphaProblem:
-            unfit = {"a moving frame": scene.frame is not None, "a mass off its node": self.model.inertia.offset is not None,
+            unfit = {"a moving frame": scene.frame is not None, "a mass off its node": self.model.inertia.offset.present,
                      "a load with internal states": self.model.internal_states > 0}
             for what, given in unfit.items():
                 if given:

@@ -54,16 +54,17 @@ class Nodes(NamedTuple):
 STEADY = 1e9  # s: so long a step takes internal states to where they rest
 
 
-class MotionJacobian(NamedTuple):
-    """Derivatives by the move (displacement, spin) that the tangent is taken by, frame a: of the velocity by the displacement
-    (..., N+1, p, p), of the spin by the spin (..., N+1, s, s), of the acceleration by the displacement, or by both
-    (..., N+1, p, p or w), of the angular acceleration by the spin (..., N+1, s, s); None = the acceleration stays.
-    """
+# Derivatives by the move (displacement, spin) that the tangent is taken by, frame a, of the motions that it changes: "velocity"
+# (..., N+1, p, p) by the displacement, "spin" (..., N+1, s, s) by the spin, "acceleration" (..., N+1, p, p or w) by the
+# displacement, or by both, "angular_acceleration" (..., N+1, s, s) by the spin.
+MotionJacobian = dict[str, Tensor]
+STAYS: MotionJacobian = {}
+CHANGING = (VELOCITY, SPIN, ACCELERATION, ANGULAR_ACCELERATION)
 
-    velocity: Tensor
-    spin: Tensor
-    acceleration: Tensor | None = None
-    angular_acceleration: Tensor | None = None
+
+def motion_jacobian(derivatives: Any, read: frozenset[str]) -> MotionJacobian:
+    """Of the motions that loads read, from an object that knows the derivatives by name."""
+    return {name: getattr(derivatives, name) for name in CHANGING if name in read}
 
 
 def external(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[Any, ...] | None = None) -> Tensor | float:
@@ -76,10 +77,9 @@ def external(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple
     return total
 
 
-def tangent(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[Any, ...], by: MotionJacobian | None = None
+def tangent(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[Any, ...], by: MotionJacobian = STAYS
             ) -> Tensor | float:
-    """Derivative of `external` by the nodes' moves, (..., N+1, w, w); 0.0 where there is none. Without `by`, velocity, spin
-    and acceleration stay as they are.
+    """Derivative of `external` by the nodes' moves, (..., N+1, w, w); 0.0 where there is none.
     """
     total = 0.0
     for load, site in _sites(model, nodes, t, loads):
@@ -89,21 +89,19 @@ def tangent(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[
     return total
 
 
-def _moved(model: Model, name: str, by: MotionJacobian | None) -> bool:
+def _moved(model: Model, name: str, by: MotionJacobian) -> bool:
     """Whether what loads see by that name changes with the nodes' moves."""
-    if name in MotionJacobian._fields:
-        return by is not None and getattr(by, name) is not None
-    return name != ROTATION or model.space.turns
+    return name in by or name == POSITION or (name == ROTATION and model.space.turns)
 
 
-def _chained(model: Model, name: str, block: Tensor, by: MotionJacobian | None) -> Tensor:
+def _chained(model: Model, name: str, block: Tensor, by: MotionJacobian) -> Tensor:
     """A derivative (..., m, w) by the motion `name` as one by the moves."""
-    p, moved = model.space.position, getattr(by, name, None)
-    if moved is None:
+    p = model.space.position
+    if name not in by:
         return block
     if name in ANGULAR:
-        return pad(block[..., p:] @ moved, (p, 0))
-    block = block[..., :p] @ moved
+        return pad(block[..., p:] @ by[name], (p, 0))
+    block = block[..., :p] @ by[name]
     return pad(block, (0, model.space.unknowns - block.shape[-1]))
 
 
@@ -134,10 +132,11 @@ def internal(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, shape: tuple
     return _joined([z.expand(*shape, z.shape[-1]) for z in found]) if found else None
 
 
-def advanced(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor:
+def advanced(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor | None:
     """The same at the end of a step in whose middle the nodes are."""
-    return _joined([_flat(load, 2 * load.advance(site, site.internal, t, inputs, site.dt) - site.internal)
-                    for load, site in _sites(model, nodes, t, _remembering(model))])
+    found = [_flat(load, 2 * load.advance(site, site.internal, t, inputs, site.dt) - site.internal)
+             for load, site in _sites(model, nodes, t, _remembering(model))]
+    return _joined(found) if found else None
 
 
 def advanced_rates(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor:

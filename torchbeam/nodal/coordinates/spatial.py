@@ -48,6 +48,10 @@ class Space(Tree):
         """Of a node."""
         return self.position + self.spin
 
+    def of_nodes(self, nodes: slice) -> Space:
+        """Of some nodes alone, where nodes differ."""
+        return self
+
     # States, loads and maps of the public kind, in 3D
 
     def to_reduced(self, state: State) -> State:
