@@ -104,27 +104,27 @@ class EndMotion:
 
     def balance(self, way: EndKinematics) -> InertiaForces:
         """At the end; `angular` is J Omega, section axes."""
-        inertia, space = self.inertia, self.inertia.space
-        (acceleration, rate), (_, spin) = (x.split((space.position, space.spin), -1) for x in (way.true, way.v))
-        rotary, H = inertia.rotary, inertia.rotary.section_momentum(spin)
+        inertia, space, p = self.inertia, self.inertia.space, self.inertia.space.position
+        rotary, spin = inertia.rotary, way.v[..., p:]
+        H = rotary.section_momentum(spin)
         moment = rotary.moment(H, lambda: space.to_frame(
-            way.q_end, rotary.section_momentum(rate) + (space.spin_skew(spin) @ H[..., None])[..., 0]))
-        return InertiaForces(torch.cat((inertia.translational.momentum(acceleration), moment), -1), H)
+            way.q_end, rotary.section_momentum(way.true[..., p:]) + (space.spin_skew(spin) @ H[..., None])[..., 0]))
+        return InertiaForces(torch.cat((inertia.translational.momentum(way.true[..., :p]), moment), -1), H)
 
     def nodes(self, way: EndKinematics, read: frozenset[str], frame: Tensor | None, dt: Tensor) -> Nodes:
         """What loads see: the end of the step."""
-        return self._nodes(way.position_end, way.q_end, way.v, way.true, read)
+        p = self.inertia.space.position
+        return self._nodes(way.position_end, way.q_end, way.v[..., :p], way.v[..., p:], way.true, read)
 
     def nodes_before(self, read: frozenset[str]) -> Nodes:
         """The same at the start."""
         start, w = self.start, self.inertia.space.unknowns
-        return self._nodes(start.position, start.rotation, torch.cat((start.velocity, start.spin), -1),
-                           start.acceleration[..., :w], read)
+        return self._nodes(start.position, start.rotation, start.velocity, start.spin, start.acceleration[..., :w], read)
 
-    def _nodes(self, r: Tensor, q: Tensor, v: Tensor, true: Tensor, read: frozenset[str]) -> Nodes:
+    def _nodes(self, r: Tensor, q: Tensor, velocity: Tensor, spin: Tensor, true: Tensor, read: frozenset[str]) -> Nodes:
         p, to_frame = self.inertia.space.position, self.inertia.space.to_frame
         found = {"acceleration": lambda: true[..., :p], "angular_acceleration": lambda: to_frame(q, true[..., p:])}
-        return Nodes(r, q, v[..., :p], to_frame(q, v[..., p:]), **{name: found[name]() for name in INERTIAL if name in read})
+        return Nodes(r, q, velocity, to_frame(q, spin), **{name: found[name]() for name in INERTIAL if name in read})
 
 
 @dataclass(frozen=True)

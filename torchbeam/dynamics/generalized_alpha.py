@@ -92,9 +92,7 @@ class GeneralizedAlphaProblem(MidpointProblem):
     @cached
     def element(self) -> EndElement:
         """The elements at the end."""
-        model = self.model
-        return EndElement(model.space, model.law, model.length, self.h, model.reference, self.strain, self.eigenstrain,
-                          self.start.straining, self.method)
+        return EndElement(*self._elements, self.start.straining, self.method)
 
     def predictor(self) -> EndUnknowns:
         """Constant velocity, and the stress of the step before."""
@@ -109,7 +107,7 @@ class GeneralizedAlphaProblem(MidpointProblem):
         v, true, a = way.v, way.true, way.algorithmic
         p = space.position
         made = torch.cat((x.u, space.to_frame(way.q_end, space.logarithm(x.m))), -1)
-        work, load = start.work, self.external(self.nodes(way))
+        work, load = start.work, self.external(way)
         if not isinstance(load, float):
             first = external.external(model, self.motion.nodes_before(model.read), self.t - self.dt, self.inputs)
             work = work + ((first + load) / 2 * made).sum((-1, -2))

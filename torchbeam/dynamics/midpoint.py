@@ -20,7 +20,7 @@ with the frame is then steady in the step as well.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -37,7 +37,7 @@ from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..state.state import State, set_node
 from .energy_projection import conserved
-from .step_element import ElementBalance, MidpointElement
+from .step_element import ElementBalance, Ends, MidpointElement
 from .step_kinematics import MidpointMotion, MidpointTangent, StepKinematics
 from .support_motion import SupportMotions, support_motions
 
@@ -82,10 +82,6 @@ class MidpointProblem(Tree):
         return self.model.tangent_stiffness(self.dt.detach())
 
     @cached
-    def strain(self) -> Tensor:
-        return self.model.strain(self.model.kinematics(self.start.position, self.start.rotation))
-
-    @cached
     def eigenstrain(self) -> Tensor | float:
         """What the beam bends by itself."""
         return self.model.eigenstrain(self.t, self.inputs)
@@ -108,8 +104,13 @@ class MidpointProblem(Tree):
     @cached
     def element(self) -> MidpointElement:
         """The elements over the step."""
-        model = self.model
-        return MidpointElement(model.space, model.law, model.length, self.h, model.reference, self.strain, self.eigenstrain)
+        return MidpointElement(*self._elements)
+
+    @cached
+    def _elements(self) -> tuple[Any, ...]:
+        """Fields of `StepElement`."""
+        model, start = self.model, Ends.of(self.start.position, self.start.rotation)
+        return model.space, model.law, model.length, self.h, model.reference, start, self.eigenstrain
 
     def apply_supports(self, x: MidpointUnknowns) -> MidpointUnknowns:
         """x with the supports where they have to be."""
@@ -169,10 +170,10 @@ class MidpointProblem(Tree):
         x = self.apply_supports(x)
         return self.nodes(self.motion.kinematics(x.u, x.m))
 
-    def external(self, nodes: Nodes) -> Tensor | float:
+    def external(self, way: StepKinematics) -> Tensor | float:
         """Loads at the nodes (..., N+1, w)."""
-        moving = self.model.loads[0]
-        return self._dead + external.external(self.model, nodes, self.t, self.inputs, moving) if moving else self._dead
+        model, moving = self.model, self.model.loads[0]
+        return self._dead + external.external(model, self.nodes(way), self.t, self.inputs, moving) if moving else self._dead
 
     def residual(self, x: MidpointUnknowns) -> tuple[Residual, StepKinematics, ElementBalance, InertiaForces]:
         """The balance at x; with it what the nodes and the elements do there."""
@@ -180,8 +181,8 @@ class MidpointProblem(Tree):
         x = self.apply_supports(x)
         way = self.motion.kinematics(x.u, x.m)
         inertia = self.motion.balance(way)
-        element = self.element.balance(x.stress, *((*ends(r), *ends(q)) for r, q in way.poses))
-        load = self.external(self.nodes(way))
+        element = self.element.balance(x.stress, *(Ends.of(*pose) for pose in way.poses))
+        load = self.external(way)
         nodes = inertia.wrench + model.space.to_nodes(element.forces) - load
         restrained = restrained_forces(model, element.acting, self.eigenstrain, h)
         sizes = largest(model.space.position, h, element.forces, load, inertia.wrench, restrained)
@@ -210,8 +211,7 @@ class MidpointProblem(Tree):
         x = self.apply_supports(x)
         way = self.motion.kinematics(x.u, x.m)
         spin, velocity = way.spin_end, way.velocity_end
-        nodes = self.nodes(way)
-        load = self.external(nodes)
+        load = self.external(way)
         work, turn = start.work, space.to_frame(way.q, way.theta)
         if not isinstance(load, float):
             work = work + (load * torch.cat((self.h * way.velocity, turn), -1)).sum((-1, -2))
@@ -223,5 +223,5 @@ class MidpointProblem(Tree):
         after = replace(
             start, position=way.position_end, rotation=way.q_end, velocity=velocity, spin=spin, stress=x.stress,
             reaction=reaction, work=work, t=start.t + self.dt, frame=self.frame.orientation(start.frame, self.dt),
-            internal=external.advanced(model, nodes, self.t, self.inputs))
+            internal=external.advanced(model, self.nodes(way), self.t, self.inputs))
         return conserved(self.model, start, after, self.dt, self.eigenstrain) if self.conserve else after

@@ -16,11 +16,24 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
+from ..nodal.assembly import ends
 from ..nodal.constitutive_law import ElasticLaw
 from ..nodal.coordinates.spatial import Space
 from .alpha_kinematics import GeneralizedAlpha
 
-Ends = tuple[Tensor, Tensor, Tensor, Tensor]  # positions and rotations (r_i, r_j, q_i, q_j) of an element's two nodes
+
+class Ends(NamedTuple):
+    """Positions and rotations of the two nodes, (..., N, ...)."""
+
+    r_i: Tensor
+    r_j: Tensor
+    q_i: Tensor
+    q_j: Tensor
+
+    @classmethod
+    def of(cls, position: Tensor, rotation: Tensor) -> Ends:
+        """From those of all nodes."""
+        return cls(*ends(position), *ends(rotation))
 
 
 class ElementBalance(NamedTuple):
@@ -47,8 +60,8 @@ class ElementTangent(NamedTuple):
 
 @dataclass(frozen=True)
 class StepElement(Tree):
-    """Any number of elements, one too: length (..., N, 1) m, h (..., 1, 1) s the step, reference and strain (..., N, k) of the
-    undeformed beam and at the start, eigenstrain (..., N or 1, k) or 0.0.
+    """Any number of elements, one too: length (..., N, 1) m, h (..., 1, 1) s the step, reference (..., N, k) strain of the
+    undeformed beam, start the nodes then, eigenstrain (..., N or 1, k) or 0.0.
     """
 
     space: Space
@@ -56,8 +69,13 @@ class StepElement(Tree):
     length: Tensor = leaf(2)
     h: Tensor = leaf(2)
     reference: Tensor = leaf(2)
-    strain: Tensor = leaf(2)
+    start: Ends = leaf(2)
     eigenstrain: Tensor | float = leaf(2)
+
+    @cached
+    def strain(self) -> Tensor:
+        """(..., N, k) at the start."""
+        return self._kinematics(self.start)[1]
 
     def _kinematics(self, nodes: Ends) -> tuple[Any, Tensor]:
         """With the strain."""

@@ -85,8 +85,7 @@ class MidpointMotion:
     @cached
     def Z(self) -> Tensor:
         """Derivative of an inertia force per mass by the centre's move: (2/dt + ~omega)^2."""
-        rate = self.frame.rate_operator(2 / self.dt)
-        return rate @ rate
+        return self.frame.square_operator(2 / self.dt)
 
     @cached
     def masses(self) -> Blocks:

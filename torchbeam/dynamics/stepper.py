@@ -204,7 +204,7 @@ class Stepper:
         trial.method = trial._step = MidpointProblem
         after = trial(state, dt=dt, **inputs)
         enter = self.model.space.to_reduced
-        before, end = (MidpointProblem(self.model, enter(s), dt, dt, {}).strain for s in (state, after))
+        before, end = (MidpointProblem(self.model, enter(s), dt, dt, {}).element.strain for s in (state, after))
         rise = end - before
         return AlphaState.between(state, *self.model.space.motion(after.velocity - state.velocity, after.spin - state.spin),
                                   rise, dt)

@@ -70,7 +70,7 @@ def chains(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
     hB = (model.length[..., None] * B).mT
     K = space.to_blocks(space.geometric_stiffness(kin, x.stress, model.length) + hB @ times(model.law.C, B))
     D = space.to_blocks(hB @ model.law.damping_by(B)) if model.law.damped else ()
-    M = model.inertia.matrix(x.rotation)
+    M = model.inertia.matrix(x.rotation, model.inertia.offset.turned(x.rotation))
     K, D = add(K, problem.motion.tangent(*x[:2])), add(D, problem.motion.gyroscopic(*x[:2]))
     moving, lagging = model.loads[0], None
     if moving or model.internal_states:

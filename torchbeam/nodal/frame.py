@@ -72,6 +72,10 @@ class FixedFrame(Tree):
         """rate I + ~omega (..., 1, p, p) of a rate (..., 1, 1, 1) 1/s: velocity by displacement."""
         return rate * torch.eye(self.space.position, dtype=rate.dtype, device=rate.device)
 
+    def square_operator(self, rate: Tensor) -> Tensor:
+        """(rate I + ~omega)^2: acceleration by displacement."""
+        return rate**2 * torch.eye(self.space.position, dtype=rate.dtype, device=rate.device)
+
     def orientation(self, start: Tensor | None, dt: Tensor) -> Tensor | None:
         """Frame a -> inertial axes, dt (...) s after `start`; None where the frame does not turn."""
         return start
@@ -159,6 +163,10 @@ class TurningFrame(FixedFrame):
 
     def rate_operator(self, rate: Tensor) -> Tensor:
         return super().rate_operator(rate) + self.skew
+
+    def square_operator(self, rate: Tensor) -> Tensor:
+        operator = self.rate_operator(rate)
+        return operator @ operator
 
     def orientation(self, start: Tensor | None, dt: Tensor) -> Tensor:
         return self.space.multiply(start, self.space.exponential(self.omega[..., 0, :] * dt[..., None]))

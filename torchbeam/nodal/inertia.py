@@ -86,13 +86,12 @@ class Inertia(Tree):
         return self.rotary.energy((v * self.translational.momentum(v)).sum((-1, -2)) / 2, spin)
 
     def blocks(self, Z: Tensor) -> Blocks:
-        """M Z, w by w, see `LumpedMass.blocks`."""
-        return self.translational.blocks(Z, self.space.spin)
+        """M Z, see `LumpedMass.blocks` and `NoLever.prepared`."""
+        return self.offset.prepared(self.translational.blocks(Z), self.space.spin)
 
-    def matrix(self, rotation: Tensor) -> Blocks:
-        """The mass matrix by [acceleration of the node; angular acceleration], frame a."""
+    def matrix(self, rotation: Tensor, lever: NoLever) -> Blocks:
+        """The mass matrix by [acceleration of the node; angular acceleration], frame a, as the levers."""
         eye = torch.eye(self.space.position, dtype=self.mass.dtype, device=self.mass.device)
-        lever = self.offset.turned(rotation)
         return self.rotary.blocks(lever.blocks(self.blocks(eye), lambda: lever.A), lambda: self.rotary.in_frame(rotation))
 
 

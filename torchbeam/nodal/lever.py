@@ -66,10 +66,12 @@ class NoLever(Tree):
         """[force; moment] (..., N+1, w) on nodes: a force on their centres, and a moment."""
         return torch.cat((force, moment), -1)
 
+    def prepared(self, masses: Blocks, s: int) -> Blocks:
+        """What `blocks` and `tangent` take of p by p blocks: what can be done before the levers are known."""
+        return tuple(pad(M, (0, s, 0, s)) for M in masses)
+
     def blocks(self, masses: Blocks, moved: Callable[[], Tensor]) -> Blocks:
-        """[I; A^T] M [I, moved] of `masses` that are w by w and know positions alone; moved (..., N+1, p, s): the move of the
-        centres by the nodes' spins.
-        """
+        """[I; A^T] M [I, moved], w by w; moved (..., N+1, p, s): the move of the centres by the nodes' spins."""
         return masses
 
     def tangent(self, masses: Blocks, moved: Callable[[], Tensor], wrench: Callable[[], Tensor]) -> Blocks:
@@ -120,11 +122,13 @@ class Lever(NoLever):
     def wrench(self, force: Tensor, moment: Tensor) -> Tensor:
         return torch.cat((force, moment + (self.A.mT @ force[..., None])[..., 0]), -1)
 
+    def prepared(self, masses: Blocks, s: int) -> Blocks:
+        return masses
+
     def blocks(self, masses: Blocks, moved: Callable[[], Tensor]) -> Blocks:
-        p, moved = self.space.position, moved()
-        (A_i, A_j), (moved_i, moved_j) = ends(self.A, 2), ends(moved, 2)
-        levers = (self.A, moved), (A_i, moved_j), (A_j, moved_i)
-        return tuple(with_levers(M[..., :p, :p], *pair) for M, pair in zip(masses, levers, strict=False))
+        (M, *between), moved = masses, moved()
+        pairs = zip(between, ends(self.A, 2), reversed(ends(moved, 2)), strict=True) if between else ()
+        return with_levers(M, self.A, moved), *(with_levers(*pair) for pair in pairs)
 
     def tangent(self, masses: Blocks, moved: Callable[[], Tensor], wrench: Callable[[], Tensor]) -> Blocks:
         p, moved = self.space.position, moved()

@@ -12,7 +12,6 @@ import operator
 from dataclasses import dataclass
 
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ..core.leaves import Tree, leaf
 from .assembly import at_i, at_j, ends
@@ -31,9 +30,9 @@ class LumpedMass(Tree):
         """M v (..., N+1, p) kg m/s."""
         return self.mass * velocity
 
-    def blocks(self, Z: Tensor, s: int) -> Blocks:
-        """M Z of positions, zero for the s spins; Z (..., p, p) is the derivative of a force per mass by a displacement."""
-        return (pad(self.mass[..., None] * Z, (0, s, 0, s)),)
+    def blocks(self, Z: Tensor) -> Blocks:
+        """M Z, p by p; Z (..., p, p) is the derivative of a force per mass by a displacement."""
+        return (self.mass[..., None] * Z,)
 
 
 @dataclass(frozen=True)
@@ -46,10 +45,9 @@ class HalfConsistentMass(LumpedMass):
         shared = exchange(self.coupling, *ends(velocity))
         return self.mass * velocity + at_i(shared) - at_j(shared)
 
-    def blocks(self, Z: Tensor, s: int) -> Blocks:
-        between = pad(self.coupling[..., None] * Z, (0, s, 0, s))
-        (at,) = super().blocks(Z, s)
-        return at - at_i(between, 2) - at_j(between, 2), between, between
+    def blocks(self, Z: Tensor) -> Blocks:
+        between = self.coupling[..., None] * Z
+        return self.mass[..., None] * Z - at_i(between, 2) - at_j(between, 2), between, between
 
 
 def exchange(coupling: Tensor, v_i: Tensor, v_j: Tensor) -> Tensor:

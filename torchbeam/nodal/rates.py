@@ -139,7 +139,7 @@ class Rates:
                     torch.linalg.solve(inertia.rotary.J, torque[..., None])[..., 0])
         lever, transport = inertia.offset.turned(q), frame.rate(torch.zeros_like(v), lambda: v)
         bias = lever.acceleration(transport, lambda: space.to_frame(q, spin))
-        known, (block,) = lever.wrench(inertia.mass * bias, space.to_frame(q, gyroscopic)), inertia.matrix(q)
+        known, (block,) = lever.wrench(inertia.mass * bias, space.to_frame(q, gyroscopic)), inertia.matrix(q, lever)
         if model.adds_mass:
             fluid = added_mass(model, nodes, t, self.inputs)[..., first:, :, :]
             block, known = block + fluid, known + (fluid[..., :p] @ transport[..., None])[..., 0]
@@ -185,7 +185,7 @@ class Rates:
         if model.scene.has_prescribed_motion and model.constraints.first:
             frame, sizes = model.frame(t), (model.space.position, model.space.spin)
             (P, H), (P_rate, H_rate) = (x.split(sizes, -1) for x in with_rate(self._momentum, t))
-            lever = self.clamped.offset.turned(self._clamp(t)[0])
+            lever = self.clamped.offset.turned(nodes.rotation[..., :1, :])
             rate = lever.wrench(frame.rate(P_rate, lambda: P), frame.spin_rate(H_rate, lambda: H))
             found[0] = found[0] + rate[..., 0, :]
         return torch.stack(torch.broadcast_tensors(*found), -2)
