@@ -107,7 +107,7 @@ class EndMotion:
         inertia, space, p = self.inertia, self.inertia.space, self.inertia.space.position
         rotary, spin = inertia.rotary, way.v[..., p:]
         H = rotary.section_momentum(spin)
-        moment = rotary.moment(H, lambda: space.to_frame(
+        moment = rotary.present_or(H, lambda: space.to_frame(
             way.q_end, rotary.section_momentum(way.true[..., p:]) + (space.spin_skew(spin) @ H[..., None])[..., 0]))
         return InertiaForces(torch.cat((inertia.translational.momentum(way.true[..., :p]), moment), -1), H)
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
@@ -23,8 +24,7 @@ from .support_motion import ClampMotion
 
 
 class StepKinematics(NamedTuple):
-    """Motion of the nodes over a step, from its unknowns: position, rotation q, mean velocity of the node and of its centre of
-    mass, absolute, frame a, and theta (absolute, section axes) at mid step, with the lever e-; and at the end position, rotation,
+    """Motion of the nodes over a step, from its unknowns: position, rotation q, mean velocity of node and centre of mass, absolute, frame a, and theta (absolute, section axes) at mid step, with the lever e-; and at the end position, rotation,
     lever, spin (section axes), velocity of the node and of its centre.
     """
 
@@ -83,9 +83,20 @@ class MidpointMotion:
         return self.h[..., None]
 
     @cached
+    def rate(self) -> Tensor:
+        """2/dt (..., 1, 1, 1) 1/s."""
+        return 2 / self.dt
+
+    @cached
+    def V(self) -> Tensor:
+        """Derivative of the mean velocity by the move: 2/dt + ~omega."""
+        eye = torch.eye(self.inertia.space.position, dtype=self.h.dtype, device=self.h.device)
+        return self.frame.rate_by(self.rate * eye, lambda: eye)
+
+    @cached
     def Z(self) -> Tensor:
         """Derivative of an inertia force per mass by the centre's move: (2/dt + ~omega)^2."""
-        return self.frame.square_operator(2 / self.dt)
+        return self.frame.rate_by(self.rate * self.V, lambda: self.V)
 
     @cached
     def masses(self) -> Blocks:
@@ -111,7 +122,7 @@ class MidpointMotion:
         def turning() -> Tensor:
             return space.to_frame(q_end, spin_end)
 
-        velocity_end = lever_end.node_velocity(centre_end, turning)
+        velocity_end = lever_end.velocity(centre_end, lambda: -turning())
         for clamp in self.clamps:
             velocity_end = set_node(velocity_end, clamp.node, clamp.velocity)
             centre_end = lever_end.velocity(velocity_end, turning)
@@ -122,7 +133,7 @@ class MidpointMotion:
         """By differences and means over the step."""
         before, after = self.momenta, self.inertia.momenta(way.q_end, way.centre_end, way.spin_end)
         force = self._rate(self.frame.rate, before.linear, after.linear)
-        moment = self.inertia.rotary.moment(
+        moment = self.inertia.rotary.present_or(
             after.angular, lambda: self._rate(self.frame.spin_rate, before.angular, after.angular))
         return InertiaForces(way.lever.wrench(force, moment), after.angular)
 
@@ -183,7 +194,7 @@ class MidpointTangent:
     def spin_end(self) -> Tensor:
         """d(R_{n+1} Omega_{n+1})."""
         space = self.motion.inertia.space
-        return self.R_end @ (2 / self.motion.dt * self.theta) - space.spin_skew(self._spin_end) @ (2 * self.half)
+        return self.R_end @ (self.motion.rate * self.theta) - space.spin_skew(self._spin_end) @ (2 * self.half)
 
     @cached
     def _spin_end(self) -> Tensor:
@@ -194,7 +205,7 @@ class MidpointTangent:
         motion, rotary = self.motion, self.motion.inertia.rotary
 
         def angular() -> Tensor:
-            by = rotary.momentum_by(self.R_end, 2 / motion.dt * self.theta, forces.angular, 2 * self.half)
+            by = rotary.momentum_by(self.R_end, motion.rate * self.theta, forces.angular, 2 * self.half)
             return self._rate(motion.frame.spin_rate_by, by)
 
         masses = self.way.lever.tangent(motion.masses, lambda: self.lever_end, lambda: forces.wrench)
@@ -202,7 +213,7 @@ class MidpointTangent:
 
     @cached
     def velocity(self) -> Tensor:
-        return self.motion.frame.rate_operator(2 / self.motion.dt)
+        return self.motion.V
 
     @cached
     def spin(self) -> Tensor:

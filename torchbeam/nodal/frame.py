@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
@@ -43,21 +42,15 @@ class FixedFrame(Tree):
         return spin
 
     def theta(self, relative: Tensor, rotation: Tensor, turn: Tensor, h: Tensor) -> Tensor:
-        """Theta of the absolute rotation over h (..., 1, 1) s, section axes: `relative` is that of `turn`, relative to the frame,
-        which follows `rotation`.
-        """
+        """Theta over h (..., 1, 1) s, absolute, section axes: `relative` is that of `turn`, after `rotation`, in the frame."""
         return relative
 
     def rate(self, rate: Tensor, vector: Callable[[], Tensor]) -> Tensor:
-        """Absolute rate of a vector (..., p) that has this rate in frame a."""
+        """Absolute rate of a vector (..., p) with this rate in frame a."""
         return rate
 
     def rate_by(self, rate: Tensor, vector: Callable[[], Tensor]) -> Tensor:
         """The same of columns (..., p, n)."""
-        return rate
-
-    def relative_rate(self, rate: Tensor, vector: Callable[[], Tensor]) -> Tensor:
-        """The inverse of `rate`."""
         return rate
 
     def spin_rate(self, rate: Tensor, vector: Callable[[], Tensor]) -> Tensor:
@@ -68,21 +61,9 @@ class FixedFrame(Tree):
         """The same of columns (..., s, n)."""
         return rate
 
-    def rate_operator(self, rate: Tensor) -> Tensor:
-        """rate I + ~omega (..., 1, p, p) of a rate (..., 1, 1, 1) 1/s: velocity by displacement."""
-        return rate * torch.eye(self.space.position, dtype=rate.dtype, device=rate.device)
-
-    def square_operator(self, rate: Tensor) -> Tensor:
-        """(rate I + ~omega)^2: acceleration by displacement."""
-        return rate**2 * torch.eye(self.space.position, dtype=rate.dtype, device=rate.device)
-
     def orientation(self, start: Tensor | None, dt: Tensor) -> Tensor | None:
         """Frame a -> inertial axes, dt (...) s after `start`; None where the frame does not turn."""
         return start
-
-    def orientation_rates(self, orientation: Tensor | None) -> tuple[Tensor, ...]:
-        """Its rate (..., ...); nothing where the frame does not turn."""
-        return ()
 
     def steady_acceleration(self, velocity: Tensor) -> dict[str, Tensor]:
         """Acceleration, by name, of points that keep their velocity relative to a frame that turns; else nothing."""
@@ -152,27 +133,14 @@ class TurningFrame(FixedFrame):
     def rate_by(self, rate: Tensor, vector: Callable[[], Tensor]) -> Tensor:
         return rate + self.skew @ vector()
 
-    def relative_rate(self, rate: Tensor, vector: Callable[[], Tensor]) -> Tensor:
-        return rate - self._across(vector())
-
     def spin_rate(self, rate: Tensor, vector: Callable[[], Tensor]) -> Tensor:
         return rate + (self.spin_skew @ vector()[..., None])[..., 0]
 
     def spin_rate_by(self, rate: Tensor, vector: Callable[[], Tensor]) -> Tensor:
         return rate + self.spin_skew @ vector()
 
-    def rate_operator(self, rate: Tensor) -> Tensor:
-        return super().rate_operator(rate) + self.skew
-
-    def square_operator(self, rate: Tensor) -> Tensor:
-        operator = self.rate_operator(rate)
-        return operator @ operator
-
     def orientation(self, start: Tensor | None, dt: Tensor) -> Tensor:
         return self.space.multiply(start, self.space.exponential(self.omega[..., 0, :] * dt[..., None]))
-
-    def orientation_rates(self, orientation: Tensor | None) -> tuple[Tensor, ...]:
-        return (self.space.rotation_rate(orientation, self.omega[..., 0, :]),)
 
     def steady_acceleration(self, velocity: Tensor) -> dict[str, Tensor]:
         return {"acceleration": self._across(velocity)}

@@ -83,7 +83,8 @@ class Inertia(Tree):
     def kinetic_energy(self, rotation: Tensor, velocity: Tensor, spin: Tensor) -> Tensor:
         """(...) J"""
         v = self.centre_velocity(rotation, velocity, spin)
-        return self.rotary.energy((v * self.translational.momentum(v)).sum((-1, -2)) / 2, spin)
+        T = (v * self.translational.momentum(v)).sum((-1, -2)) / 2
+        return self.rotary.present_or(T, lambda: T + (spin * self.rotary.section_momentum(spin)).sum((-1, -2)) / 2)
 
     def blocks(self, Z: Tensor) -> Blocks:
         """M Z, see `LumpedMass.blocks` and `NoLever.prepared`."""

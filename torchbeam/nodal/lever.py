@@ -4,8 +4,7 @@ With x the lever and A spin = spin x x:
 
     x_c = r + x      v_c = v + A spin      moment = A^T force      mass matrix [I; A^T] M [I, A]
 
-What only a centre off its node asks for is given as a function. Matrices of the chain are told as (diagonal,) or (diagonal, upper,
-lower), see `mass`.
+What only a centre off its node asks for is given as a function. Matrices of the chain are told as in `mass`.
 """
 
 from __future__ import annotations
@@ -42,17 +41,9 @@ class NoLever(Tree):
         """Of the levers here and there."""
         return self
 
-    def position(self, node: Tensor) -> Tensor:
-        """x_c."""
-        return node
-
     def velocity(self, node: Tensor, spin: Callable[[], Tensor]) -> Tensor:
         """v_c."""
         return node
-
-    def node_velocity(self, centre: Tensor, spin: Callable[[], Tensor]) -> Tensor:
-        """The node's of v_c."""
-        return centre
 
     def acceleration(self, node: Tensor, spin: Callable[[], Tensor]) -> Tensor:
         """That of the centre of a node that does not change its spin."""
@@ -102,14 +93,8 @@ class Lever(NoLever):
     def mean(self, other: Lever) -> Lever:
         return Lever(self.space, (self.x + other.x) / 2)
 
-    def position(self, node: Tensor) -> Tensor:
-        return node + self.x
-
     def velocity(self, node: Tensor, spin: Callable[[], Tensor]) -> Tensor:
         return node + (self.A @ spin()[..., None])[..., 0]
-
-    def node_velocity(self, centre: Tensor, spin: Callable[[], Tensor]) -> Tensor:
-        return centre - (self.A @ spin()[..., None])[..., 0]
 
     def acceleration(self, node: Tensor, spin: Callable[[], Tensor]) -> Tensor:
         turning = self.space.skew(spin())

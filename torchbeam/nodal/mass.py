@@ -2,8 +2,8 @@
 
     p_i = m_i v_i + sum over its elements of c (v_neighbour - v_i)
 
-A matrix of the chain is told as its blocks: (diagonal,) (..., N+1, w, w), or with what neighbours share (diagonal, upper, lower),
-the latter (..., N, w, w) from a node to the next and back.
+A matrix of the chain is told as its blocks: (diagonal,) (..., N+1, w, w), or, with what neighbours share, (diagonal, upper,
+lower), the latter (..., N, w, w) from a node to the next and back.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ class Model(Tree):
         """N, the number of elements."""
         return self.scene.beam.count
 
-    @property
+    @cached
     def s(self) -> Tensor:
         """(..., N+1) m, arclength of the nodes."""
         return pad(self.length[..., 0].cumsum(-1), (1, 0))

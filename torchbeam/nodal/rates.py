@@ -135,7 +135,7 @@ class Rates:
         gyroscopic = inertia.rotary.gyroscopic(spin)
         if not inertia.offset.present and model.constraints.free is None and not model.adds_mass:
             torque = space.to_section(q, net[..., p:]) - gyroscopic
-            return (frame.relative_rate(net[..., :p] / inertia.mass, lambda: v),
+            return (frame.rate(net[..., :p] / inertia.mass, lambda: -v),
                     torch.linalg.solve(inertia.rotary.J, torque[..., None])[..., 0])
         lever, transport = inertia.offset.turned(q), frame.rate(torch.zeros_like(v), lambda: v)
         bias = lever.acceleration(transport, lambda: space.to_frame(q, spin))
@@ -160,7 +160,8 @@ class Rates:
         position, rotation, moving, turning = (x[..., first:, :] for x in (nodes.position, nodes.rotation, nodes.velocity, spin))
         velocity, turn = frame.relative_velocity(moving, position), frame.relative_spin(turning, rotation)
         parts = [x.flatten(-2) for x in (velocity, space.rotation_rate(raw, turn), acceleration, spin_rate)]
-        parts += frame.orientation_rates(nodes.frame)
+        if frame.turns:
+            parts.append(space.rotation_rate(nodes.frame, frame.omega[..., 0, :]))
         power = (loads * torch.cat((nodes.velocity, nodes.spin), -1)).sum((-1, -2))
         if model.adds_mass:
             a, alpha = frame.rate(acceleration, lambda: moving), space.to_frame(rotation, spin_rate)

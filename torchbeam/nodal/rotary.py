@@ -37,13 +37,9 @@ class NoRotaryInertia(Tree):
         """R J Omega, frame a; spin in section axes."""
         return torch.zeros_like(spin)
 
-    def moment(self, none: Tensor, moment: Callable[[], Tensor]) -> Tensor:
-        """A moment that rotary inertia asks for, or `none`, zeros."""
+    def present_or(self, none: Tensor, value: Callable[[], Tensor]) -> Tensor:
+        """What it is with rotary inertia, or `none` without."""
         return none
-
-    def energy(self, translational: Tensor, spin: Tensor) -> Tensor:
-        """(...) J, with the translational one."""
-        return translational
 
     def blocks(self, masses: Blocks, by_spin: Callable[[], Tensor]) -> Blocks:
         """`masses`, see `mass`, with a moment's derivative by the spin (..., N+1, s, s)."""
@@ -67,11 +63,8 @@ class RotaryInertia(NoRotaryInertia):
     def momentum(self, rotation: Tensor, spin: Tensor) -> Tensor:
         return self.space.to_frame(rotation, self.section_momentum(spin))
 
-    def moment(self, none: Tensor, moment: Callable[[], Tensor]) -> Tensor:
-        return moment()
-
-    def energy(self, translational: Tensor, spin: Tensor) -> Tensor:
-        return translational + (spin * self.section_momentum(spin)).sum((-1, -2)) / 2
+    def present_or(self, none: Tensor, value: Callable[[], Tensor]) -> Tensor:
+        return value()
 
     def blocks(self, masses: Blocks, by_spin: Callable[[], Tensor]) -> Blocks:
         p = self.space.position

@@ -54,10 +54,10 @@ class SteadyRotation(AtRest):
 
     def _wrench(self, position: Tensor, rotation: Tensor) -> Tensor:
         inertia, frame, still = self.inertia, self.frame, torch.zeros_like
-        lever = inertia.offset.turned(rotation)
-        velocity = frame.velocity(still(position), lever.position(position))
-        momentum, H = inertia.momenta(rotation, velocity, self._spin(position, rotation))
-        moment = inertia.rotary.moment(H, lambda: frame.spin_rate(still(H), lambda: H))
+        lever, spin = inertia.offset.turned(rotation), frame.spin(still(position[..., :inertia.space.spin]))
+        velocity = lever.velocity(frame.velocity(still(position), position), lambda: spin)
+        momentum, H = inertia.momenta(rotation, velocity, inertia.space.to_section(rotation, spin))
+        moment = inertia.rotary.present_or(H, lambda: frame.spin_rate(still(H), lambda: H))
         return lever.wrench(frame.rate(still(momentum), lambda: momentum), moment)
 
     def _spin(self, position: Tensor, rotation: Tensor) -> Tensor:

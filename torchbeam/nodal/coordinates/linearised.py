@@ -78,7 +78,7 @@ class Small(Space):
         beam = scene.beam
         return cls(beam.frames, quat.matrix(beam.frames), LinearElement.of(beam.nodes, beam.frames, beam.length[..., None]))
 
-    def of_nodes(self, nodes: slice) -> Small:
+    def of_nodes(self, nodes: slice | int) -> Small:
         return replace(self, frames=self.frames[..., nodes, :], R=self.R[..., nodes, :, :])
 
     def to_reduced(self, state: State) -> State:
@@ -104,13 +104,10 @@ class Small(Space):
 
     # Rotations
 
-    def axes(self, rotation: Tensor, node: int | None = None) -> Tensor:
-        return self.R if node is None else self.R[..., node, :, :]
-
     def matrix(self, q: Tensor) -> Tensor:
         return self.R
 
-    spin_matrix = matrix
+    axes = spin_matrix = matrix
 
     def to_frame(self, q: Tensor, spin: Tensor) -> Tensor:
         return (self.R @ spin[..., None])[..., 0]
