@@ -129,8 +129,8 @@ class EndMotion:
 
 @dataclass(frozen=True)
 class EndTangent:
-    """Derivatives of the motion `way`, of what loads see of it by its name, by the move (dr, spin of R) of the end, each made once and where it is asked for:
-    d(psi) = (I + ~psi/2 + k ~psi ~psi) R^T spin.
+    """Derivatives of the motion `way` by the move (dr, spin of R) of the end, each made where it is asked for; those of what
+    loads see have its names. d(psi) = (I + ~psi/2 + k ~psi ~psi) R^T spin.
     """
 
     motion: EndMotion
@@ -164,7 +164,8 @@ class EndTangent:
 
     @property
     def velocity(self) -> Tensor:
-        return self.motion.by_spin * torch.eye(self.motion.inertia.space.position, dtype=self.way.v.dtype, device=self.way.v.device)
+        like = self.motion.by_spin
+        return like * torch.eye(self.motion.inertia.space.position, dtype=like.dtype, device=like.device)
 
     @property
     def spin(self) -> Tensor:

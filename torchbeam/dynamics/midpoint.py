@@ -133,7 +133,8 @@ class MidpointProblem(Tree):
 
     @cached
     def _dead(self) -> Tensor | float:
-        nodes = Nodes(self.start.position, self.start.rotation, frame=self._frame_middle, internal=self.start.internal, dt=self.dt)
+        start = self.start
+        nodes = Nodes(start.position, start.rotation, frame=self._frame_middle, internal=start.internal, dt=self.dt)
         return external.external(self.model, nodes, self.t, self.inputs, self.model.loads[1])
 
     @cached

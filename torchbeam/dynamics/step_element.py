@@ -49,8 +49,8 @@ class ElementBalance(NamedTuple):
 
 
 class ElementTangent(NamedTuple):
-    """stiffness (..., N, p + 2 s, p + 2 s) at fixed stress; hB and E (..., N, k, p + 2 s): h times the strain operator where the
-    forces are taken, and the derivative of the gap by the moves.
+    """stiffness (..., N, p + 2 s, p + 2 s) at fixed stress; hB and E (..., N, k, p + 2 s): h times the strain operator where
+    the forces are taken, and the derivative of the gap by the moves.
     """
 
     stiffness: Tensor
@@ -136,4 +136,5 @@ class EndElement(StepElement):
     def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, Tensor]]) -> ElementTangent:
         """By the move of the end: `half` is not asked for."""
         B = self.space.strain_operator(found.end, self.length)
-        return self._tangent(found.acting, stress, B, self.law.felt_by(B, self.method.ratio / self.method.gamma / self.h[..., None]))
+        E = self.law.felt_by(B, self.method.ratio / self.method.gamma / self.h[..., None])
+        return self._tangent(found.acting, stress, B, E)

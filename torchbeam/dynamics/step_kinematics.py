@@ -24,8 +24,9 @@ from .support_motion import ClampMotion
 
 
 class StepKinematics(NamedTuple):
-    """Motion of the nodes over a step, from its unknowns: position, rotation q, mean velocity of node and centre of mass, absolute, frame a, and theta (absolute, section axes) at mid step, with the lever e-; and at the end position, rotation,
-    lever, spin (section axes), velocity of the node and of its centre.
+    """Motion of the nodes over a step, from its unknowns. Mid step: position, rotation q, mean velocity of node and centre of
+    mass (absolute, frame a), theta (absolute, section axes) and lever e-. End: position, rotation, lever, spin (section axes),
+    velocity of node and centre.
     """
 
     position: Tensor
@@ -159,8 +160,8 @@ class MidpointMotion:
 
 @dataclass(frozen=True)
 class MidpointTangent:
-    """Derivatives of the motion `way`, of what loads see of it by its name, by the move (dr_mid, spin of R_mid), each made once and where it is asked for:
-    R_{n+1} follows with the spin (I + R_mid R_n^T) spin_mid.
+    """Derivatives of the motion `way` by the move (dr_mid, spin of R_mid), each made where it is asked for; those of what loads
+    see have its names. R_{n+1} follows with the spin (I + R_mid R_n^T) spin_mid.
     """
 
     motion: MidpointMotion

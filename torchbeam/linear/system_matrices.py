@@ -76,7 +76,8 @@ def chains(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
     if moving or model.internal_states:
         nodes, frame = problem.nodes(x), problem.frame
         still = frame.steady_jacobian()
-        moved = frame.moving_jacobian(*(torch.eye(n, dtype=B.dtype, device=B.device)[None] for n in (space.position, space.spin)))
+        eyes = (torch.eye(n, dtype=B.dtype, device=B.device)[None] for n in (space.position, space.spin))
+        moved = frame.moving_jacobian(*eyes)
         if model.adds_mass:
             M = add(M, (external.added_mass(model, nodes, t, inputs),))
         at = external.tangent(model, nodes, t, inputs, moving, still)

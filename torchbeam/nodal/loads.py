@@ -101,7 +101,8 @@ def added_mass(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor 
     total, loads = 0.0, tuple(load for load in model.scene.loads if model.depends_on(load).intersection(INERTIAL))
     for load, point in _points(model, nodes, t, loads):
         blocks = load.tangent(point, t, inputs)
-        total = total - _spread(model, load, sum(_block(model.space, name, blocks[name]) for name in INERTIAL if name in blocks), 2)
+        mass = sum(_block(model.space, name, blocks[name]) for name in INERTIAL if name in blocks)
+        total = total - _spread(model, load, mass, 2)
     return total
 
 
@@ -109,8 +110,8 @@ def added_mass(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor 
 
 
 def load_point(space: Space, load: Any, reads: frozenset[str], nodes: Nodes, **place: Any) -> LoadPoint:
-    """Where a load acts that reads these motions: on one node (..., p), or along the beam on nodes (..., n, p); place: fields of
-    `LoadPoint` beside the motion.
+    """Where a load acts that reads these motions: on one node (..., p), or along the beam on nodes (..., n, p); place: fields
+    of `LoadPoint` beside the motion.
     """
     public = {POSITION: space.public_position, VELOCITY: space.public_vector, SPIN: space.public_spin,
               ACCELERATION: space.public_vector, ANGULAR_ACCELERATION: space.public_spin}
@@ -126,8 +127,8 @@ def wrench(space: Space, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs)
 
 def wrench_tangent(space: Space, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs, by: MotionJacobian) -> Tensor | float:
     """Derivative of `wrench` by the moves of the same nodes, (..., w, w); 0.0 where there is none."""
-    blocks = load.tangent(point, t, inputs)
-    return sum(_chained(space, name, _block(space, name, block), by) for name, block in blocks.items() if _moved(space, name, by))
+    blocks = {name: block for name, block in load.tangent(point, t, inputs).items() if _moved(space, name, by)}
+    return sum((_chained(space, name, _block(space, name, block), by) for name, block in blocks.items()), 0.0)
 
 
 def _moved(space: Space, name: str, by: MotionJacobian) -> bool:

@@ -157,7 +157,8 @@ class Rates:
         net, loads = self.balance(t, nodes)
         acceleration, spin_rate = self.accelerations(t, nodes, spin, net)
         frame = model.frame(t)
-        position, rotation, moving, turning = (x[..., first:, :] for x in (nodes.position, nodes.rotation, nodes.velocity, spin))
+        known = nodes.position, nodes.rotation, nodes.velocity, spin
+        position, rotation, moving, turning = (x[..., first:, :] for x in known)
         velocity, turn = frame.relative_velocity(moving, position), frame.relative_spin(turning, rotation)
         parts = [x.flatten(-2) for x in (velocity, space.rotation_rate(raw, turn), acceleration, spin_rate)]
         if frame.turns:

@@ -1,7 +1,7 @@
 """Inertia of nodes that stand in a frame: none, or that of steady rotation, and its small motions.
 
-Steady motion with v and omega of frame a: with x = r + R e the centres of mass, A spin = spin x R e and J, H = J omega in frame a,
-momenta are M (v + omega x x) and H, and ask for
+Steady motion with v and omega of frame a: with x = r + R e the centres of mass, A spin = spin x R e and J, H = J omega in
+frame a, momenta are M (v + omega x x) and H, and ask for
 
     force = ~omega M (v + omega x x)      moment = omega x H + R e x force
 

@@ -63,9 +63,7 @@ class LinearElement(Tree):
 
 @dataclass(frozen=True)
 class Small(Space):
-    """frames (..., N+1, 4), R (..., N+1, 3, 3): undeformed section axes -> frame a, of the nodes, see `of_nodes`; of the elements
-    their own.
-    """
+    """frames (..., N+1, 4), R (..., N+1, 3, 3): undeformed section axes -> frame a of each node; element: each one's own."""
 
     frames: Tensor = leaf(2)
     R: Tensor = leaf(3)
