@@ -111,7 +111,7 @@ class EndMotion:
             way.q_end, rotary.section_momentum(way.true[..., p:]) + (space.spin_skew(spin) @ H[..., None])[..., 0]))
         return InertiaForces(torch.cat((inertia.translational.momentum(way.true[..., :p]), moment), -1), H)
 
-    def nodes(self, way: EndKinematics, read: frozenset[str], frame: Tensor | None, dt: Tensor) -> Nodes:
+    def nodes(self, way: EndKinematics, read: frozenset[str]) -> Nodes:
         """What loads see: the end of the step."""
         p = self.inertia.space.position
         return self._nodes(way.position_end, way.q_end, way.v[..., :p], way.v[..., p:], way.true, read)

@@ -164,7 +164,8 @@ class MidpointProblem(Tree):
 
     def nodes(self, way: StepKinematics) -> Nodes:
         """What loads see."""
-        return self.motion.nodes(way, self.model.read, self._frame_middle, self.dt)
+        nodes = self.motion.nodes(way, self.model.read)
+        return nodes._replace(frame=self._frame_middle, internal=self.start.internal, dt=self.dt)
 
     def seen(self, x: MidpointUnknowns) -> Nodes:
         """`nodes` of the unknowns."""

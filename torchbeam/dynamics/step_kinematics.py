@@ -138,11 +138,11 @@ class MidpointMotion:
             after.angular, lambda: self._rate(self.frame.spin_rate, before.angular, after.angular))
         return InertiaForces(way.lever.wrench(force, moment), after.angular)
 
-    def nodes(self, way: StepKinematics, read: frozenset[str], frame: Tensor | None, dt: Tensor) -> Nodes:
+    def nodes(self, way: StepKinematics, read: frozenset[str]) -> Nodes:
         """What loads see: the middle of the step, velocities and, of those that they read, accelerations its mean."""
         spin = self.inertia.space.to_frame(way.q, way.theta) / self.h
         accelerations = {name: getattr(self, name)(way) for name in INERTIAL if name in read}
-        return Nodes(way.position, way.q, way.velocity, spin, frame, self.start.internal, dt, **accelerations)
+        return Nodes(way.position, way.q, way.velocity, spin, **accelerations)
 
     def acceleration(self, way: StepKinematics) -> Tensor:
         """Mean over the step, absolute, frame a."""
