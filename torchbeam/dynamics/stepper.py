@@ -209,6 +209,15 @@ class Stepper:
         return AlphaState.between(state, *self.model.space.motion(after.velocity - state.velocity, after.spin - state.spin),
                                   rise, dt)
 
+    def merge(self, few: BatchSubset, part: Stepper) -> Stepper:
+        """This stepper, with the samples `few` of its batch those of `part`: a stepper that was made for them by itself, of the
+        same mesh and options. Raises ValueError as `BatchSubset.merge`.
+        """
+        merged = copy(self)
+        merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))
+        merged.iterations, merged.failures = None, {}
+        return merged
+
     def _attempt(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, last: bool
                  ) -> tuple[State, Tensor, Tensor]:
         """One Newton solve: (state after, of a failed sample before; status; iterations). Without `last`, parts can follow."""
