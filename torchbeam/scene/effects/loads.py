@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -29,7 +29,7 @@ class GivenLoad(Load):
         if self.force is None and self.moment is None:
             raise ValueError(f"{type(self).__name__} with neither force nor moment was given; one of them is wanted")
         for name in ("force", "moment"):
-            value = load_value(f"{type(self).__name__}'s {name}", getattr(self, name), along=isinstance(self, LineLoad))
+            value = load_value(f"{type(self).__name__}'s {name}", getattr(self, name), along=self.node is None)
             object.__setattr__(self, name, value)
         boolean(f"{type(self).__name__}'s follower", self.follower)
 
@@ -60,7 +60,7 @@ class GivenLoad(Load):
 class PointLoad(GivenLoad):
     """Force (N) and moment (N m) on one node; nodes count from the root, -1 is the tip."""
 
-    node: int
+    node: int = field()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -84,8 +84,6 @@ class LineLoad(GivenLoad):
     """Force (N/m) and moment (N) per unit length along the whole beam: the same everywhere, `Along(function)` of s and t, or
     `PerElement(values)`.
     """
-
-    node = None
 
     def _at_sites(self, value: LoadValue, site: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         return value_along(value, site.s, t, inputs, site.R, site.elements)

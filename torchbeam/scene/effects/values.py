@@ -27,6 +27,7 @@ from ...core.validation import (
     real,
     shown,
 )
+from .effect import Effect
 
 
 @dataclass(frozen=True)
@@ -118,9 +119,9 @@ def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
                      f"or for each of the {elements + 1} nodes is wanted")
 
 
-def inputs_of(effect: Tree) -> list[Input]:
-    """The inputs that an effect takes, by its leaves or, of a user's load, by name."""
-    held = [one.value for one in leaves(effect)] + list(getattr(effect, "inputs", ()))
+def inputs_of(effect: Effect) -> list[Input]:
+    """The inputs that an effect takes, in its leaves or beside them."""
+    held = [*(one.value for one in leaves(effect)), *effect.inputs]
     return [value for value in held if isinstance(value, Input)]
 
 
