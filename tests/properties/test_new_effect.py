@@ -175,7 +175,8 @@ def test_what_is_asked_of_a_stiffness_it_answers_itself():
 
 
 def test_an_effect_acts_along_the_beam_unless_it_says_at_which_node():
-    assert tb.Damping(0.1).node is None and tb.Gravity((0.0, 0, 0)).node is None and tb.PointLoad(2, force=(0.0, 0, 1)).node == 2
+    assert tb.Damping(0.1).node is None and tb.Gravity((0.0, 0, 0)).node is None
+    assert tb.PointLoad(2, force=(0.0, 0, 1)).node == 2
     with pytest.raises(ValueError, match="which is not an effect"):
         scene(type("Alien", (), {"kind": "load"})())
     with pytest.raises(TypeError, match=r"Unsaid\.node is a field without a value"):

@@ -17,7 +17,8 @@ from ..nodal.discretise import discretise
 from ..nodal.loads import Nodes, added_mass
 from ..nodal.rates import Rates
 from ..scene.scene import Scene
-from ..state.state import State, set_node
+from ..state.state import State
+from ..state.supported_nodes import set_node
 from .node import _OfNode
 from .sensor import XYZ
 

@@ -18,10 +18,11 @@ from ..math.block_tridiagonal import finite_pivots, positive_definite
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
+from ..scene.prescribed_motion import turning
 from ..scene.scene import Scene
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..solvers.newton import newton
-from ..state.state import State, check_state, rest, turning
+from ..state.state import State, check_state, rest
 from . import relaxation
 from .arc_length import LoadedProblem, where
 from .mechanism import unheld
