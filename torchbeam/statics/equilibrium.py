@@ -25,8 +25,9 @@ from ..solvers.newton import newton
 from ..state.state import State, check_state, rest
 from . import relaxation
 from .arc_length import LoadedProblem, where
+from .continuation import NEUTRAL
 from .mechanism import unheld
-from .path import NEUTRAL, stable_branch
+from .path import stable_branch
 from .steady import Configuration, SteadyProblem
 
 TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on another branch
