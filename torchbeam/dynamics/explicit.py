@@ -10,10 +10,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import choice, duration, instance, mask
 from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
 from ..core.status import FAILED
-from ..core.validation import choice, duration, instance, mask, shown
+from ..core.validation import shown
 from ..mixed.consistent import consistent_state
 from ..mixed.state import MixedState
 from ..scene.scene import Scene

@@ -11,11 +11,12 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint as recompute
 
+from ..core.arguments import boolean, choice, instance, keywords, step_size
+from ..core.arguments import function as check_function
+from ..core.arguments import options as check_options
 from ..core.functions_of_time import within_dual_numbers
 from ..core.status import FAILED, STATUS
-from ..core.validation import as_tensor, boolean, choice, concrete, increasing, instance, keywords, shown, step_size
-from ..core.validation import function as check_function
-from ..core.validation import options as check_options
+from ..core.validation import as_tensor, concrete, increasing, shown
 from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene.effects import inputs_at

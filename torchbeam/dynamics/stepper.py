@@ -11,11 +11,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, choice, count, duration, mask, step_size
+from ..core.arguments import tolerance as check_tolerance
 from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.functions_of_time import shared
 from ..core.status import DIVERGED, SUCCESS
-from ..core.validation import boolean, broadcast, choice, concrete, count, duration, mask, positive, real, shown, step_size
-from ..core.validation import tolerance as check_tolerance
+from ..core.validation import broadcast, concrete, positive, real, shown
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.effects import Inputs

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, step_size
+from ..core.arguments import count as check_count
 from ..core.functions_of_time import rate_along
-from ..core.validation import as_tensor, boolean, finite, step_size
-from ..core.validation import count as check_count
+from ..core.validation import as_tensor, finite
 from ..nodal.coordinates.spatial import Space
 from ..state.state import State, of_mesh
 from .chart import Chart

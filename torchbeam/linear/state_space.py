@@ -20,8 +20,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.validation import function as check_function
-from ..core.validation import instant
+from ..core.arguments import function as check_function
+from ..core.arguments import instant
 from ..nodal.discretise import discretise
 from ..scene.scene import Scene
 from ..state.state import State, check_state

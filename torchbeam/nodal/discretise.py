@@ -8,8 +8,8 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, instance
 from ..core.leaves import constant
-from ..core.validation import boolean, instance
 from ..scene.scene import Scene
 from .assembly import ends
 from .constitutive_law import law_of

@@ -10,9 +10,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..core.arguments import count
 from ..core.leaves import Tree, batch_shapes, leaf
 from ..core.summary import counted, kind, lines, point, span
-from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, count, finite, positive
+from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive
 from ..math import quaternions as quat
 from .section import Section, notes
 from .stations import Stations, of_elements

@@ -8,10 +8,11 @@ from typing import Any
 
 import torch
 
+from ..core.arguments import boolean, choice, instance
 from ..core.derivatives import cached
 from ..core.leaves import Tree, batch_shapes, bound, own_leaves
 from ..core.summary import kind, lines
-from ..core.validation import as_tensor, axis_last, boolean, broadcast, choice, instance, precision, shown
+from ..core.validation import as_tensor, axis_last, broadcast, precision, shown
 from .beam import Beam
 from .effects import Damping, Effect, Inputs, PerElement, inputs_of
 from .supports import Frame, RootMotion, Support

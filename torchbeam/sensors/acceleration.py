@@ -9,8 +9,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..core.arguments import boolean, instance
 from ..core.functions_of_time import shared
-from ..core.validation import as_tensor, axis_last, boolean, concrete, finite, instance
+from ..core.validation import as_tensor, axis_last, concrete, finite
 from ..math import quaternions as quat
 from ..math.block_tridiagonal import block_tridiagonal
 from ..nodal.discretise import discretise

@@ -9,11 +9,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, choice, instant
+from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.status import DIVERGED, STATUS
-from ..core.validation import boolean, choice, concrete, instant
-from ..core.validation import tolerance as check_tolerance
+from ..core.validation import concrete
 from ..math.block_tridiagonal import finite_pivots, positive_definite
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise

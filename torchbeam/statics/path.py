@@ -10,11 +10,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, instant, number
+from ..core.arguments import count as check_count
+from ..core.arguments import function as check_function
+from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
-from ..core.validation import as_tensor, boolean, finite, instant, number, shown
-from ..core.validation import count as check_count
-from ..core.validation import function as check_function
-from ..core.validation import tolerance as check_tolerance
+from ..core.validation import as_tensor, finite, shown
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.scene import Scene

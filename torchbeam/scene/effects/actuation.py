@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ...core.arguments import whole
 from ...core.leaves import leaf
-from ...core.validation import Value, whole
+from ...core.validation import Value
 from .effect import Effect
 from .values import Along, Inputs, LoadValue, PerElement, load_value, value_at
 

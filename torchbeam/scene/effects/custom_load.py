@@ -9,10 +9,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...core.arguments import choice, count
+from ...core.arguments import function as check_function
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import leaf
-from ...core.validation import Value, broadcast, choice, count, finite, shown
-from ...core.validation import function as check_function
+from ...core.validation import Value, broadcast, finite, shown
 from ..beam import Beam
 from .load_point import INERTIAL, INTERNAL, MOTION, READS, Load, LoadPoint, Wrench, derivatives, jacobians
 from .loads import whole_node

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ...core.arguments import boolean
 from ...core.leaves import leaf
-from ...core.validation import Value, as_tensor, axis_last, boolean, common_dtype, finite, has_dtype, numbers, positive
+from ...core.validation import Value, as_tensor, axis_last, common_dtype, finite, has_dtype, numbers, positive
 from ...math.quaternions import skew
 from .effect import Effect
 from .load_point import ROTATION, SPIN, VELOCITY, Load, LoadPoint, Wrench

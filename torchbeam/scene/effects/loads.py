@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from ...core.arguments import boolean, whole
 from ...core.leaves import leaf
-from ...core.validation import Value, boolean, whole
+from ...core.validation import Value
 from ...math.quaternions import skew
 from .load_point import ROTATION, Load, LoadPoint, Wrench, together
 from .values import Inputs, LoadValue, load_value, value_along, value_at

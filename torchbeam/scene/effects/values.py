@@ -12,21 +12,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ...core.arguments import count
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import Placeholder, Tree, leaf, leaves
-from ...core.validation import (
-    Value,
-    as_tensor,
-    axis_last,
-    common_dtype,
-    count,
-    finite,
-    has_dtype,
-    numbers,
-    positive,
-    real,
-    shown,
-)
+from ...core.validation import Value, as_tensor, axis_last, common_dtype, finite, has_dtype, numbers, positive, real, shown
 from .effect import Effect
 
 
