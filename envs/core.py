@@ -1,4 +1,4 @@
-"""Vector environment: Gymnasium's interface to episodes of a task (reset, step, seeds, autoreset, conversion)."""
+"""Vector environment: Gymnasium's interface to episodes of a task (reset, step, autoreset, conversion)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import gymnasium
 import numpy as np
 import torch
 from gymnasium.spaces import Box
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
@@ -23,6 +22,7 @@ from .episodes import Episodes
 from .plant import Plant
 from .rendering import Renderer
 from .simulation import Simulation
+from .streams import Streams
 from .task import Task
 
 OUTPUTS = ("numpy", "torch")
@@ -86,8 +86,7 @@ class BeamVectorEnv(VectorEnv):
         self.single_observation_space, self.single_action_space = Box(-high, high), Box(-1, 1, (self.task.actions,))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.streams: list[np.random.Generator] = []
-        self.seeds: list[int] = []
+        self.streams = Streams(num_envs)
         self.episodes: Episodes | None = None
 
     @classmethod
@@ -120,7 +119,7 @@ class BeamVectorEnv(VectorEnv):
         options = dict(options or {})
         mask = self._mask(options)
         options = self.simulation.options(options)
-        self._seed(seed, mask)
+        self.streams.seed(seed, mask)
         with self._gradient():
             self.episodes = self._renew(self.episodes, mask, **options)
             info = self._info(self.episodes, self.episodes.failed, torch.zeros_like(mask), mask, mask)
@@ -172,13 +171,13 @@ class BeamVectorEnv(VectorEnv):
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:
         """The generators of the sub-envs."""
-        if not self.streams:
-            self._seed(None, np.ones(self.num_envs, dtype=bool))
-        return tuple(self.streams)
+        if not self.streams.generators:
+            self.streams.seed(None, np.ones(self.num_envs, dtype=bool))
+        return tuple(self.streams.generators)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:
-        return tuple(self.seeds)
+        return tuple(self.streams.seeds)
 
     # What it is made of
 
@@ -237,7 +236,7 @@ class BeamVectorEnv(VectorEnv):
     # Inside
 
     def _renew(self, episodes: Episodes | None, mask: Tensor, **options: Any) -> Episodes:
-        return self.simulation.renew(episodes, mask, self.streams, **options)
+        return self.simulation.renew(episodes, mask, self.streams.generators, **options)
 
     def _mask(self, options: dict[str, Any]) -> Tensor:
         for name in options:
@@ -269,19 +268,6 @@ class BeamVectorEnv(VectorEnv):
         info |= {f"_{name}": moved for name in info}
         params = self.simulation.parameters_of(now)
         return {**info, "params": params, "_params": begun} if params else info
-
-    def _seed(self, seed: Any, mask: Any) -> None:
-        one = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
-        each = [None if seed is None else int(seed) + i for i in range(self.num_envs)] if seed is None or one else seed
-        if not isinstance(each, (Sequence, np.ndarray)) or isinstance(each, str) or any(not _is_seed(s) for s in each):
-            raise ValueError(f"seed = {seed!r} was given; a whole number from 0, one for each sub-env, or None is wanted")
-        if len(each) != self.num_envs:
-            raise ValueError(f"{len(each)} seeds were given; {self.num_envs} are wanted, one for each sub-env")
-        if not self.streams:
-            self.streams, self.seeds = map(list, zip(*(seeding.np_random() for _ in each), strict=True))
-        for i, own in enumerate(each):
-            if own is not None and mask[i]:
-                self.streams[i], self.seeds[i] = seeding.np_random(int(own))
 
     def _running(self) -> Episodes:
         if self.episodes is None:
@@ -315,7 +301,3 @@ class BeamVectorEnv(VectorEnv):
         if self.output == "torch":
             return info
         return {name: self._out_info(x) if isinstance(x, dict) else self._out(x) for name, x in info.items()}
-
-
-def _is_seed(seed: Any) -> bool:
-    return seed is None or (isinstance(seed, (int, np.integer)) and not isinstance(seed, bool) and seed >= 0)

@@ -290,8 +290,9 @@ CASES = {
     "a point mass above the triangle": (lambda: tb.PointMass(1.0, inertia=(1.0, 1.0, 3.0)), "above the sum of the two others"),
     "a section above the triangle": (lambda: tb.Section(torch.eye(6), matrix((3, 3, 3.0))), "above the sum of the two others"),
     "left-handed frames": (lambda: tb.Beam.from_nodes([[0.0, 0, 0], [1, 0, 0]], SECTION,
-        torch.diag(torch.tensor([1.0, -1, 1]))[None]), "left-handed frames were given"),
-    "a left-handed reference": (lambda: tb.sensors.NodeRotation(0, torch.diag(torch.tensor([1.0, -1, 1]))), "left-handed axes"),
+        torch.diag(torch.tensor([1.0, -1, 1]))[None]), "frames with left-handed axes were given"),
+    "a left-handed reference": (lambda: tb.sensors.NodeRotation(0, torch.diag(torch.tensor([1.0, -1, 1]))),
+        "reference with left-handed axes were given"),
     "an arc of more than a turn": (lambda: tb.Beam.arc(1.0, 6.3, 2, SECTION), "angle = 6.3 was given; an arc of up to 2 pi"),
     # functions, and what they return
     "added mass in a flow by a function": (lambda: tb.Drag(1.0, 0.1, flow=lambda x, t: x, added_mass=1.0),
