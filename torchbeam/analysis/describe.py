@@ -122,7 +122,7 @@ def _effect(effect: Effect, nodes: int) -> str:
     at = "" if effect.kind in ("strain", "eigenstrain") else " along the beam" if node is None else f" at node {node % nodes}"
     said = [f"{f.name} = {_value(v)}" if v is not True else f.name for f in fields(effect)
             if f.name != "node" and _named(v := getattr(effect, f.name), f.default)]
-    return f"{type(effect).__name__}{at}" + (f": {', '.join(said)}" if said else "")
+    return f"{effect.called}{at}" + (f": {', '.join(said)}" if said else "")
 
 
 def _named(value: Any, default: Any) -> bool:

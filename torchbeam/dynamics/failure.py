@@ -131,4 +131,4 @@ def _level(*parts: Tensor) -> tuple[Tensor, ...]:
 def _name(effect: Effect) -> str:
     node = effect.node
     where = "" if node is None else " on the tip" if node == -1 else f" on node {node}"
-    return type(effect).__name__ + where
+    return effect.called + where

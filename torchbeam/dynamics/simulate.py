@@ -55,7 +55,8 @@ def simulate(
                  step=        s; each output interval is split into ceil(interval/step) equal steps. Default: the shortest
                               interval or 1/200 of the whole, whichever is less
                  checkpoint=  keep the graph at sqrt(steps) instants and compute the rest again in backward: long horizons
-                              then fit in memory, for one more forward
+                              then fit in memory, for one more forward. Nothing under torch.autograd.forward_ad, whose
+                              derivatives go forward with the steps: they are right, and need no memory of the past
                  progress=    called with (steps done, steps in all) after each step
                  lumped=, conserve=, tolerance=, iterations=, halvings=    see `Stepper`
              "generalized_alpha" with the same but conserve=, and rho_inf=
@@ -125,7 +126,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
         return (*(x for s in (*wanted, state) for x in vars(s).values()), *counted)
 
     state, size = states[0], len(vars(states[0]))
-    checkpoint = checkpoint and not within_dual_numbers()  # which go forward alone, and keep no graph
+    checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     length = math.isqrt(len(plan)) if checkpoint else len(plan)
     for first in range(0, len(plan), length):
         part = plan[first:first + length]

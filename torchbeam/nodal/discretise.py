@@ -69,14 +69,14 @@ def check_plane(model: Model, whole: Model) -> None:
     for load in scene.loads:
         if constant(load):
             wrench = external(whole, Nodes(beam.nodes, beam.frames, still, still), t, {}, (load,))
-            _refuse(space, type(load).__name__, wrench, space.embed(space.project(wrench)))
+            _refuse(space, load.called, wrench, space.embed(space.project(wrench)))
         if isinstance(load.anchor, Tensor):  # slack at rest, a spring pulls nowhere
             to = load.anchor - beam.nodes[..., load.node, :]
-            _refuse(space, f"a {type(load).__name__} to a point", to, space.project_vector(to) @ space.basis[:, :2].mT)
+            _refuse(space, f"a {load.called} to a point", to, space.project_vector(to) @ space.basis[:, :2].mT)
     for effect in scene.eigenstrains:
         if constant(effect):
             own = effect.eigenstrain(t, {}, model.length, model.count)
-            _refuse(space, type(effect).__name__, own, space.embed_strain(space.project_strain(own)))
+            _refuse(space, effect.called, own, space.embed_strain(space.project_strain(own)))
     for body in scene.bodies:
         if body.offset is not None:
             _refuse(space, "PointMass", body.offset, space.project_offset(body.offset) @ space.section[:, :2].mT)

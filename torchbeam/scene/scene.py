@@ -124,7 +124,7 @@ class Scene(Tree):
             try:
                 bound(one, self.dtype, self.device)
             except ValueError as error:
-                raise ValueError(f"{type(one).__name__} of {error}") from None
+                raise ValueError(f"{one.called} of {error}") from None
         return bound(given, self.dtype, self.device)
 
     @property
@@ -206,7 +206,7 @@ class Scene(Tree):
 
 def _where(effect: Effect, nodes: int) -> str:
     """An effect's name and, where it acts at one node, that node."""
-    return type(effect).__name__ + ("" if effect.node is None else f" at node {effect.node % nodes}")
+    return effect.called + ("" if effect.node is None else f" at node {effect.node % nodes}")
 
 
 class NodeSupports(tuple):

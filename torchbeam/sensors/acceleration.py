@@ -60,7 +60,8 @@ class NodeAcceleration(_OfNode):
         if any(self.scene.beam.rigid):
             raise ValueError("a scene with an infinite stiffness was given to NodeAcceleration; finite ones are wanted")
         if self.scene.has_prescribed_motion and not all(s.clamp for s in self.scene.supports):
-            raise ValueError("a carried beam with a support that is no clamp was given to NodeAcceleration; clamps are wanted")
+            raise ValueError("a support that is no clamp, of a beam whose root or frame moves, was given to NodeAcceleration; "
+                             "clamps are wanted")
         if self.proper is not None:
             object.__setattr__(self, "proper", finite("proper", axis_last(
                 "proper", as_tensor(self.proper, self.scene.dtype, self.scene.device), 3)))

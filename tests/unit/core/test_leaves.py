@@ -126,3 +126,10 @@ def test_a_function_is_merged_where_it_holds_the_same():
     for part in (cloud(2.0, torch.ones(1)), cloud(3.0, torch.ones(3)), Cloud((), law=torch.sin)):
         with pytest.raises(ValueError, match="a function that holds other things"):
             one.merge(whole, part)
+
+
+def test_a_tree_is_equal_to_itself_alone():
+    """Comparing tensors gives tensors, which `==` of a tuple, `in` and a dictionary cannot take for an answer."""
+    one, other = (Cloud((point(),), point()) for _ in range(2))
+    assert one == one and one != other and other not in (one,) and len({one: 0, other: 1}) == 2
+    assert hash(one) == hash(one) and map_leaves(lambda value, axes: value, one) == one

@@ -55,6 +55,8 @@ class CustomLoad(Load):
     arguments of one name; when it acts, for a function that returns anything but force and moment of the right shape.
     """
 
+    called = "Load"  # torchbeam.Load
+
     function: Callable[..., tuple[Tensor | None, Tensor | None]] = leaf(None)
     node: int | None = -1
     inputs: Iterable[Input] | dict[str, int] = ()
