@@ -1,4 +1,4 @@
-"""Vector environment: Gymnasium's interface to episodes of a task (reset, step, autoreset, conversion)."""
+"""Vector environment: Gymnasium's interface to episodes of a task (reset, step, autoreset)."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ import torchbeam as tb
 
 from .config import BeamEnvConfig, check_whole
 from .episodes import Episodes
+from .output import converted
 from .plant import Plant
 from .rendering import Renderer
 from .simulation import Simulation
@@ -124,7 +125,7 @@ class BeamVectorEnv(VectorEnv):
             self.episodes = self._renew(self.episodes, mask, **options)
             info = self._info(self.episodes, self.episodes.failed, torch.zeros_like(mask), mask, mask)
         self._shown(mask)
-        return self._out(self.episodes.observation), self._out_info(info)
+        return self._out(self.episodes.observation), self._out(info)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict]:
         """One control interval. Actions (n, a) are clipped to [-1, 1]; a row that is not finite counts as zeros."""
@@ -147,7 +148,7 @@ class BeamVectorEnv(VectorEnv):
         self.episodes = after
         self._shown(fresh)
         return (self._out(after.observation), self._out(reward, np.float64), self._out(terminated), self._out(truncated),
-                self._out_info(info))
+                self._out(info))
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """By "rgb_array" a picture of each sub-env, (height, width, 3) uint8; by "human" a window shows `tiled`, and None."""
@@ -291,13 +292,5 @@ class BeamVectorEnv(VectorEnv):
     def _gradient(self) -> torch.autograd.grad_mode.set_grad_enabled:
         return torch.set_grad_enabled(self.output == "torch" and torch.is_grad_enabled())
 
-    def _out(self, value: Tensor, dtype: Any = np.float32) -> Any:
-        if self.output == "torch":
-            return value
-        array = (value.detach() if value.requires_grad else value).cpu().numpy()
-        return array.astype(dtype) if array.dtype.kind == "f" else array.copy()
-
-    def _out_info(self, info: dict[str, Any]) -> dict[str, Any]:
-        if self.output == "torch":
-            return info
-        return {name: self._out_info(x) if isinstance(x, dict) else self._out(x) for name, x in info.items()}
+    def _out(self, value: Any, dtype: Any = np.float32) -> Any:
+        return converted(value, self.output, dtype)
