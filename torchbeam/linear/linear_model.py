@@ -11,6 +11,7 @@ from ..core.arguments import boolean, step_size
 from ..core.arguments import count as check_count
 from ..core.functions_of_time import rate_along
 from ..core.validation import as_tensor, finite
+from ..math.dense import solve_unchecked
 from ..nodal.coordinates.spatial import Space
 from ..state.state import State, of_mesh
 from .chart import Chart
@@ -124,7 +125,7 @@ class Linear:
         scale = _balance(self.A)
         A, B, C = self.A * scale[..., None, :] / scale[..., :, None], self.B / scale[..., :, None], self.C * scale[..., None, :]
         eye = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)
-        within = torch.linalg.solve_ex(s * eye - A, B.to(s.dtype).expand(*(s * eye - A).shape[:-1], B.shape[-1]))[0]
+        within = solve_unchecked(s * eye - A, B.to(s.dtype))
         return C.to(s.dtype) @ within + self.D
 
     def _continuous(self, what: str) -> None:
