@@ -35,7 +35,8 @@ from ..nodal.inertia import InertiaForces
 from ..nodal.loads import Nodes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
-from ..state.state import State, set_node
+from ..state.state import State
+from ..state.supported_nodes import set_node
 from .energy_projection import conserved
 from .step_element import ElementBalance, Ends, MidpointElement
 from .step_kinematics import MidpointMotion, MidpointTangent, StepKinematics

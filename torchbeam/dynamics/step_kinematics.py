@@ -19,7 +19,8 @@ from ..nodal.lever import NoLever
 from ..nodal.loads import Nodes
 from ..nodal.mass import Blocks
 from ..scene.effects import INERTIAL
-from ..state.state import State, set_node
+from ..state.state import State
+from ..state.supported_nodes import set_node
 from .support_motion import ClampMotion
 
 

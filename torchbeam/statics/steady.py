@@ -17,7 +17,9 @@ from ..nodal.loads import STEADY, Nodes
 from ..nodal.mass import add
 from ..nodal.model import Model
 from ..scene.effects import Inputs
-from ..state.state import State, orientation, set_node
+from ..scene.prescribed_motion import orientation
+from ..state.state import State
+from ..state.supported_nodes import set_node
 from .steady_motion import AtRest, steady_motion
 
 
