@@ -88,10 +88,7 @@ def tangent(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[
     """Derivative of `external` by the nodes' moves, (..., N+1, w, w); 0.0 where there is none."""
     total = 0.0
     for load, point in _points(model, nodes, t, loads):
-        here = by
-        if load.node is not None:
-            here = {name: x[..., load.node if x.shape[-3] > 1 else 0, :, :] for name, x in by.items()}
-        found = wrench_tangent(model.space, load, point, t, inputs, here)
+        found = wrench_tangent(model.space, load, point, t, inputs, _of_node(load, by))
         total = total if isinstance(found, float) else total + _spread(model, load, found, 2)
     return total
 
@@ -129,6 +126,13 @@ def wrench_tangent(space: Space, load: Any, point: LoadPoint, t: Tensor, inputs:
     """Derivative of `wrench` by the moves of the same nodes, (..., w, w); 0.0 where there is none."""
     blocks = {name: block for name, block in load.tangent(point, t, inputs).items() if _moved(space, name, by)}
     return sum((_chained(space, name, _block(space, name, block), by) for name, block in blocks.items()), 0.0)
+
+
+def _of_node(load: Any, by: MotionJacobian) -> MotionJacobian:
+    """Of the node that a load acts on, without an axis of nodes; along the beam as it is."""
+    if load.node is None:
+        return by
+    return {name: x[..., load.node if x.shape[-3] > 1 else 0, :, :] for name, x in by.items()}
 
 
 def _moved(space: Space, name: str, by: MotionJacobian) -> bool:
@@ -199,8 +203,8 @@ def lags(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, still: MotionJac
         def total(way: MotionJacobian, by: dict[str, Tensor] = by, zero: Tensor = zero) -> Tensor:
             return sum((_chained(space, name, block, way) for name, block in by.items() if _moved(space, name, way)), zero)
 
-        H = total(still)
-        H = H, total(moved) - H, sum((by[name] for name in INERTIAL if name in by), zero)
+        H = total(_of_node(load, still))
+        H = H, total(_of_node(load, moved)) - H, sum((by[name] for name in INERTIAL if name in by), zero)
         if load.node is None:
             eye = torch.eye(model.count + 1, dtype=G.dtype, device=G.device)[:, None, :, None]
             L, G, *H = ((x[..., None, :] * eye).flatten(-4, -3).flatten(-2)
