@@ -74,7 +74,7 @@ class Stepper:
         if conserve and scene.has_prescribed_motion:
             raise ValueError("conserve with a frame or support that moves was given; what holds the beam still is wanted")
         if self.method is GeneralizedAlphaProblem:
-            unfit = {"a moving frame": scene.frame is not None, "a mass off its node": self.model.inertia.offset is not None,
+            unfit = {"a moving frame": scene.frame is not None, "a mass off its node": self.model.inertia.offset.present,
                      "a load with internal states": self.model.internal_states > 0}
             for what, given in unfit.items():
                 if given:
@@ -205,7 +205,7 @@ class Stepper:
         trial.method = trial._step = MidpointProblem
         after = trial(state, dt=dt, **inputs)
         enter = self.model.space.to_reduced
-        before, end = (MidpointProblem(self.model, enter(s), dt, dt, {}).strain for s in (state, after))
+        before, end = (MidpointProblem(self.model, enter(s), dt, dt, {}).element.strain for s in (state, after))
         rise = end - before
         return AlphaState.between(state, *self.model.space.motion(after.velocity - state.velocity, after.spin - state.spin),
                                   rise, dt)

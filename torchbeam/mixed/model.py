@@ -94,9 +94,9 @@ class MixedModel:
             Mass_inverse=torch.linalg.inv(beam.mass),
             inputs={**held, **moving},
             changing=tuple(e for e in self.scene.loads
-                           if e.moves(beam) or any(_changes(one.value, moving) for one in own_leaves(e))),
-            turning=any(e.node is not None and ROTATION in e.depends_on(beam) for e in self.scene.loads),
-            shifting=any(e.node is not None and POSITION in e.depends_on(beam) for e in self.scene.loads),
+                           if e.depends_on(beam.offset) or any(_changes(one.value, moving) for one in own_leaves(e))),
+            turning=any(e.node is not None and ROTATION in e.depends_on(beam.offset) for e in self.scene.loads),
+            shifting=any(e.node is not None and POSITION in e.depends_on(beam.offset) for e in self.scene.loads),
         )
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -143,7 +143,7 @@ class MixedModel:
         for effect in self.scene.loads if effects is None else effects:
             node = effect.node
             if node is None:
-                reads = effect.depends_on(self.scene.beam)
+                reads = effect.depends_on(self.scene.beam.offset)
                 site = LoadPoint(at.R, self.Mass, s=self.s, elements=N,
                             position=self.middle + at.u if POSITION in reads else None,
                             velocity=mv(at.R, at.V) if VELOCITY in reads else None,
@@ -179,10 +179,10 @@ def _refuse(scene: Scene, form: str) -> None:
     for effect in scene.effects:
         load = effect.kind == "load"
         more = (effect.frees_root or effect.internal) if load else effect.kind != "strain"
-        if more or (load and effect.node is not None and effect.depends_on(beam) & {VELOCITY, SPIN}):
+        if more or (load and effect.node is not None and effect.depends_on(beam.offset) & {VELOCITY, SPIN}):
             raise ValueError(f"{effect.called} was given for form={form!r}, which has no place for it; form='nodal' "
                              "takes it")
-    if any(effect.depends_on(beam).intersection(INERTIAL) for effect in scene.loads):
+    if any(effect.depends_on(beam.offset).intersection(INERTIAL) for effect in scene.loads):
         raise ValueError(f"added mass was given for form={form!r}, whose loads know no acceleration; form='nodal' takes it")
     held = [(s.node, s.clamp) for s in scene.supports]
     if held != [(0, True)]:

@@ -87,9 +87,6 @@ class Plane(Space):
                                  "plane=None takes it")
         return cls(name, basis, section, place.flatten()[0])
 
-    def _full(self, two: Tensor) -> Tensor:
-        return two @ self.basis[:, :2].mT
-
     @cached
     def _rotation_map(self) -> Tensor:
         """(2, 4): the public quaternion of (cos, sin)."""
@@ -130,8 +127,8 @@ class Plane(Space):
 
     def to_public(self, state: State) -> State:
         frame = None if state.frame is None else self.public_frame(state.frame)
-        return replace(state, position=self._full(state.position) + self.place * self.basis[:, 2],
-                       rotation=state.rotation @ self._rotation_map, velocity=self._full(state.velocity),
+        return replace(state, position=self.public_position(state.position),
+                       rotation=state.rotation @ self._rotation_map, velocity=self.public_vector(state.velocity),
                        spin=state.spin @ self.section[:, 2:].mT, stress=state.stress @ self._stress_map.mT,
                        reaction=state.reaction @ self._load_map.mT, frame=frame)
 
@@ -177,11 +174,17 @@ class Plane(Space):
     def project_spin(self, omega: Tensor) -> Tensor:
         return omega @ self.basis[:, 2:]
 
-    def site(self, position: Tensor, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        return (self._full(position) + self.place * self.basis[:, 2], self._full(velocity), spin @ self.basis[:, 2:].mT)
+    def public_position(self, position: Tensor) -> Tensor:
+        return self.public_vector(position) + self.place * self.basis[:, 2]
 
-    def axes(self, rotation: Tensor, node: int | None = None) -> Tensor:
-        return quat.matrix((rotation if node is None else rotation[..., node, :]) @ self._rotation_map)
+    def public_vector(self, v: Tensor) -> Tensor:
+        return v @ self.basis[:, :2].mT
+
+    def public_spin(self, spin: Tensor) -> Tensor:
+        return spin @ self.basis[:, 2:].mT
+
+    def axes(self, rotation: Tensor) -> Tensor:
+        return quat.matrix(rotation @ self._rotation_map)
 
     def constrained(self, letters: tuple[bool, ...]) -> tuple[bool, ...]:
         at = [int(self.basis[:, i].abs().argmax()) for i in range(3)]

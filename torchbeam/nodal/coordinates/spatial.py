@@ -49,6 +49,10 @@ class Space(Tree):
         """Of a node."""
         return self.position + self.spin
 
+    def of_nodes(self, nodes: slice | int) -> Space:
+        """Of some nodes, or of one, where nodes differ."""
+        return self
+
     # States, loads and maps of the public kind, in 3D
 
     def to_reduced(self, state: State) -> State:
@@ -87,13 +91,21 @@ class Space(Tree):
         """(..., 6), frame B -> (..., k)."""
         return strain
 
-    def site(self, position: Tensor, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Position, velocity and angular velocity, frame a, as (..., 3)."""
-        return position, velocity, spin
+    def public_position(self, position: Tensor) -> Tensor:
+        """(..., p), frame a, as (..., 3)."""
+        return position
 
-    def axes(self, rotation: Tensor, node: int | None = None) -> Tensor:
-        """Section axes -> frame a, (..., 3, 3), of one node or of all."""
-        return quat.matrix(rotation if node is None else rotation[..., node, :])
+    def public_vector(self, v: Tensor) -> Tensor:
+        """A velocity or acceleration likewise."""
+        return v
+
+    def public_spin(self, spin: Tensor) -> Tensor:
+        """A spin or its rate (..., s), frame a, likewise."""
+        return spin
+
+    def axes(self, rotation: Tensor) -> Tensor:
+        """Section axes -> frame a, (..., 3, 3)."""
+        return quat.matrix(rotation)
 
     def public_frame(self, q: Tensor) -> Tensor:
         """Quaternion (..., 4) of frame a's rotation."""

@@ -93,13 +93,11 @@ class Load(Effect):
     anchor = None  # (..., 3) m, frame a: a point that its node is tied to
     depends: frozenset[str] = frozenset()
 
-    def depends_on(self, beam: Beam) -> frozenset[str]:
-        """Names among `MOTION`: what the wrench depends on; empty = a dead load."""
+    def depends_on(self, offset: bool) -> frozenset[str]:
+        """Names among `MOTION`: what the wrench depends on; empty = a dead load. `offset`: whether a centre of mass, of a
+        section or of a point mass, lies off its node.
+        """
         return self.depends
-
-    def moves(self, beam: Beam) -> bool:
-        """Whether the wrench depends on the configuration or the motion of the beam."""
-        return bool(self.depends_on(beam))
 
     def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         """Force and moment in frame a, N and N m (per metre along the beam); None where absent. t is 0-dim, or (...) where the
