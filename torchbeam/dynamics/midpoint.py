@@ -122,14 +122,15 @@ class MidpointProblem(Tree):
         space = self.model.space
         for at, axis in self.model.constraints.hinges:
             before = self.start.rotation[..., at, :]
-            turned = space.hinged(space.multiply(before, m[..., at, :]), before, axis, at)
+            turned = space.of_nodes(at).hinged(space.multiply(before, m[..., at, :]), before, axis)
             m = set_node(m, at, space.multiply(space.inverse(before), turned))
         return x._replace(u=u, m=m)
 
     def about_hinges(self, spin: Tensor, rotation: Tensor) -> Tensor:
         """spin (..., N+1, s), section axes, of which hinges leave what is about their axis."""
         for at, axis in self.model.constraints.hinges:
-            spin = set_node(spin, at, self.model.space.about(rotation, spin, axis, at))
+            kept = self.model.space.of_nodes(at).about(rotation[..., at, :], spin[..., at, :], axis)
+            spin = set_node(spin, at, kept)
         return spin
 
     @cached

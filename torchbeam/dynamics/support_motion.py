@@ -48,7 +48,7 @@ def support_motions(model: Model, start: State, end: Tensor, part: float) -> Sup
     for support, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True):
         at = support.node
         if support.moves:
-            position, rotation = space.pose(*model.prescribed_motion.pose(support, end), at)
+            position, rotation = space.of_nodes(at).pose(*model.prescribed_motion.pose(support, end))
             m = space.multiply(space.inverse(start.rotation[..., at, :]), rotation)
             whole = bool(fixed[space.position:].all())
             poses.append(SupportPose(at, fixed[:space.position] > 0, whole, (position - start.position[..., at, :]) * part,

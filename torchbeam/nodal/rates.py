@@ -94,7 +94,7 @@ class Rates:
         internal = rest[..., rest.shape[-1] - 1 - z:-1] if z else None
         if model.constraints.first:
             support = model.scene.supports[0]
-            pose = space.pose(*model.prescribed_motion.pose(support, t), 0)
+            pose = space.of_nodes(0).pose(*model.prescribed_motion.pose(support, t))
             if model.scene.has_prescribed_motion:
                 motion = space.motion(*model.prescribed_motion.absolute(support, t))
             else:
@@ -208,8 +208,8 @@ class Rates:
         """Of a clamp at node 0, (..., 1, ...): rotation, velocity, spin (section axes)."""
         model, space = self.model, self.model.space
         support = model.scene.supports[0]
-        motion = space.motion(*model.prescribed_motion.absolute(support, t))
-        return tuple(x[..., None, :] for x in (space.pose(*model.prescribed_motion.pose(support, t), 0)[1], *motion))
+        _, q = space.of_nodes(0).pose(*model.prescribed_motion.pose(support, t))
+        return tuple(x[..., None, :] for x in (q, *space.motion(*model.prescribed_motion.absolute(support, t))))
 
     def state(self, t: Tensor, y: Tensor, status: Tensor) -> State:
         """The state at time t; stress and reaction are those of the instant."""

@@ -133,10 +133,12 @@ class SteadyProblem(Tree):
         position, rotation, space = x.position, x.rotation, self.model.space
         for support, fixed in zip(self.model.scene.supports, self.model.constraints.fixed, strict=True):
             at = support.node
-            r, q = space.pose(*self.model.prescribed_motion.pose(support, self.t, self.load_factor[..., None]), at)
+            pose = self.model.prescribed_motion.pose(support, self.t, self.load_factor[..., None])
+            r, q = space.of_nodes(at).pose(*pose)
             position = set_node(position, at, torch.where(fixed[:space.position] > 0, r, position[..., at, :]))
             rotation = set_node(rotation, at, q) if bool(fixed[space.position:].all()) else rotation
         for at, axis in self.model.constraints.hinges:
-            _, q = space.pose(self.model.scene.beam.nodes[..., at, :], self.model.scene.beam.frames[..., at, :], at)
-            rotation = set_node(rotation, at, space.hinged(rotation[..., at, :], q, axis, at))
+            own, beam = space.of_nodes(at), self.model.scene.beam
+            _, q = own.pose(beam.nodes[..., at, :], beam.frames[..., at, :])
+            rotation = set_node(rotation, at, own.hinged(rotation[..., at, :], q, axis))
         return Configuration(position, rotation, x.stress)

@@ -87,12 +87,11 @@ class Small(Space):
     def to_public(self, state: State) -> State:
         return replace(state, rotation=quat.multiply(self.frames, quat.exponential(state.rotation)))
 
-    def pose(self, position: Tensor, rotation: Tensor, node: int) -> tuple[Tensor, Tensor]:
-        return position, quat.logarithm(quat.multiply(quat.conjugate(self.frames[..., node, :]), rotation))
+    def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:
+        return position, self.to_reduced_rotation(rotation)
 
-    def hinged(self, q: Tensor, rest: Tensor, axis: Tensor, node: int) -> Tensor:
-        R = self.R[..., node, :, :]
-        return rest + (R.mT @ (axis[:, None] * (R @ (q - rest)[..., None])))[..., 0]
+    def hinged(self, q: Tensor, rest: Tensor, axis: Tensor) -> Tensor:
+        return rest + (self.R.mT @ (axis[:, None] * (self.R @ (q - rest)[..., None])))[..., 0]
 
     kinematics = property(lambda self: self.element.kinematics)
     strains = property(lambda self: self.element.strains)

@@ -105,7 +105,7 @@ class Plane(Space):
         return torch.block_diag(self.basis[:, :2], self.basis[:, 2:])
 
     def to_reduced(self, state: State) -> State:
-        position, rotation = self.pose(state.position, state.rotation, 0)
+        position, rotation = self.pose(state.position, state.rotation)
         velocity, spin = self.motion(state.velocity, state.spin)
         return replace(state, position=position, rotation=rotation, velocity=velocity, spin=spin,
                        stress=state.stress @ self._stress_map, reaction=state.reaction @ self._load_map,
@@ -136,7 +136,7 @@ class Plane(Space):
         """A rotation about the normal as (cos, sin)."""
         return torch.cat((q[..., :1], q[..., 1:] @ self.basis[:, 2:]), -1)
 
-    def pose(self, position: Tensor, rotation: Tensor, node: int) -> tuple[Tensor, Tensor]:
+    def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:
         return position @ self.basis[:, :2], rotation @ self._rotation_map.mT
 
     def motion(self, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor]:

@@ -67,7 +67,7 @@ class Space(Tree):
         """`enter` for a state that a user gave; ValueError where these coordinates do not hold it."""
         return self.to_reduced(state)
 
-    def pose(self, position: Tensor, rotation: Tensor, node: int) -> tuple[Tensor, Tensor]:
+    def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:
         """Position (..., 3), frame a, and quaternion (..., 4) of one node in these coordinates."""
         return position, rotation
 
@@ -145,16 +145,16 @@ class Space(Tree):
         """R' of R, spin in section axes."""
         return self.multiply(q, pad(spin / 2, (1, 0)))
 
-    def hinged(self, q: Tensor, rest: Tensor, axis: Tensor, node: int) -> Tensor:
+    def hinged(self, q: Tensor, rest: Tensor, axis: Tensor) -> Tensor:
         """The rotation q of a node that may turn from `rest` about one axis of frame a alone, a mask (3,): its turn about the
         others is taken out.
         """
         turn = self.multiply(q, self.inverse(rest)) * pad(axis, (1, 0), value=1.0)
         return self.multiply(self.normalize(turn), rest)
 
-    def about(self, rotation: Tensor, spin: Tensor, axis: Tensor, node: int) -> Tensor:
-        """Of the spins (..., N+1, 3) of all nodes, section axes: that of one node about an axis of frame a, a mask (3,)."""
-        return self.to_section(rotation, axis * self.to_frame(rotation, spin))[..., node, :]
+    def about(self, rotation: Tensor, spin: Tensor, axis: Tensor) -> Tensor:
+        """Of a spin (..., 3), section axes: what is about an axis of frame a, a mask (3,)."""
+        return self.to_section(rotation, axis * self.to_frame(rotation, spin))
 
     def to_section(self, q: Tensor, spin: Tensor) -> Tensor:
         """A spin, frame a -> section axes."""
