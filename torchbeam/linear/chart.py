@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..math.dense import inverse_unchecked
 from ..nodal.assembly import ends
 from ..nodal.coordinates.spatial import Space
 from ..nodal.model import Model
@@ -43,7 +44,7 @@ class Chart:
         rows = torch.einsum("...eij,mej->...eim", B, moves).flatten(-3, -2)
         root = eye[base % nodes * w:][:w].expand(*rows.shape[:-2], w, -1)
         strain = space.strains(kinematics, model.length)
-        return cls(space, own, model.length, base, strain, torch.linalg.inv(torch.cat((root, rows), -2)))
+        return cls(space, own, model.length, base, strain, inverse_unchecked(torch.cat((root, rows), -2)))
 
     def __call__(self, position: Tensor, rotation: Tensor) -> Tensor:
         """q (..., w (N+1)) of a configuration in the space's coordinates."""

@@ -11,7 +11,7 @@ from ..core.arguments import boolean, step_size
 from ..core.arguments import count as check_count
 from ..core.functions_of_time import rate_along
 from ..core.validation import as_tensor, finite
-from ..math.dense import solve_unchecked
+from ..math.dense import inverse_unchecked, solve_unchecked
 from ..nodal.coordinates.spatial import Space
 from ..state.state import State, of_mesh
 from .chart import Chart
@@ -152,8 +152,8 @@ class Linear:
     def _by_pairs(self, count: int) -> tuple[Tensor, Tensor]:
         """Basis by the largest eigenvalues of A^-1, one of each pair: right (..., n, 2 count), left with left @ right = I."""
         scale = _balance(self.A)
-        inverse, bad = torch.linalg.inv_ex(self.A * scale[..., None, :] / scale[..., :, None])
-        if (bad != 0).any():
+        inverse = inverse_unchecked(self.A * scale[..., None, :] / scale[..., :, None])
+        if not torch.isfinite(inverse.detach()).all():
             raise ValueError("a model with rigid motions and unsymmetric stiffness was given; supports that hold the beam are "
                              "wanted for its reduction")
         found, vectors = torch.linalg.eig(inverse)
@@ -163,7 +163,7 @@ class Linear:
             raise ValueError(f"count = {count} was given; a motion among the slowest does not oscillate and has no pair")
         at = chosen[..., None, :].expand(*chosen.shape[:-1], self.A.shape[-1], count)
         right = torch.view_as_real(vectors.gather(-1, at)).flatten(-2)
-        left = torch.view_as_real(torch.linalg.inv(vectors).mT.gather(-1, at)).flatten(-2).mT
+        left = torch.view_as_real(inverse_unchecked(vectors).mT.gather(-1, at)).flatten(-2).mT
         sign = left.new_tensor([2.0, -2.0]).repeat(count)
         return right * scale[..., :, None], sign[:, None] * left / scale[..., None, :]
 

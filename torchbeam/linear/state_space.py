@@ -22,6 +22,7 @@ from torch.nn.functional import pad
 
 from ..core.arguments import function as check_function
 from ..core.arguments import instant
+from ..math.dense import solve
 from ..nodal.discretise import discretise
 from ..scene.scene import Scene
 from ..state.state import State, check_state
@@ -96,7 +97,7 @@ def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor
             raise ValueError("internal states of a load that follow the rate of a turn without inertia were given; a section "
                              "with rotary inertia, or damping, is wanted")
         K00, K10 = K[..., none, :][..., none], K[..., rest, :][..., none]
-        lead, follow = torch.linalg.solve(K00, torch.cat((K[..., none, :][..., rest], G[..., none, :]), -1)).split(
+        lead, follow = solve(K00, torch.cat((K[..., none, :][..., rest], G[..., none, :]), -1)).split(
             (len(rest), G.shape[-1]), -1)
         Y_u = Y_u + Y[..., none] @ follow
         Y, Y_v = (X[..., rest] - X[..., none] @ lead for X in (Y, Y_v))
@@ -122,15 +123,15 @@ def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor
     Y1, Y0, V1, V0 = Y[..., one], Y[..., none], Y_v[..., one], Y_v[..., none]
     eye = torch.eye(len(one), dtype=K.dtype, device=K.device).expand_as(K11)
     if not len(none):
-        rows = torch.linalg.solve(M11, torch.cat((-K11, -D11, G1), -1))
+        rows = solve(M11, torch.cat((-K11, -D11, G1), -1))
         A = torch.cat((torch.cat((torch.zeros_like(K11), eye), -1), rows[..., :2 * len(one)]), -2)
         B = torch.cat((torch.zeros_like(G1), rows[..., 2 * len(one):]), -2)
         return A, B, torch.cat((Y1, V1), -1), Y_u, False, M11
-    creep = torch.linalg.solve(D00, torch.cat((-K01, -K00, -D01, G0, -M01), -1))
+    creep = solve(D00, torch.cat((-K01, -K00, -D01, G0, -M01), -1))
     creep, pushed = creep[..., :-len(one)], creep[..., -len(one):]
     zero = torch.zeros_like(K11)
     right = torch.cat((-K11, -K10, -D11, G1), -1) - D10 @ creep
-    rows = torch.linalg.solve(M11 + D10 @ pushed, right)
+    rows = solve(M11 + D10 @ pushed, right)
     creep = creep + pushed @ rows
     n = 2 * len(one) + len(none)
     top = torch.cat((zero, torch.zeros_like(K10), eye), -1)
