@@ -41,9 +41,11 @@ def element_of(space):
 def element_inputs(space, *lead):
     p, s, k = space.position, space.spin, space.strain
     q = {name: rotations(space, *lead, 1) for name in ("q_i", "q_j", "qe_i", "qe_j")}
-    one = {"r_i": (p,), "r_j": (p,), "stress": (k,), "reference": (k,), "strain": (k,), "S": (k, k), "half_i": (s, s), "half_j": (s, s)}
-    return {**q, **{name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}, "length": 0.5 + torch.rand(*lead, 1, 1),
-            "h": 0.1 + torch.rand(*lead, 1, 1), "tau": torch.rand(*lead, 1, 1, 1)}
+    one = {"r_i": (p,), "r_j": (p,), "stress": (k,), "reference": (k,), "strain": (k,), "S": (k, k), "half_i": (s, s),
+           "half_j": (s, s)}
+    others = {name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}
+    return {**q, **others, "length": 0.5 + torch.rand(*lead, 1, 1), "h": 0.1 + torch.rand(*lead, 1, 1),
+            "tau": torch.rand(*lead, 1, 1, 1)}
 
 
 def node_of(space):
@@ -62,7 +64,8 @@ def node_of(space):
 
 def node_inputs(space, *lead):
     p, s = space.position, space.spin
-    one = {"inertia": (s, s), "offset": (p,), "position": (p,), "velocity": (p,), "spin": (s,), "v": (p,), "omega": (s,), "u": (p,)}
+    one = {"inertia": (s, s), "offset": (p,), "position": (p,), "velocity": (p,), "spin": (s,), "v": (p,), "omega": (s,),
+           "u": (p,)}
     return {**{name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}, "mass": torch.rand(*lead, 1, 1),
             "h": 0.1 + torch.rand(*lead, 1, 1), "rotation": rotations(space, *lead, 1), "m": rotations(space, *lead, 1)}
 

@@ -15,8 +15,9 @@ def split(function: Function, fixed: Iterable[str]) -> tuple[Function, Function]
     """(before, rest): `before` takes the inputs `fixed` and gives one field, `HOISTED`, of what the rest needs of them;
     `rest` takes that field, the other inputs, and those of `fixed` that it reads themselves; it gives what `function` gives.
 
-    A division by what is settled before becomes a product with its reciprocal. The field is kept small: what is one cheap operation away from numbers that are handed over, or read, anyway is computed
-    again, and several numbers that are so made of fewer ones are replaced by these.
+    A division by what is settled before becomes a product with its reciprocal. The field is kept small: what is one cheap
+    operation away from numbers that are handed over, or read, anyway is computed again, and several numbers that are so made of
+    fewer ones are replaced by these.
     """
     fixed = set(fixed)
     function = _with_reciprocals(function, _settled(function, fixed))

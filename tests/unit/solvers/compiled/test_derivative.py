@@ -47,13 +47,15 @@ def test_each_operation_has_torchs_derivative(name):
         assert_close(found[bar(field)], expected, rtol=1e-12, atol=1e-13)
 
 
-SPECIAL = {"norm at 0": (lambda x: torch.linalg.vector_norm(x), torch.zeros(3)), "abs at 0": (lambda x: x.abs(), torch.zeros(3)),
-           "the largest of equals": (lambda x: x.amax(), torch.tensor([1.0, 2.0, 2.0, 2.0])),
-           "maximum of equals": (lambda x: torch.maximum(x, torch.ones(2)), torch.ones(2)),
-           "the smallest of equals": (lambda x: x.amin(), torch.tensor([1.0, 1.0, 2.0])),
-           "clamp at its bound": (lambda x: x.clamp(0.0, 1.0), torch.tensor([0.0, 1.0])),
-           "a branch that is not taken": (lambda x: torch.where(x > 0, x, -x.sqrt()), torch.tensor([1.0, -2.0])),
-           "a branch that is not taken, unguarded": (lambda x: torch.where(x > 0, x, x * torch.nan), torch.ones(2))}
+SPECIAL = {
+    "norm at 0": (lambda x: torch.linalg.vector_norm(x), torch.zeros(3)), "abs at 0": (lambda x: x.abs(), torch.zeros(3)),
+    "the largest of equals": (lambda x: x.amax(), torch.tensor([1.0, 2.0, 2.0, 2.0])),
+    "maximum of equals": (lambda x: torch.maximum(x, torch.ones(2)), torch.ones(2)),
+    "the smallest of equals": (lambda x: x.amin(), torch.tensor([1.0, 1.0, 2.0])),
+    "clamp at its bound": (lambda x: x.clamp(0.0, 1.0), torch.tensor([0.0, 1.0])),
+    "a branch that is not taken": (lambda x: torch.where(x > 0, x, -x.sqrt()), torch.tensor([1.0, -2.0])),
+    "a branch that is not taken, unguarded": (lambda x: torch.where(x > 0, x, x * torch.nan), torch.ones(2)),
+}
 
 
 @pytest.mark.parametrize("name", SPECIAL)

@@ -29,7 +29,8 @@ def test_an_object_is_found_again_by_another_process(tmp_path):
     assert not Library(text(), ObjectCache(tmp_path)).compiled
     assert Library(text(2), ObjectCache(tmp_path)).compiled
     given = {"x": torch.rand(4, 2)}
-    assert_close(native(function(), given, cache=ObjectCache(tmp_path))["out"], torch.sin(given["x"]) + given["x"].sqrt(), rtol=1e-15, atol=0)
+    found = native(function(), given, cache=ObjectCache(tmp_path))["out"]
+    assert_close(found, torch.sin(given["x"]) + given["x"].sqrt(), rtol=1e-15, atol=0)
     for damage in (file.read_bytes()[:-1], b"", b"\x00" * 5000, file.read_bytes()[:40] + b"!" + file.read_bytes()[41:]):
         file.write_bytes(damage)
         assert Library(text(), ObjectCache(tmp_path)).compiled

@@ -1,6 +1,7 @@
-"""Tracing: what a function of tensors does, as scalars; evaluated it gives the same, and what has no graph is refused by name."""
+"""Tracing: what a function of tensors does, as scalars; it evaluates to the same, and what has no graph is refused by name."""
 
 import math
+from pathlib import Path
 
 import pytest
 import torch
@@ -16,24 +17,28 @@ X, Y = torch.meshgrid(SPECIAL, SPECIAL, indexing="ij")
 M, V, S = torch.randn(3, 3), torch.randn(3), 3 * torch.eye(6) + 0.3 * torch.randn(6, 6)
 
 ELEMENTWISE = {
-    "add": lambda x, y: torch.add(x, y, alpha=2), "sub": lambda x, y: x - y, "rsub": lambda x, y: 1.5 - y, "mul": lambda x, y: x * y,
-    "div": lambda x, y: x / (y + 4.25), "neg": lambda x, y: -x, "abs": lambda x, y: x.abs(), "sqrt": lambda x, y: x.sqrt(),
-    "rsqrt": lambda x, y: x.rsqrt(), "square": lambda x, y: x.square(), "cube": lambda x, y: x**3, "inverse cube": lambda x, y: x**-3,
-    "power 1.5": lambda x, y: x.abs()**1.5, "power -0.5": lambda x, y: x.abs()**-0.5, "reciprocal": lambda x, y: (x + 7).reciprocal(),
-    "sin": lambda x, y: x.sin(), "cos": lambda x, y: x.cos(), "tan": lambda x, y: x.tan(), "exp": lambda x, y: x.exp(),
-    "log": lambda x, y: x.log(), "atan2": lambda x, y: torch.atan2(x, y), "atan": lambda x, y: x.atan(),
-    "asin": lambda x, y: x.asin(), "acos": lambda x, y: x.acos(), "hypot": lambda x, y: torch.hypot(x, 0.5 * x),
-    "sigmoid": lambda x, y: x.sigmoid(), "floor": lambda x, y: x.floor(), "ceil": lambda x, y: x.ceil(), "round": lambda x, y: x.round(),
+    "add": lambda x, y: torch.add(x, y, alpha=2), "sub": lambda x, y: x - y, "rsub": lambda x, y: 1.5 - y,
+    "mul": lambda x, y: x * y, "div": lambda x, y: x / (y + 4.25), "neg": lambda x, y: -x, "abs": lambda x, y: x.abs(),
+    "sqrt": lambda x, y: x.sqrt(), "rsqrt": lambda x, y: x.rsqrt(), "square": lambda x, y: x.square(),
+    "cube": lambda x, y: x**3, "inverse cube": lambda x, y: x**-3, "power 1.5": lambda x, y: x.abs()**1.5,
+    "power -0.5": lambda x, y: x.abs()**-0.5, "reciprocal": lambda x, y: (x + 7).reciprocal(), "sin": lambda x, y: x.sin(),
+    "cos": lambda x, y: x.cos(), "tan": lambda x, y: x.tan(), "exp": lambda x, y: x.exp(), "log": lambda x, y: x.log(),
+    "atan2": lambda x, y: torch.atan2(x, y), "atan": lambda x, y: x.atan(), "asin": lambda x, y: x.asin(),
+    "acos": lambda x, y: x.acos(), "hypot": lambda x, y: torch.hypot(x, 0.5 * x), "sigmoid": lambda x, y: x.sigmoid(),
+    "floor": lambda x, y: x.floor(), "ceil": lambda x, y: x.ceil(), "round": lambda x, y: x.round(),
     "sign": lambda x, y: x.sign(), "maximum": lambda x, y: torch.maximum(x, y), "minimum": lambda x, y: torch.minimum(x, y),
     "clamp": lambda x, y: x.clamp(-0.5, 0.7), "clamp by tensors": lambda x, y: x.clamp(min=torch.tensor(-0.1)),
     "clamp_min": lambda x, y: x.clamp_min(0.2), "clamp_max": lambda x, y: x.clamp_max(0.2), "relu": lambda x, y: x.relu(),
-    "where": lambda x, y: torch.where(x < y, x, 2.0), "lt": lambda x, y: x < y, "le": lambda x, y: x <= y, "gt": lambda x, y: x > y,
-    "ge": lambda x, y: x >= y, "eq": lambda x, y: x == y, "ne": lambda x, y: x != y, "isnan": lambda x, y: x.isnan(),
-    "isinf": lambda x, y: x.isinf(), "isfinite": lambda x, y: x.isfinite(), "xor": lambda x, y: torch.logical_xor(x > 0, y > 0),
-    "logic": lambda x, y: ((x > 0) & ~(y > 0)) | torch.logical_and(x < 1, y < 1), "masked_fill": lambda x, y: x.masked_fill(y > 0, 3.0),
-    "truth as number": lambda x, y: (x > 0).to(x) + (y > 0) * x.clamp(-3, 3) + y, "product of truths": lambda x, y: (x > 0) * (y > 0),
-    "lerp": lambda x, y: torch.lerp(x, y + 1, 0.25), "addcmul": lambda x, y: torch.addcmul(x, x, y, value=0.5),
-    "addcdiv": lambda x, y: torch.addcdiv(x, x, y + 9, value=0.5), "in place": lambda x, y: (x * 2).add_(y).mul_(3).clamp_(max=4.0),
+    "where": lambda x, y: torch.where(x < y, x, 2.0), "lt": lambda x, y: x < y, "le": lambda x, y: x <= y,
+    "gt": lambda x, y: x > y, "ge": lambda x, y: x >= y, "eq": lambda x, y: x == y, "ne": lambda x, y: x != y,
+    "isnan": lambda x, y: x.isnan(), "isinf": lambda x, y: x.isinf(), "isfinite": lambda x, y: x.isfinite(),
+    "xor": lambda x, y: torch.logical_xor(x > 0, y > 0),
+    "logic": lambda x, y: ((x > 0) & ~(y > 0)) | torch.logical_and(x < 1, y < 1),
+    "masked_fill": lambda x, y: x.masked_fill(y > 0, 3.0),
+    "truth as number": lambda x, y: (x > 0).to(x) + (y > 0) * x.clamp(-3, 3) + y,
+    "product of truths": lambda x, y: (x > 0) * (y > 0), "lerp": lambda x, y: torch.lerp(x, y + 1, 0.25),
+    "addcmul": lambda x, y: torch.addcmul(x, x, y, value=0.5), "addcdiv": lambda x, y: torch.addcdiv(x, x, y + 9, value=0.5),
+    "in place": lambda x, y: (x * 2).add_(y).mul_(3).clamp_(max=4.0),
 }
 
 
@@ -47,21 +52,26 @@ def test_elementwise_operations_are_torchs(name):
 
 
 ARRAYS = {
-    "reductions": lambda a, b: (a.sum(), a.sum(-1), b.mean(0, keepdim=True), a.amax(-1), a.amin((0, 1)), a.prod(0), a.max(), a.cumsum(1)),
+    "reductions": lambda a, b: (a.sum(), a.sum(-1), b.mean(0, keepdim=True), a.amax(-1), a.amin((0, 1)), a.prod(0), a.max(),
+                                a.cumsum(1)),
     "truths reduced": lambda a, b: ((a > 0).any(-1), (a < 1).all(), (a > 0).sum()),
     "products": lambda a, b: (a @ b, a @ V, V @ a, a.mT @ M, torch.einsum("ij,kj->ik", a, b), V @ a[0], torch.addmm(a, a, b)),
     "batches of products": lambda a, b: (torch.stack((a, b)) @ a, torch.baddbmm(a[None], a[None], b[None])),
-    "cross, norms": lambda a, b: (torch.linalg.cross(a, b), torch.linalg.cross(a, b, dim=0), torch.linalg.vector_norm(a, dim=-1),
-                                  torch.linalg.vector_norm(b, ord=math.inf), torch.linalg.norm(a)),
-    "structure": lambda a, b: (torch.cat((a, b), -1), torch.stack((a, V.expand(3, 3)), 1), a[1:, [2, 0]], a.flip(0), a.roll(1, 0),
-                               a.repeat(2, 1), torch.diag_embed(a), torch.tril(b), torch.block_diag(a, b), a.flatten()[None],
-                               a.unbind(1)[1], a.diagonal(), a.T.reshape(-1), torch.nn.functional.pad(a, (1, 0, 0, 2), value=1.5)),
+    "cross, norms": lambda a, b: (
+        torch.linalg.cross(a, b), torch.linalg.cross(a, b, dim=0), torch.linalg.vector_norm(a, dim=-1),
+        torch.linalg.vector_norm(b, ord=math.inf), torch.linalg.norm(a)),
+    "structure": lambda a, b: (
+        torch.cat((a, b), -1), torch.stack((a, V.expand(3, 3)), 1), a[1:, [2, 0]], a.flip(0), a.roll(1, 0), a.repeat(2, 1),
+        torch.diag_embed(a), torch.tril(b), torch.block_diag(a, b), a.flatten()[None], a.unbind(1)[1], a.diagonal(),
+        a.T.reshape(-1), torch.nn.functional.pad(a, (1, 0, 0, 2), value=1.5)),
     "from nothing": lambda a, b: (torch.zeros_like(a) + b, a.new_ones(2, 3), torch.eye(3) @ a, torch.full_like(a, 2.0) * b),
-    "inverses": lambda a, b: (torch.linalg.inv(a + 4 * torch.eye(3)), torch.linalg.solve(b + 4 * torch.eye(3), a),
-                              torch.linalg.solve((a + 4 * torch.eye(3))[:2, :2], b[:2, 0]), torch.linalg.inv(a[:1, :1] + 3),
-                              torch.linalg.solve(S + torch.block_diag(a, b) / 9, torch.cat((a, b)))),
+    "inverses": lambda a, b: (
+        torch.linalg.inv(a + 4 * torch.eye(3)), torch.linalg.solve(b + 4 * torch.eye(3), a), torch.linalg.inv(a[:1, :1] + 3),
+        torch.linalg.solve((a + 4 * torch.eye(3))[:2, :2], b[:2, 0]),
+        torch.linalg.solve(S + torch.block_diag(a, b) / 9, torch.cat((a, b)))),
     "places of the largest": lambda a, b: torch.gather(a, 1, b.argmax(1, keepdim=True).expand(3, 2)),
-    "constant places": lambda a, b: (torch.gather(a, 1, torch.tensor([[0], [2], [1]])), a.index_select(0, torch.tensor([2, 2]))),
+    "constant places": lambda a, b: (torch.gather(a, 1, torch.tensor([[0], [2], [1]])),
+                                     a.index_select(0, torch.tensor([2, 2]))),
 }
 
 
@@ -91,19 +101,22 @@ def test_operations_on_arrays_are_torchs(name):
             assert_close(x[k], y.to(x.dtype), rtol=1e-12, atol=1e-13)
 
 
-ROTATIONS = {"skew": (quat.skew, "v"), "multiply": (quat.multiply, "qp"), "matrix": (quat.matrix, "q"), "rotate": (quat.rotate, "qv"),
-             "exponential": (quat.exponential, "v"), "logarithm": (quat.logarithm, "q"), "half_way": (quat.half_way, "qp"),
-             "spin_of_vector": (quat.spin_of_vector, "vw"), "from_matrix": (lambda q: quat.from_matrix(quat.matrix(q)), "q")}
+ROTATIONS = {
+    "skew": (quat.skew, "v"), "multiply": (quat.multiply, "qp"), "matrix": (quat.matrix, "q"), "rotate": (quat.rotate, "qv"),
+    "exponential": (quat.exponential, "v"), "logarithm": (quat.logarithm, "q"), "half_way": (quat.half_way, "qp"),
+    "spin_of_vector": (quat.spin_of_vector, "vw"), "from_matrix": (lambda q: quat.from_matrix(quat.matrix(q)), "q"),
+}
 
 
 @pytest.mark.parametrize("name", ROTATIONS)
 def test_rotations_are_traced_as_they_stand(name):
     torch.manual_seed(2)
     function, letters = ROTATIONS[name]
-    values = {"v": torch.randn(5, 3), "w": torch.randn(5, 3), "q": quat.normalize(torch.randn(5, 4)), "p": quat.normalize(torch.randn(5, 4))}
+    values = {**{n: torch.randn(5, 3) for n in "vw"}, **{n: quat.normalize(torch.randn(5, 4)) for n in "qp"}}
     values["v"][0] = values["w"][0] = 0  # where series stand
-    found = evaluate(trace(lambda **x: function(*x.values()), {n: values[n][0] for n in letters}), {n: values[n] for n in letters})
-    assert_close(found["out"], function(*(values[n] for n in letters)), rtol=1e-14, atol=1e-15)
+    given = {n: values[n] for n in letters}
+    found = evaluate(trace(lambda **x: function(*x.values()), {n: x[0] for n, x in given.items()}), given)
+    assert_close(found["out"], function(*given.values()), rtol=1e-14, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", cases())
@@ -156,10 +169,11 @@ def branching(x):
 REFUSED = {
     "control flow": (branching, "control flow by values"), "item": (lambda x: x * x[0].item(), "local_scalar_dense"),
     "tolist": (lambda x: torch.tensor(x.tolist()), "tolist"), "numpy": (lambda x: torch.tensor(x.numpy()), "numpy"),
-    "eigenvalues": (lambda x: torch.linalg.eigh(torch.outer(x, x))[0], "aten._linalg_eigh"), "sort": (lambda x: x.sort()[0], "aten.sort"),
-    "a general power": (lambda x: x**2.3, "a power that is not"), "a traced mask": (lambda x: x[x > 0], "aten.index"),
-    "an index as output": (lambda x: x.max(0).indices, "the output 'out'"), "a number": (lambda x: 3.0, "float was returned"),
-    "integers": (lambda x: x.to(torch.int64), "torch.int64"), "an unknown function": (lambda x: torch.special.bessel_j0(x), "bessel_j0"),
+    "eigenvalues": (lambda x: torch.linalg.eigh(torch.outer(x, x))[0], "aten._linalg_eigh"),
+    "sort": (lambda x: x.sort()[0], "aten.sort"), "a general power": (lambda x: x**2.3, "a power that is not"),
+    "a traced mask": (lambda x: x[x > 0], "aten.index"), "an index as output": (lambda x: x.max(0).indices, "the output 'out'"),
+    "a number": (lambda x: 3.0, "float was returned"), "integers": (lambda x: x.to(torch.int64), "torch.int64"),
+    "an unknown function": (lambda x: torch.special.bessel_j0(x), "bessel_j0"),
     "a norm": (lambda x: torch.linalg.vector_norm(x, ord=3), "a norm of order 3"),
 }
 
@@ -171,4 +185,5 @@ def test_what_has_no_graph_is_refused_by_name(name):
     with pytest.raises(NotTraceable, match=words) as caught:
         trace(function, {"x": torch.tensor([1.0, 2.0, 3.0])})
     if "output" not in words and "returned" not in words:
-        assert f"{__file__.rpartition('/')[2]}:{function.__code__.co_firstlineno + (name == 'control flow')}" in str(caught.value)
+        line = function.__code__.co_firstlineno + (name == "control flow")
+        assert f"{Path(__file__).name}:{line}" in str(caught.value)
