@@ -4,7 +4,7 @@ Errors in units in the last place, with and without fused products:
 
     sin, cos    < 1 for |x| <= 1e6 (reduced by Cody and Waite's three parts of pi/2, with its remainder); beyond it the error
                 grows, and inf gives NaN
-    atan2       < 1, the signs of zeros aside: atan2(0, 0) = 0 and atan2(+-0, x < 0) = pi
+    atan2       < 2, the signs of zeros aside: atan2(0, 0) = 0 and atan2(+-0, x < 0) = pi
     exp         < 1; above 709.79 inf, below -745.2 zero
     log         < 1; of 0 -inf, of what is negative NaN
 
