@@ -20,7 +20,6 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.validation import concrete
 from ..math.block_tridiagonal import ChainSolve, block_tridiagonal, recorded
 from .constitutive_law import times
 from .constraints import Constraints
@@ -92,9 +91,9 @@ class Linearisation(NamedTuple):
         return move, dstress, self.constraints.reaction(self.rows, pushed, move)
 
     @property
-    def exact(self) -> bool:
-        """Whether C is the law's: no impossible strain was given more flexibility than the law gives it."""
-        return not concrete(self.C != self.law.detach()).any()
+    def exact(self) -> Tensor:
+        """(...) bool: whether C is the law's, and no impossible strain was given more flexibility than the law gives it."""
+        return (self.C == self.law.detach()).all(-1).all(-1).all(-1)
 
     def detach(self) -> Linearisation:
         return Linearisation(self.space, self.constraints, *(x.detach() for x in self[2:]))
