@@ -240,7 +240,18 @@ def _solve(g: Graph, A: Tensor, B: Tensor, *, left: bool = True, **_: object) ->
     pairs = zip(A.expand(*lead, n, n).reshape(-1, n, n).tolist(), columns.expand(*lead, n, m).reshape(-1, n, m).tolist(),
                 strict=True)
     found = torch.tensor([_solved(g, a, b) for a, b in pairs], dtype=torch.long).reshape(*lead, n, m)
-    return found[..., 0] if vector else found, *[torch.full((), UNKNOWN)] * 3
+    factors = elementwise(g, lambda g, a: g.make("factor", a), A)
+    return found[..., 0] if vector else found, factors, *[torch.full((), UNKNOWN)] * 2
+
+
+def _solve_again(g: Graph, factors: Tensor, B: Tensor, *, left: bool = True, adjoint: bool = False) -> Tensor:
+    """By the factors of a matrix, which stand for it. B (..., n, m)."""
+    if not all(g.ops[x] == "factor" for x in factors.flatten().tolist()):
+        raise NotImplementedError("factors that no solve has left")
+    A = elementwise(g, lambda g, x: g.args[x][0], factors)
+    if left:
+        return _solve(g, A.mT if adjoint else A, B)[0]
+    return _solve(g, A if adjoint else A.mT, B.mT)[0].mT
 
 
 def _inverse(g: Graph, A: Tensor, **_: object) -> tuple[Tensor, ...]:
@@ -279,7 +290,8 @@ OTHER: dict[str, Callable[..., Tensor | tuple[Tensor, ...]]] = {
     "dot": lambda g, x, y: _matrix_product(g, x[None], y[:, None])[0, 0],
     "addmm": lambda g, x, a, b, **k: _plus(g, x, _matrix_product(g, a, b), **k),
     "baddbmm": lambda g, x, a, b, **k: _plus(g, x, _matrix_product(g, a, b), **k),
-    "linalg_cross": _cross, "linalg_vector_norm": _vector_norm, "_linalg_solve_ex": _solve, "linalg_inv_ex": _inverse,
+    "linalg_cross": _cross, "linalg_vector_norm": _vector_norm, "_linalg_solve_ex": _solve, "linalg_lu_solve": _solve_again,
+    "linalg_inv_ex": _inverse,
     "gather": _gathered, "constant_pad_nd": _padded, "cumsum": _cumulative,
     "zero": lambda g, x: torch.full(x.shape, g.zero), "fill": lambda g, x, value: value.expand(x.shape),
     "copy": lambda g, x, other, **_: other.expand(x.shape),

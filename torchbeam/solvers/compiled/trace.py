@@ -57,7 +57,10 @@ def trace(function: Callable[..., Any], inputs: dict[str, Tensor]) -> Function:
         if (nodes == aten.UNKNOWN).any():
             raise NotTraceable(f"the output {name!r} cannot be traced: it is an index, or a factorisation")
         outputs[name] = Output(tuple(value.shape), tuple(nodes.flatten().tolist()))
-    return Function(tracer.graph, {name: tuple(value.shape) for name, value in given.items()}, outputs)
+    traced = Function(tracer.graph, {name: tuple(value.shape) for name, value in given.items()}, outputs)
+    if any(tracer.graph.ops[x] == "factor" for x in traced.live()):
+        raise NotTraceable("the factors of a matrix were read; what solves with them is wanted")
+    return traced
 
 
 def _fields(value: Any, name: str) -> Iterator[tuple[str, Any]]:
@@ -196,6 +199,8 @@ class _Tracer(TorchDispatchMode):
             if name in aten.ELEMENTWISE:
                 known = [None if x is None else self._known(func, x) for x in args]
                 return aten.elementwise(graph, aten.ELEMENTWISE[name], *known, **settings)
+            if name == "linalg_lu_solve":
+                args = [args[0], args[2]]  # no rows were exchanged
             known = [self._known(func, x) if isinstance(x, Tensor) else x for x in args]
             if name == "fill":
                 known[1] = self._known(func, args[1])
