@@ -85,7 +85,13 @@ def written(a, b):
     return out, a
 
 
-ARRAYS["writes through views"] = written
+def inferred(a, b):
+    """Where torch leaves composed operations whole."""
+    with torch.inference_mode():
+        return torch.linalg.inv(a @ b.mT + 9 * torch.eye(3)).unflatten(0, (3, 1)).flatten(), torch.linalg.multi_dot((a, b, a))
+
+
+ARRAYS["writes through views"], ARRAYS["inference mode"] = written, inferred
 
 
 @pytest.mark.parametrize("name", ARRAYS)
@@ -167,8 +173,13 @@ def branching(x):
     return x if x.sum() > 0 else -x
 
 
+PARAMETER = torch.tensor([1.0, 2.0, 3.0], requires_grad=True)
 UNPLACED = ("an index as output", "a number", "factors that are read")  # known where the function is done
 REFUSED = {
+    "a parameter": (lambda x: x * PARAMETER, "carries gradient"),
+    "what a parameter gives": (lambda x: x * (2 * PARAMETER)[1], "carries gradient"),
+    "bits": (lambda x: x.view(torch.int64) + 1, "by their bits"),
+    "a part of bits": (lambda x: x.view(torch.int32), "by their bits"),
     "factors that are read": (lambda x: 2 * torch.ops.aten._linalg_solve_ex(torch.diag(x), x)[1], "the factors of a matrix"),
     "control flow": (branching, "control flow by values"), "item": (lambda x: x * x[0].item(), "local_scalar_dense"),
     "tolist": (lambda x: torch.tensor(x.tolist()), "tolist"), "numpy": (lambda x: torch.tensor(x.numpy()), "numpy"),
@@ -192,3 +203,8 @@ def test_what_has_no_graph_is_refused_by_name(name):
     if name not in UNPLACED:
         line = function.__code__.co_firstlineno + (name == "control flow")
         assert f"{Path(__file__).name}:{line}" in str(caught.value)
+
+
+def test_the_shape_of_a_parameter_may_be_read():
+    function = trace(lambda x: x + torch.ones_like(PARAMETER) + PARAMETER.new_zeros(3), {"x": torch.zeros(3)})
+    assert evaluate(function, {"x": torch.zeros(3)})["out"].tolist() == [1.0, 1.0, 1.0]
