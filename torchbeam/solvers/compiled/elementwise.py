@@ -85,7 +85,8 @@ def _unlike(op: str) -> Callable[..., int]:
 ELEMENTWISE: dict[str, Callable[..., int]] = {
     "add": _scaled("add"), "sub": _scaled("sub"), "rsub": lambda g, a, b: _scaled("sub")(g, b, a),
     "mul": _unlike("mul"), "div": _arithmetic("div"), "true_divide": _arithmetic("div"),
-    **{name: _arithmetic(name) for name in ("neg", "sqrt", "sin", "cos", "atan2", "exp", "log", "abs", "floor", "round")},
+    **{name: _arithmetic(name) for name in ("neg", "sqrt", "sin", "cos", "atan2", "exp", "log", "tanh", "abs", "floor",
+                                            "round")},
     "maximum": _unlike("max"), "minimum": _unlike("min"),
     "reciprocal": lambda g, x: g.make("div", g.one, x), "rsqrt": lambda g, x: g.make("div", g.one, g.make("sqrt", x)),
     "square": lambda g, x: g.make("mul", x, x), "tan": lambda g, x: g.make("div", g.make("sin", x), g.make("cos", x)),
