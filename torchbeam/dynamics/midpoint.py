@@ -33,7 +33,8 @@ from ..nodal.balance import Linearisation, Residual, largest, restrained_forces,
 from ..nodal.loads import MotionJacobian, Nodes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
-from ..state.state import State, set_node
+from ..state.state import State
+from ..state.supported_nodes import set_node
 from .energy_projection import conserved
 from .step_element import MidpointElement
 from .step_kinematics import MidpointMotion, StepKinematics

@@ -15,7 +15,8 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..nodal.inertia import Inertia, Momenta
-from ..state.state import State, set_node
+from ..state.state import State
+from ..state.supported_nodes import set_node
 from .support_motion import SupportMotion
 
 

@@ -11,11 +11,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, choice, count, duration, mask, step_size
+from ..core.arguments import tolerance as check_tolerance
 from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.functions_of_time import shared
 from ..core.status import DIVERGED, SUCCESS
-from ..core.validation import boolean, broadcast, choice, concrete, count, duration, mask, positive, real, shown, step_size
-from ..core.validation import tolerance as check_tolerance
+from ..core.validation import broadcast, concrete, positive, real, shown
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -208,6 +209,15 @@ class Stepper:
         rise = end - before
         return AlphaState.between(state, *self.model.space.motion(after.velocity - state.velocity, after.spin - state.spin),
                                   rise, dt)
+
+    def merge(self, few: BatchSubset, part: Stepper) -> Stepper:
+        """This stepper, with the samples `few` of its batch those of `part`: a stepper that was made for them by itself, of the
+        same mesh and options. Raises ValueError as `BatchSubset.merge`.
+        """
+        merged = copy(self)
+        merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))
+        merged.iterations, merged.failures = None, {}
+        return merged
 
     def _attempt(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, last: bool
                  ) -> tuple[State, Tensor, Tensor]:

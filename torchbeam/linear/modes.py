@@ -12,15 +12,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import choice, instant
+from ..core.arguments import count as check_count
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
-from ..core.validation import choice, instant
-from ..core.validation import count as check_count
 from ..math.quadratic_eigen import DENSE, attach, slowest, slowest_of_chain, upright
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
+from ..scene.prescribed_motion import turning
 from ..scene.scene import Scene
-from ..state.state import State, check_state, turning
+from ..state.state import State, check_state
 from ..statics.equilibrium import equilibrium
 from .system_matrices import Blocks, augmented, chains, dense, moves
 

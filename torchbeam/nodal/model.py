@@ -11,9 +11,8 @@ from torch.nn.functional import pad
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
 from ..scene.effects import INERTIAL, Gravity, Inputs
-from ..scene.prescribed_motion import PrescribedMotion
+from ..scene.prescribed_motion import PrescribedMotion, turning
 from ..scene.scene import Scene
-from ..state.state import turning
 from .assembly import ends
 from .constitutive_law import ElasticLaw
 from .constraints import Constraints

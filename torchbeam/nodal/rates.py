@@ -11,7 +11,8 @@ from ..core.functions_of_time import with_rate
 from ..math.block_tridiagonal import broadcast_matrices
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.scene import Scene
-from ..state.state import State, set_node
+from ..state.state import State
+from ..state.supported_nodes import set_node
 from .discretise import discretise
 from .inertia import Momenta
 from .loads import Nodes, added_mass, advanced_rates, external

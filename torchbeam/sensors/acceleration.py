@@ -9,15 +9,17 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..core.arguments import boolean, instance
 from ..core.functions_of_time import shared
-from ..core.validation import as_tensor, axis_last, boolean, concrete, finite, instance
+from ..core.validation import as_tensor, axis_last, concrete, finite
 from ..math import quaternions as quat
 from ..math.block_tridiagonal import block_tridiagonal
 from ..nodal.discretise import discretise
 from ..nodal.loads import Nodes, added_mass
 from ..nodal.rates import Rates
 from ..scene.scene import Scene
-from ..state.state import State, set_node
+from ..state.state import State
+from ..state.supported_nodes import set_node
 from .node import _OfNode
 from .sensor import XYZ
 
@@ -58,7 +60,8 @@ class NodeAcceleration(_OfNode):
         if any(self.scene.beam.rigid):
             raise ValueError("a scene with an infinite stiffness was given to NodeAcceleration; finite ones are wanted")
         if self.scene.has_prescribed_motion and not all(s.clamp for s in self.scene.supports):
-            raise ValueError("a carried beam with a support that is no clamp was given to NodeAcceleration; clamps are wanted")
+            raise ValueError("a support that is no clamp, of a beam whose root or frame moves, was given to NodeAcceleration; "
+                             "clamps are wanted")
         if self.proper is not None:
             object.__setattr__(self, "proper", finite("proper", axis_last(
                 "proper", as_tensor(self.proper, self.scene.dtype, self.scene.device), 3)))

@@ -16,7 +16,9 @@ from ..nodal.inertia import Momenta
 from ..nodal.loads import STEADY, MotionJacobian, Nodes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
-from ..state.state import State, orientation, set_node
+from ..scene.prescribed_motion import orientation
+from ..state.state import State
+from ..state.supported_nodes import set_node
 
 
 class Configuration(NamedTuple):

@@ -54,6 +54,10 @@ class Plane(Space):
     inverse = staticmethod(element.inverse)
     matrix = staticmethod(element.matrix)
 
+    @property
+    def plane(self) -> str:
+        return self.name
+
     @classmethod
     def of(cls, scene: Scene, name: str) -> Plane:
         """Raises ValueError where the beam or a section leaves the plane `name`."""

@@ -22,6 +22,7 @@ class Space(Tree):
     position, spin, strain  numbers of a node's positions and spins, and of an element's strains
     """
 
+    plane: ClassVar[str | None] = None  # that it lies in, "xy" or "xz"; None = in space
     turns: ClassVar[bool] = True  # whether what is fixed to a section turns with it
     position: ClassVar[int] = 3
     spin: ClassVar[int] = 3

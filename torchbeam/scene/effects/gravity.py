@@ -21,7 +21,6 @@ class Gravity(Load):
 
     g: Value = leaf(1)
 
-    node = None
     conservative = True
     wants_axes = True
     depends = frozenset({ROTATION})
