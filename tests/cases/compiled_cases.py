@@ -1,0 +1,95 @@
+"""torchbeam's local functions of one element and one node, as the compiled engine traces them, with inputs to try them on."""
+
+import ctypes
+from math import prod
+
+import torch
+
+from torchbeam.dynamics.step_element import MidpointElement
+from torchbeam.dynamics.step_kinematics import MidpointMotion
+from torchbeam.nodal.constitutive_law import ViscoelasticLaw
+from torchbeam.nodal.coordinates.planar import Plane
+from torchbeam.nodal.coordinates.spatial import Space
+from torchbeam.nodal.inertia import Inertia
+from torchbeam.solvers.compiled.library import Library
+from torchbeam.solvers.compiled.llvm import Module, record_sizes
+from torchbeam.state.state import State
+
+torch.set_default_dtype(torch.float64)
+
+
+def space_of(kind):
+    return Space() if kind == "space" else Plane("xy", torch.eye(3), torch.eye(3), torch.tensor(0.0))
+
+
+def rotations(space, *lead, turn=0.4):
+    """Random rotations by about `turn` rad."""
+    return space.exponential(turn * torch.randn(*lead, space.spin))
+
+
+def element_of(space):
+    """A midpoint element: forces, gap, and its tangent."""
+    def element(r_i, r_j, q_i, q_j, qe_i, qe_j, stress, length, h, reference, strain, S, tau, half_i, half_j):
+        law = ViscoelasticLaw(S, S, False, tau)
+        local = MidpointElement(space, law, length, h, reference, strain, 0.0)
+        found = local.balance((r_i, r_j, q_i, q_j), (2 * r_i, 2 * r_j, qe_i, qe_j), stress)
+        tangent = local.tangent(found.middle, found.end, stress, half_i, half_j)
+        return dict(forces=found.forces, gap=found.gap, tangent=tangent)
+    return element
+
+
+def element_inputs(space, *lead):
+    p, s, k = space.position, space.spin, space.strain
+    q = {name: rotations(space, *lead, 1) for name in ("q_i", "q_j", "qe_i", "qe_j")}
+    one = {"r_i": (p,), "r_j": (p,), "stress": (k,), "reference": (k,), "strain": (k,), "S": (k, k), "half_i": (s, s),
+           "half_j": (s, s)}
+    others = {name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}
+    return {**q, **others, "length": 0.5 + torch.rand(*lead, 1, 1), "h": 0.1 + torch.rand(*lead, 1, 1),
+            "tau": torch.rand(*lead, 1, 1, 1)}
+
+
+def node_of(space):
+    """A node of one midpoint step with an eccentric mass, in a frame that turns: its balance and tangent."""
+    def node(mass, inertia, offset, position, rotation, velocity, spin, v, omega, h, u, m):
+        state = State(position, rotation, velocity, spin, position, position, h, h, h, h)
+        motion = MidpointMotion(Inertia(space, mass, None, inertia, offset), state, h, (v, omega), ())
+        way = motion.kinematics(u, m)
+        balance, turning = motion.balance(way)
+        R = space.spin_matrix(way.q)
+        half = space.mean_rotation(R, motion.R)
+        tangent = motion.tangent(way, turning, half, *motion.theta_by_spin(way, R))[0]
+        return balance, tangent, motion.velocity_end(way, motion.spin_end(way))
+    return node
+
+
+def node_inputs(space, *lead):
+    p, s = space.position, space.spin
+    one = {"inertia": (s, s), "offset": (p,), "position": (p,), "velocity": (p,), "spin": (s,), "v": (p,), "omega": (s,),
+           "u": (p,)}
+    return {**{name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}, "mass": torch.rand(*lead, 1, 1),
+            "h": 0.1 + torch.rand(*lead, 1, 1), "rotation": rotations(space, *lead, 1), "m": rotations(space, *lead, 1)}
+
+
+def cases():
+    """Name -> (function, inputs of one sample or of a batch, by its leading axes)."""
+    return {f"{what} in a {kind}": (of(space_of(kind)), lambda *lead, kind=kind, given=given: given(space_of(kind), *lead))
+            for what, of, given in (("element", element_of, element_inputs), ("node", node_of, node_inputs))
+            for kind in ("space", "plane")}
+
+
+def native(function, inputs, dtype=torch.float64, cache=None, loaded=None):
+    """A compiled function of (lanes, *shape) inputs. loaded: a dictionary that remembers the library."""
+    lanes, loaded = next(iter(inputs.values())).shape[0], {} if loaded is None else loaded
+    if not loaded:
+        module = Module(lanes, dtype)
+        module.define("traced", function)
+        loaded |= {"library": Library(module.text(), cache), "lanes": lanes}
+    library = loaded["library"]
+    assert loaded["lanes"] == lanes  # it writes as many, whatever room there is
+    records = [inputs[name].to(dtype).reshape(lanes, -1).T.contiguous() for name in function.inputs]
+    found = {name: torch.full((len(out.nodes), lanes), torch.nan, dtype=dtype) for name, out in function.outputs.items()}
+    sizes = [prod(record.shape[:1]) for record in (*records, *found.values())]
+    assert [size for _, size in record_sizes(function)] == sizes
+    call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * len(sizes))(library.address("traced"))
+    call(*(record.data_ptr() for record in (*records, *found.values())))
+    return {name: x.T.reshape(lanes, *function.outputs[name].shape) for name, x in found.items()}

@@ -1,0 +1,158 @@
+"""Operations of torch that work element by element, and over axes, on arrays of nodes: int64 tensors.
+
+`ELEMENTWISE` are functions of scalars, broadcast; `REDUCTIONS` functions of several scalars, over axes. Where they are not
+smooth, or an argument is NaN, they are torch's; half powers of -inf are NaN here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor
+
+from .graph import Graph
+
+
+def _arithmetic(op: str) -> Callable[..., int]:
+    return lambda g, *xs: g.make(op, *(g.number(x) for x in xs))
+
+
+def _scaled(op: str) -> Callable[..., int]:
+    return lambda g, a, b, *, alpha=1: g.make(op, g.number(a), g.make("mul", g.const(float(alpha)), g.number(b)))
+
+
+def _logical(op: str) -> Callable[..., int]:
+    return lambda g, *xs: g.make(op, *(g.truth(x) for x in xs))
+
+
+def _compared(op: str, swapped: bool = False, negated: bool = False) -> Callable[..., int]:
+    def compared(g: Graph, a: int, b: int) -> int:
+        a, b = g.number(a), g.number(b)
+        found = g.make(op, b, a) if swapped else g.make(op, a, b)
+        return g.make("not", found) if negated else found
+    return compared
+
+
+def _where(g: Graph, truth: int, a: int, b: int) -> int:
+    same = g.truths[a] and g.truths[b]
+    return g.make("select", g.truth(truth), *((a, b) if same else (g.number(a), g.number(b))))
+
+
+def _clamp(g: Graph, x: int, low: int | None = None, high: int | None = None) -> int:
+    x = g.number(x)
+    if low is not None:
+        x = g.make("select", g.make("lt", x, low), low, x)
+    return x if high is None else g.make("select", g.make("lt", high, x), high, x)
+
+
+def _power(g: Graph, x: int, exponent: int) -> int:
+    if not g.is_const(exponent) or (2 * g.values[exponent]) % 1:
+        raise NotImplementedError("a power that is not a whole or half number")
+    power, x = float(g.values[exponent]), g.number(x)
+    result, square, n = g.make("sqrt", x) if power % 1 else g.one, x, int(abs(power))
+    while n:
+        result = g.make("mul", result, square) if n & 1 else result
+        n, square = n >> 1, g.make("mul", square, square) if n > 1 else square
+    return result if power >= 0 else g.make("div", g.one, result)
+
+
+def _sign(g: Graph, x: int) -> int:
+    minus = g.make("select", g.make("lt", x, g.zero), g.const(-1.0), g.zero)
+    return g.make("select", g.make("lt", g.zero, x), g.one, minus)
+
+
+def _arcsine(g: Graph, x: int, cosine: bool = False) -> int:
+    other = g.make("sqrt", g.make("mul", g.make("sub", g.one, x), g.make("add", g.one, x)))
+    return g.make("atan2", *((other, x) if cosine else (x, other)))
+
+
+def _sigmoid(g: Graph, x: int) -> int:
+    return g.make("div", g.one, g.make("add", g.one, g.make("exp", g.make("neg", x))))
+
+
+def _finite(g: Graph, x: int) -> int:
+    return g.make("eq", g.make("sub", x, x), g.zero)
+
+
+def _unlike(op: str) -> Callable[..., int]:
+    """Of numbers an arithmetic operation, of truth values a logical one."""
+    names = {"mul": "and", "add": "or", "max": "or", "min": "and"}
+    return lambda g, a, b: g.make(names[op], a, b) if g.truths[a] and g.truths[b] else _arithmetic(op)(g, a, b)
+
+
+ELEMENTWISE: dict[str, Callable[..., int]] = {
+    "add": _scaled("add"), "sub": _scaled("sub"), "rsub": lambda g, a, b: _scaled("sub")(g, b, a),
+    "mul": _unlike("mul"), "div": _arithmetic("div"), "true_divide": _arithmetic("div"),
+    **{name: _arithmetic(name) for name in ("neg", "sqrt", "sin", "cos", "atan2", "exp", "log", "tanh", "abs", "floor",
+                                            "round")},
+    "maximum": _unlike("max"), "minimum": _unlike("min"),
+    "reciprocal": lambda g, x: g.make("div", g.one, x), "rsqrt": lambda g, x: g.make("div", g.one, g.make("sqrt", x)),
+    "square": lambda g, x: g.make("mul", x, x), "tan": lambda g, x: g.make("div", g.make("sin", x), g.make("cos", x)),
+    "ceil": lambda g, x: g.make("neg", g.make("floor", g.make("neg", x))),
+    "atan": lambda g, x: g.make("atan2", x, g.one), "asin": _arcsine, "acos": lambda g, x: _arcsine(g, x, True),
+    "hypot": lambda g, a, b: g.make("sqrt", g.dot((a, b), (a, b))), "sigmoid": _sigmoid,
+    "sign": lambda g, x: _sign(g, g.number(x)), "sgn": lambda g, x: _sign(g, g.number(x)), "pow": _power,
+    "clamp": _clamp, "clamp_min": _clamp, "clamp_max": lambda g, x, high: _clamp(g, x, None, high),
+    "relu": lambda g, x: _clamp(g, x, g.zero), "where": _where,
+    "masked_fill": lambda g, x, mask, value: _where(g, mask, value, x),
+    "lerp": lambda g, a, b, w: g.make("add", a, g.make("mul", w, g.make("sub", b, a))),
+    "addcmul": lambda g, x, a, b, *, value=1: _scaled("add")(g, x, g.make("mul", a, b), alpha=value),
+    "addcdiv": lambda g, x, a, b, *, value=1: _scaled("add")(g, x, g.make("div", a, b), alpha=value),
+    "lt": _compared("lt"), "le": _compared("le"), "gt": _compared("lt", swapped=True), "ge": _compared("le", swapped=True),
+    "eq": _compared("eq"), "ne": _compared("eq", negated=True), "isnan": lambda g, x: g.make("not", g.make("eq", x, x)),
+    "isfinite": _finite, "isinf": lambda g, x: g.make("eq", g.make("abs", x), g.const(math.inf)),
+    "logical_and": _logical("and"), "logical_or": _logical("or"), "logical_not": _logical("not"),
+    "bitwise_and": _logical("and"), "bitwise_or": _logical("or"), "bitwise_not": _logical("not"),
+    "logical_xor": lambda g, a, b: _where(g, a, g.make("not", g.truth(b)), g.truth(b)),
+}
+
+
+def elementwise(g: Graph, rule: Callable[..., int], *args: Tensor | None, **settings: float) -> Tensor:
+    shape = torch.broadcast_shapes(*(x.shape for x in args if x is not None))
+    count = math.prod(shape)
+    lists = [[None] * count if x is None else x.expand(shape).flatten().tolist() for x in args]
+    return torch.tensor([rule(g, *xs, **settings) for xs in zip(*lists, strict=True)], dtype=torch.long).reshape(shape)
+
+
+def _mean(g: Graph, xs: Sequence[int]) -> int:
+    return g.make("div", g.total(xs), g.const(float(len(xs))))
+
+
+def _chained(op: str, start: bool | float) -> Callable[[Graph, Sequence[int]], int]:
+    def chained(g: Graph, xs: Sequence[int]) -> int:
+        result = g.const(start)
+        for x in xs:
+            result = g.make(op, result, g.truth(x) if isinstance(start, bool) else g.number(x))
+        return result
+    return chained
+
+
+def _extreme(op: str) -> Callable[[Graph, Sequence[int]], int]:
+    logical = {"max": _chained("or", False), "min": _chained("and", True)}[op]
+    return lambda g, xs: logical(g, xs) if g.truths[xs[0]] else g.make(op, *xs)
+
+
+def _position_of_largest(g: Graph, xs: Sequence[int]) -> int:
+    largest, found = g.make("max", *xs), g.const(float(len(xs) - 1))
+    for k in reversed(range(len(xs) - 1)):
+        found = g.make("select", g.make("eq", xs[k], largest), g.const(float(k)), found)
+    return found
+
+
+REDUCTIONS: dict[str, Callable[[Graph, Sequence[int]], int]] = {
+    "sum": lambda g, xs: g.total(g.number(x) for x in xs), "mean": _mean, "prod": _chained("mul", 1.0),
+    "amax": _extreme("max"), "amin": _extreme("min"), "max": _extreme("max"), "min": _extreme("min"),
+    "any": _chained("or", False), "all": _chained("and", True), "argmax": _position_of_largest,
+}
+
+
+def reduction(g: Graph, rule: Callable[[Graph, Sequence[int]], int], x: Tensor, dim: int | Sequence[int] | None = None,
+              keepdim: bool = False, **_: object) -> Tensor:
+    dims = range(x.ndim) if dim is None or (not isinstance(dim, int) and not dim) else [dim] if isinstance(dim, int) else dim
+    dims = [d % x.ndim for d in dims] if x.ndim else []
+    kept = [d for d in range(x.ndim) if d not in dims]
+    rows = x.permute(*kept, *dims).reshape(math.prod(x.shape[d] for d in kept), -1).tolist()
+    shape = [1 if d in dims else n for d, n in enumerate(x.shape)] if keepdim else [x.shape[d] for d in kept]
+    return torch.tensor([rule(g, row) for row in rows], dtype=torch.long).reshape(shape)
