@@ -20,6 +20,7 @@ from torchbeam.core.leaves import own_leaves
 from torchbeam.math import quaternions as quat
 
 EXACT = dict(tolerance=1e-12)
+SMALL = 1e-3  # size of an output (m, N, J) below which it is not scaled up: its rounding would be
 UNSTABLE = 1e3  # m/s: an explicit method's step was too long
 STEPS = (0.02, 0.01, 0.005)  # of central differences, of a tensor's size
 FINER = (1 / 16, 1 / 256)  # of these, where they disagree: across a kink (|v| v of a drag) they do not know their own error
@@ -205,14 +206,14 @@ class Case:
         return found
 
     def __call__(self, x: Tensors) -> Tensor:
-        """One number (...) of all that comes of the tensors: blocks of size one each, in random proportions."""
+        """One number (...) of all that comes of the tensors: blocks of size one at most, in random proportions."""
         blocks = self.blocks(x)
         if self.weights is None:
             self.weights = {}
             for name, value in blocks.items():
                 size = value.detach().square().mean().sqrt()
                 w = torch.randn(value.shape[-1], generator=self.draw.random) if value.numel() else torch.zeros(0)
-                self.weights[name] = w / size if size > 1e-6 else torch.zeros_like(w)
+                self.weights[name] = w / size.clamp(min=SMALL)
         total = torch.zeros(())
         for name, value in blocks.items():
             total = total + (self.weights[name] * value).sum(-1)
