@@ -181,6 +181,7 @@ def _about(function: Callable[[Tensor], Tensor], value: Tensor, t: Tensor, gap: 
 
 
 def _differentiated(t: Tensor) -> bool:
-    """Whether a derivative by t may be recorded, or it stands for more samples than it shows."""
-    return (t is not concrete(t) or (t.requires_grad and torch.is_grad_enabled())
-            or (forward_ad._current_level >= 0 and forward_ad.unpack_dual(t).tangent is not None))
+    """Whether a derivative by t may be recorded, or it stands for more samples than it shows. (In torch.func a dual number does
+    not show its tangent.)
+    """
+    return t is not concrete(t) or (t.requires_grad and torch.is_grad_enabled()) or forward_ad._current_level >= 0

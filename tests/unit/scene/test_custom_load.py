@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from torch.autograd import forward_ad
 from torch.testing import assert_close
 
 import torchbeam as tb
@@ -54,6 +55,22 @@ def test_lags_along_the_beam_are_lags_of_its_nodes():
     assert along.internal[-3:].abs().max() > 0.1 and (along.internal[:3] == 0).all()  # the tip moves, the root does not
     for name in ("position", "velocity", "internal", "work"):
         assert_close(getattr(along, name), getattr(alone, name), rtol=0, atol=1e-12)
+
+
+def test_lags_by_the_start_time_of_each_sample_in_forward_mode():
+    """Rates that depend on t, two samples at times of their own: dual numbers of the time = differences."""
+    def end(t):
+        scene = tb.Scene(BEAM, [tb.Load(drag, internal=3, rate=lambda z, r, R, v, w, t: torch.sin(5 * t) * w - z,
+                                        of=("velocity", "spin")), TIP])
+        stepper = tb.Stepper(scene, 0.02, tolerance=1e-12)
+        return stepper(stepper(tb.rest(scene, (2,), t=t).broadcast())).internal
+
+    t, h = torch.tensor([0.1, 0.3]), 1e-5
+    with forward_ad.dual_level():
+        slope = forward_ad.unpack_dual(end(forward_ad.make_dual(t, torch.ones(2)))).tangent
+    wanted = (end(t + h) - end(t - h)) / (2 * h)
+    assert wanted.abs().max() > 1e-3
+    assert_close(slope, wanted, rtol=0, atol=1e-7 * wanted.abs().max().item())
 
 
 def test_every_load_finds_its_own_states():
