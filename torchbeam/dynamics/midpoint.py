@@ -35,7 +35,7 @@ from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..state.state import State, set_node
 from .energy_projection import conserved
-from .step_element import MidpointElement
+from .step_element import ElementBalance, MidpointElement
 from .step_kinematics import MidpointMotion, StepKinematics
 from .support_motion import SupportMotion, support_motions
 
@@ -193,16 +193,42 @@ class MidpointProblem(Tree):
             return self._dead
         return self._dead + external.external(self.model, self.nodes(x, way), self.t, self.inputs, moving)
 
+    def node_balance(self, x: MidpointUnknowns) -> tuple[StepKinematics, Tensor, Tensor, Tensor | float]:
+        """Motion of the nodes at x, their inertia forces (..., N+1, w), R_{n+1} J Omega_{n+1}, and the loads (..., N+1, w). Of
+        each node alone, but for the half-consistent mass of an element, which knows its two nodes.
+        """
+        way = self.motion.kinematics(x.u, x.m)
+        inertia, turning = self.motion.balance(way)
+        return way, inertia, turning, self.external(x, way)
+
+    def node_tangent(self, x: MidpointUnknowns, way: StepKinematics, turning: Tensor
+                     ) -> tuple[Tensor, Tensor | None, Tensor]:
+        """Derivative of inertia less loads by (dr_mid, spin of R_mid): at a node (..., N+1, w, w) and between neighbours, see
+        `Inertia.tangent`; and half the spin of R_{n+1} by the spin of R_mid (..., N+1, s, s).
+        """
+        space, motion = self.model.space, self.motion
+        R = space.spin_matrix(way.q)
+        half = space.mean_rotation(R, motion.R)
+        R_end = by_theta = None
+        if self.model.inertia.inertia is not None or SPINS & self._read:
+            R_end, by_theta = motion.theta_by_spin(way, R)
+        diagonal, coupling = motion.tangent(way, turning, half, R_end, by_theta)
+        if self.model.loads[0]:
+            diagonal = diagonal - self.load_tangent(x, way, R, R_end, half, by_theta)
+        return diagonal, coupling, half
+
+    def element_balance(self, x: MidpointUnknowns, way: StepKinematics) -> ElementBalance:
+        """The elements at x, whose nodes move so."""
+        middle = *ends(self.start.position + x.u), *ends(way.q)
+        end = *ends(self.start.position + 2 * x.u), *ends(way.q_end)
+        return self.element.balance(middle, end, x.stress)
+
     def residual(self, x: MidpointUnknowns) -> tuple[Residual, StepKinematics, Any, Any, Tensor]:
         """The balance at x; with it what follows from x, the elements at mid step and at the end, and R_{n+1} J Omega_{n+1}."""
         model, space, h = self.model, self.model.space, self.model.length
         x = self.apply_supports(x)
-        way = self.motion.kinematics(x.u, x.m)
-        inertia, turning = self.motion.balance(way)
-        middle = *ends(self.start.position + x.u), *ends(way.q)
-        end = *ends(self.start.position + 2 * x.u), *ends(way.q_end)
-        element = self.element.balance(middle, end, x.stress)
-        load = self.external(x, way)
+        way, inertia, turning, load = self.node_balance(x)
+        element = self.element_balance(x, way)
         nodes = inertia + space.to_nodes(element.forces) - load
         restrained = restrained_forces(model, element.middle, self.eigenstrain, h)
         sizes = largest(space.position, h, element.forces, load, inertia, restrained)
@@ -211,17 +237,9 @@ class MidpointProblem(Tree):
 
     def linearise(self, x: MidpointUnknowns, way: StepKinematics, middle: Any, end: Any, turning: Tensor) -> Linearisation:
         """The tangent by (dr_mid, spin of R_mid): R_{n+1} follows with spin (I + R_mid R_n^T) spin_mid."""
-        model, space, motion = self.model, self.model.space, self.motion
-        R = space.spin_matrix(way.q)
-        half = space.mean_rotation(R, motion.R)
+        diagonal, coupling, half = self.node_tangent(x, way, turning)
         element = self.element.tangent(middle, end, x.stress, *ends(half, 2))
-        R_end = by_theta = None
-        if model.inertia.inertia is not None or SPINS & self._read:
-            R_end, by_theta = motion.theta_by_spin(way, R)
-        diagonal, coupling = motion.tangent(way, turning, half, R_end, by_theta)
-        if model.loads[0]:
-            diagonal = diagonal - self.load_tangent(x, way, R, R_end, half, by_theta)
-        return Linearisation.condense(model, element.stiffness, diagonal, element.hB, self.C, element.E, coupling)
+        return Linearisation.condense(self.model, element.stiffness, diagonal, element.hB, self.C, element.E, coupling)
 
     def load_tangent(self, x: MidpointUnknowns, way: StepKinematics, R: Tensor, R_end: Tensor | None, half: Tensor,
                      by_theta: Tensor | None) -> Tensor | float:
