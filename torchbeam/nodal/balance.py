@@ -94,15 +94,12 @@ class Linearisation(NamedTuple):
         solve = ChainSolve.apply if recorded() else block_tridiagonal
         free = solve(self.D, self.L, self.U, self.constraints.unknown(-pushed))
         move = pad(free, (0, 0, self.constraints.first, 0))
-        return move, self.dstress(g_strain, move), self.constraints.reaction(self.rows, pushed, move)
+        change = dstress(self.C, self.E, g_strain, self.space.to_elements(move))
+        return move, change, self.constraints.reaction(self.rows, pushed, move)
 
     def pushed(self, g_strain: Tensor) -> Tensor:
         """h B^T C g_eps (..., N, p + 2 s): what an element's strain gap asks of its nodes."""
         return (self.hB.mT @ times(self.C, g_strain[..., None]))[..., 0]
-
-    def dstress(self, g_strain: Tensor, move: Tensor) -> Tensor:
-        """d[F; M] (..., N, k) of elements whose nodes move (..., N+1, w)."""
-        return times(self.C, g_strain[..., None] + self.E @ self.space.to_elements(move)[..., None])[..., 0]
 
     @property
     def exact(self) -> bool:
@@ -111,6 +108,11 @@ class Linearisation(NamedTuple):
 
     def detach(self) -> Linearisation:
         return Linearisation(self.space, self.constraints, *(x.detach() for x in self[2:]))
+
+
+def dstress(C: Tensor, E: Tensor, g_strain: Tensor, move: Tensor) -> Tensor:
+    """d[F; M] = C (g_eps + E move), (..., N, k), of elements after a move (..., N, p + 2 s)."""
+    return times(C, g_strain[..., None] + E @ move[..., None])[..., 0]
 
 
 def restrained_forces(model: Model, kin: Any, own: Tensor | float, h: Tensor) -> Tensor | float:

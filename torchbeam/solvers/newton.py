@@ -70,8 +70,7 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
         x = type(x)(*(torch.where(keep, a, b) for a, b in zip(x, problem.update(x, *change), strict=True)))
         reaction = torch.where(keep, size.new_zeros(()) if k == 0 else reaction, root)
         iterations = iterations + ~over
-        drop = size / before
-        done = done | (~over & ((size <= tolerance) | ((drop < QUADRATIC) & (size * drop**2 <= tolerance))))
+        done = done | (~over & converged(size, before, tolerance))
         over = done | ~torch.isfinite(size)
         before = size
         if concrete(over).all():
@@ -82,6 +81,12 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
             rest = _iterate(part, _taken(few, x), None, few.take(before, 0), tolerance, limit - 1 - k)
             return _joined(few, Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations), rest)
     return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
+
+
+def converged(size: Tensor, before: Tensor, tolerance: float | Tensor) -> Tensor:
+    """Whether a scaled residual (...), and of the iteration before, is small enough, see `newton`."""
+    drop = size / before
+    return (size <= tolerance) | ((drop < QUADRATIC) & (size * drop**2 <= tolerance))
 
 
 def _part(problem: Problem, few: BatchSubset) -> Problem | None:

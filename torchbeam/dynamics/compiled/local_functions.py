@@ -1,0 +1,285 @@
+"""Local functions of a midpoint step: what one node and one element do, as pure functions of named fields.
+
+They are the house's own step, `MidpointProblem`, on a chain that is one node alone, or one element between two nodes without
+mass. An element knows the coupling of the half-consistent mass, and condenses its stress; a node its inertia and its loads. A
+chain's balance and its blocks are the sums of both.
+
+Fields have no axes of the batch: of a node's `node.k` and `common.k` (the tensors of `NodeConstants` and `Common`, in order),
+position, rotation, velocity, spin at the start, u and m; of an element's `element.k`, stress at the start and now, and the same
+of its nodes, behind `i.` and `j.`.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.leaves import leaf
+from ...core.status import BROKEN, DIVERGED, SUCCESS
+from ...math.block_tridiagonal import eliminated
+from ...nodal.balance import dstress, mixed, restrained_forces, scaled
+from ...nodal.constraints import Constraints
+from ...nodal.coordinates.linearised import Small
+from ...nodal.coordinates.planar import Plane
+from ...nodal.model import Model
+from ...scene.effects import Pose, TipLoad
+from ...solvers.newton import converged
+from ...state.state import State
+from ..midpoint import MidpointProblem, MidpointUnknowns
+from .constants import Common, ElementConstants, NodeConstants, filled
+
+Fields = dict[str, Tensor]
+NODE = ("position", "rotation", "velocity", "spin")  # of a state
+
+
+@dataclass(frozen=True)
+class LocalScene:
+    """What a model of one node or element asks of its scene."""
+
+    beam: Any
+    loads: tuple[Any, ...] = ()
+    has_prescribed_motion: bool = False
+    eigenstrains: tuple[Any, ...] = ()
+    supports: tuple[Any, ...] = ()
+    frame: None = None
+
+    @property
+    def internal_states(self) -> tuple[int, ...]:
+        return (0,) * len(self.loads)
+
+
+@dataclass(frozen=True)
+class LocalModel(Model):
+    """A model of one node or element, for which what depends on all of the chain, or on time, is given: C of the tangent, the
+    eigenstrain, the arclength of the nodes, the pose of a root's support.
+    """
+
+    elements: int
+    C: Tensor | None = leaf(3)
+    own: Tensor | float = leaf(2)
+    arclength: Tensor = leaf(1)
+    pose: Pose | None
+
+    count = property(lambda self: self.elements)
+    s = property(lambda self: self.arclength)
+    prescribed_motion = property(lambda self: self)
+
+    def frame(self, t: Tensor) -> tuple[None, None]:
+        return None, None
+
+    def root_pose(self, t: Tensor) -> Pose | None:
+        return self.pose
+
+    def eigenstrain(self, t: Tensor, inputs: dict[str, Tensor]) -> Tensor | float:
+        return self.own
+
+    def tangent_stiffness(self, dt: Tensor | None = None) -> Tensor | None:
+        return self.C
+
+
+@dataclass(frozen=True)
+class LocalFunctions:
+    """Of a model's nodes and elements; the trees say which fields exist, their values do not matter.
+
+    acting, of a node's functions: numbers of the loads in `common.loads` that act there
+    """
+
+    model: Model
+    nodes: NodeConstants
+    elements: ElementConstants
+    common: Common
+
+    # Functions of a node
+
+    def predictor(self, **fields: Tensor) -> Fields:
+        """u and m to start from."""
+        problem, _ = self._node(fields, ())
+        x = problem.predictor()
+        return {"u": x.u[0], "m": x.m[0]}
+
+    def node(self, acting: tuple[int, ...], **fields: Tensor) -> Fields:
+        """Balance (w) of the node's inertia and loads, its derivative (w, w); both terms apart, as far as there are any."""
+        problem, x = self._node(fields, acting)
+        way, inertia, turning, load = problem.node_balance(x)
+        diagonal, *_ = problem.node_tangent(x, way, turning)
+        return {"balance": (inertia - load)[0], "D": diagonal[0], "inertia": inertia[0],
+                **({} if isinstance(load, float) else {"load": load[0]})}
+
+    def update(self, move: Tensor, **fields: Tensor) -> Fields:
+        """u and m after a move (w)."""
+        problem, x = self._node(fields, ())
+        after = problem.update(x, move[None], x.stress)
+        return {"u": after.u[0], "m": after.m[0]}
+
+    def cosine(self, m: Tensor) -> Fields:
+        """Of half the angle that a node has turned by at mid step."""
+        return {"cosine": self.model.space.cosine(m)}
+
+    def finish(self, acting: tuple[int, ...], **fields: Tensor) -> Fields:
+        """The node at the end of the step, and the work done on it."""
+        problem, x = self._node(fields, acting)
+        after = problem.finish(x, x.u.new_zeros(0, self.model.space.unknowns))
+        return {name: getattr(after, name)[0] for name in NODE} | {"work": after.work}
+
+    # Functions of an element
+
+    def element(self, **fields: Tensor) -> Fields:
+        """What an element gives its nodes: balance (w), `asked` (w), the same with what its condensed stress adds, and the
+        blocks D (w, w), each for i and j, U from i to j and L back; gap (k) and EC (k, p + 2 s), by which its stress follows
+        the moves; inertia (w) for i and j, if it has any; the largest force, moment, gap and strain in it.
+        """
+        problem, x = self._element(fields)
+        model, space, p = problem.model, self.model.space, self.model.space.position
+        way, inertia, turning, _ = problem.node_balance(x)
+        element = problem.element_balance(x, way)
+        tangent = problem.linearise(x, way, element.middle, element.end, turning)
+        balance = space.to_nodes(element.forces)
+        asked = balance + space.to_nodes(tangent.pushed(element.gap))
+        coupled = model.inertia.coupling is not None
+        if coupled:
+            balance, asked = balance + inertia, asked + inertia
+        forces, felt = [element.forces], [element.felt]
+        if isinstance(model.own, Tensor):
+            forces.append(restrained_forces(model, element.middle, model.own, model.length))
+            felt.append(model.own)
+        forces, felt = (torch.cat([x.expand(1, x.shape[-1]) for x in part], -2).abs() for part in (forces, felt))
+        found = {"D": tangent.D, "balance": balance, "asked": asked, **({"inertia": inertia} if coupled else {})}
+        found = {f"{side}.{name}": value[k] for name, value in found.items() for k, side in enumerate("ij")}
+        return found | {
+            "U": tangent.U[0], "L": tangent.L[0], "gap": element.gap[0], "E": tangent.E[0],
+            "force": forces[..., :p].amax(), "moment": forces[..., p:].amax(), "left_strain": element.gap.abs().amax(),
+            "strain": felt.amax()}
+
+    def stress(self, stress: Tensor, gap: Tensor, E: Tensor, move_i: Tensor, move_j: Tensor, **fields: Tensor) -> Fields:
+        """The stress (k) after its nodes' moves."""
+        C = filled(self.elements, lambda k: fields[f"element.{k}"][None]).C
+        move = self.model.space.to_elements(torch.stack((move_i, move_j)))
+        return {"stress": stress + dstress(C, E[None], gap[None], move)[0]}
+
+    # Functions of the chain's rows
+
+    def row(self, held: bool, **fields: Tensor) -> Fields:
+        """A row of the elimination, from the fields of `node` and those of the elements on either side, whose nodes j and i it
+        is: ahead (w, w) and y (w), see `block_tridiagonal.eliminated`; the largest force and moment in the node's terms, and
+        left of its balance. Where supports hold the node or its neighbours (`held`): with what is free (w, 1 or 0) of it, the
+        node before and the next; and the whole rows (w, 3 w) and balance of the node, for a reaction.
+        """
+        p = self.model.space.position
+
+        def total(name: str) -> Tensor:
+            parts = [fields[f"{side}.{name}"] for side in ("node", "left", "right") if f"{side}.{name}" in fields]
+            return sum(parts[1:], parts[0])
+
+        balance, D = total("balance"), total("D")
+        asked, U, L = total("asked") + fields["node.balance"], fields["right.U"], fields["left.L"]
+        terms = torch.stack([fields["node.load"], total("inertia")] if "node.load" in fields else [total("inertia")]).abs()
+        found, left = {}, balance
+        if held:
+            before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
+            found = {"rows": torch.cat((L, D, U), -1), "asked": asked}
+            left, asked = balance * free, asked * free
+            D = D * free[:, None] * free + torch.diag_embed(1 - free)
+            L, U = L * free[:, None] * before, U * free[:, None] * after
+        ahead, y = eliminated(D, U, -asked[:, None], L, fields["ahead"], fields["y"][:, None])
+        left = left.abs()
+        return found | {"ahead": ahead, "y": y[:, 0], "force": terms[:, :p].amax(), "moment": terms[:, p:].amax(),
+                        "left_force": left[:p].amax(), "left_moment": left[p:].amax()}
+
+    def back(self, ahead: Tensor, y: Tensor, next: Tensor) -> Fields:
+        """The move of a node, from that of the next."""
+        return {"move": y - (ahead @ next[:, None])[:, 0]}
+
+    def reaction(self, rows: Tensor, asked: Tensor, fixed: Tensor, before: Tensor, here: Tensor, after: Tensor) -> Fields:
+        """The balance (w) of a support after the moves of the node before, of its own and of the next."""
+        return {"reaction": fixed * (asked + (rows @ torch.cat((before, here, after))[:, None])[:, 0])}
+
+    # Functions of a sample
+
+    def judge(self, force: Tensor, moment: Tensor, strain: Tensor, left_force: Tensor, left_moment: Tensor,
+              left_strain: Tensor, total: Tensor, longest: Tensor, tolerance: Tensor, before: Tensor, over: Tensor, done: Tensor,
+              status: Tensor, iterations: Tensor) -> Fields:
+        """What `newton` asks of an iteration's largest numbers: size of the residual, which samples are done or over, iterations,
+        status while it is open (of the first iteration, where `iterations` is 0 for all that are not over).
+        """
+        size = scaled(left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain)
+        finite = torch.isfinite(size)
+        first = torch.where(finite, float(DIVERGED), float(BROKEN))
+        going = over == 0
+        done = torch.where(going & converged(size, before, tolerance), torch.ones_like(done), done)
+        return {"before": size, "done": done, "over": ((done != 0) | ~finite).to(done),
+                "status": torch.where(iterations == 0, first, status), "iterations": iterations + going.to(iterations)}
+
+    def outcome(self, moving: Tensor, done: Tensor, status: Tensor, before: Tensor, cosine: Tensor, least: Tensor) -> Fields:
+        """The status (that of `before` where a sample does not move): it has converged and no node has turned too far; and
+        whether it moves on.
+        """
+        status = torch.where(done != 0, torch.where(cosine < least, float(DIVERGED), float(SUCCESS)), status)
+        status = torch.where(moving != 0, status, before)
+        return {"status": status, "moving": ((status == SUCCESS) & (moving != 0)).to(moving)}
+
+    # Problems of one
+
+    def _node(self, fields: Fields, acting: tuple[int, ...]) -> tuple[MidpointProblem, MidpointUnknowns]:
+        rows = filled(self.nodes, lambda k: fields[f"node.{k}"][None])
+        common = self._common(fields)
+        loads = tuple(_at_only_node(common.loads[k]) for k in acting)
+        return self._problem(rows, None, common, loads, {name: fields[name][None] for name in (*NODE, "u", "m")
+                                                         if name in fields})
+
+    def _element(self, fields: Fields) -> tuple[MidpointProblem, MidpointUnknowns]:
+        def ends(name: str) -> Tensor:
+            return torch.stack((fields[f"i.{name}"], fields[f"j.{name}"]))
+
+        rows = filled(self.nodes, lambda k: ends(f"node.{k}"))
+        mass = torch.zeros_like(rows.inertia.mass)
+        rows = replace(rows, inertia=replace(rows.inertia, mass=mass, inertia=None))
+        element = filled(self.elements, lambda k: fields[f"element.{k}"][None])
+        given = {name: ends(name) for name in (*NODE, "u", "m")} | {"stress": fields["stress"][None]}
+        return self._problem(rows, element, self._common(fields), (), given)
+
+    def _common(self, fields: Fields) -> Common:
+        return filled(self.common, lambda k: fields[f"common.{k}"])
+
+    def _problem(self, rows: NodeConstants, element: ElementConstants | None, common: Common, loads: tuple[Any, ...],
+                 given: Fields) -> tuple[MidpointProblem, MidpointUnknowns]:
+        whole, space, position = self.model, self.model.space, given["position"]
+        linear = None if element is None else element.linear
+        space = (Small(rows.frames, rows.R, linear) if isinstance(space, Small)
+                 else replace(space, place=common.place) if isinstance(space, Plane) else space)
+        zero, none = position.new_zeros(()), position.new_zeros(0, space.strain)
+        count = 0 if element is None else 1
+        free = torch.ones(count + 1, space.unknowns, dtype=torch.bool)
+        constraints = Constraints((), 0, position.new_zeros(0, space.unknowns), free, None, rows.slide, rows.turn, ())
+        if rows.dead is not None and element is None:
+            force, moment = space.embed(rows.dead[0]).split(3, -1)
+            loads = (filled(DEAD, lambda k: (force, moment)[k]), *loads)
+        law, length, reference, C, own = (None,) * 5
+        if element is not None:
+            law, length, reference, C, own = (
+                getattr(element, name) for name in ("law", "length", "reference", "C", "eigenstrain"))
+        coupling = None if element is None else element.coupling
+        pose = None if common.support is None else Pose(*vars(common.support).values())
+        model = LocalModel(
+            LocalScene(whole.scene.beam, loads), space, constraints, replace(rows.inertia, space=space, coupling=coupling),
+            length, reference, law, rows.section_mass, rows.tributary_length, elements=count, C=C,
+            own=0.0 if own is None else own, arclength=rows.s, pose=pose)
+        stress = given.get("stress", none)
+        start = State(*(given[name] for name in NODE), stress, position.new_zeros(0, space.unknowns), zero, zero, zero, zero)
+        problem = MidpointProblem(model, start, common.dt, common.t, common.inputs)
+        return problem, MidpointUnknowns(given.get("u"), given.get("m"), stress)
+
+
+DEAD = TipLoad(force=torch.zeros(3), moment=torch.zeros(3))
+
+
+def _at_only_node(load: Any) -> Any:
+    """A load at a node, for a chain that is this node alone."""
+    if vars(load).get("node") is None:
+        return load
+    load = copy(load)
+    object.__setattr__(load, "node", -1)
+    return load
