@@ -1,0 +1,1 @@
+"""Compiled engine: functions of small tensors traced to scalar operations, differentiated, and run as native code."""

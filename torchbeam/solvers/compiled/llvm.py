@@ -1,0 +1,218 @@
+"""LLVM's language for functions: straight code for W samples at once, a lane each.
+
+    void NAME(ptr input 0, ..., ptr output 0, ...)      fields in the order of `Function.inputs` and `.outputs`
+
+A field lies in memory as [component][lane], float64 or float32, aligned to its numbers; what is written overlaps nothing else.
+Truth values are 0 and 1 there. W = 1 is plain scalars. Products may be fused, reciprocals taken and signs of zeros lost
+(contract, arcp, nsz); NaN and inf are kept, and no sum is reordered: x - x is the test for both. Elementary functions are
+those of `elementary`, in float64 whatever the lanes are.
+"""
+
+from __future__ import annotations
+
+import struct
+from math import prod
+
+import torch
+
+from .elementary import elementary
+from .function import Function
+
+FLAGS = "contract nsz arcp"
+BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
+COMPARED = {"lt": "olt", "le": "ole", "eq": "oeq"}
+INTRINSICS = {"sqrt": "sqrt", "norm": "sqrt", "abs": "fabs", "floor": "floor", "round": "rint"}
+ELEMENTARY = {"sin", "cos", "atan2", "exp", "log"}
+
+
+class Lanes:
+    """W lanes of a dtype: the names of their types, and constants."""
+
+    def __init__(self, count: int, dtype: torch.dtype) -> None:
+        if dtype not in (torch.float64, torch.float32):
+            raise ValueError(f"{dtype} was given; float64 or float32 is wanted")
+        self.count, self.dtype = count, dtype
+        self.scalar, self.bytes = ("double", 8) if dtype == torch.float64 else ("float", 4)
+        self.vector, self.truth = self.of(self.scalar), self.of("i1")
+        self.suffix = (f"v{count}" if count > 1 else "") + f"f{8 * self.bytes}"
+
+    def of(self, scalar: str) -> str:
+        return f"<{self.count} x {scalar}>" if self.count > 1 else scalar
+
+    def all(self, scalar: str, value: str) -> str:
+        """A constant with the same value in each lane."""
+        return "<" + ", ".join([f"{scalar} {value}"] * self.count) + ">" if self.count > 1 else value
+
+    def constant(self, value: float | bool) -> str:
+        if isinstance(value, bool):
+            return self.all("i1", "true" if value else "false")
+        if self.bytes == 4:
+            value = torch.tensor(value, dtype=torch.float64).float().item()
+        return self.all(self.scalar, f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}")
+
+
+class Module:
+    """Text of one module: functions by `define`, and what they call. `added` takes any other definitions as they are."""
+
+    def __init__(self, lanes: int, dtype: torch.dtype = torch.float64) -> None:
+        self.lanes = Lanes(lanes, dtype)
+        self.added: list[str] = []
+        self._definitions: dict[str, str] = {}
+        self._declarations: dict[str, str] = {}
+
+    def define(self, name: str, function: Function) -> None:
+        """A function, as above. Raises ValueError for a second one of that name."""
+        if name in self._definitions:
+            raise ValueError(f"a second function {name!r} was given; another name is wanted")
+        lanes, graph = self.lanes, function.graph
+        inputs = {field: f"%in{k}" for k, field in enumerate(function.inputs)}
+        outputs = {field: f"%out{k}" for k, field in enumerate(function.outputs)}
+        body = _Body(self, lanes, function)
+        for node in function.live():
+            if graph.ops[node] == "input":
+                field, k = graph.values[node]
+                at = body.place(inputs[field], k)
+                body.line(f"%n{node} = load {lanes.vector}, ptr {at}, align {lanes.bytes}")
+            else:
+                body.operation(node)
+        for field, out in function.outputs.items():
+            for k, node in enumerate(out.nodes):
+                value = body.name(node)
+                if graph.truths[node]:
+                    value = body.new(f"uitofp {lanes.truth} {value} to {lanes.vector}")
+                body.line(f"store {lanes.vector} {value}, ptr {body.place(outputs[field], k)}, align {lanes.bytes}")
+        given = [f"ptr noalias readonly {name}" for name in inputs.values()]
+        given += [f"ptr noalias writeonly {name}" for name in outputs.values()]
+        self._definitions[name] = "\n".join((f'define void @"{name}"({", ".join(given)}) noinline nounwind {{', *body.lines,
+                                             "  ret void", "}"))
+
+    def elementary(self, name: str) -> str:
+        """The name of an elementary function of float64 lanes."""
+        lanes = Lanes(self.lanes.count, torch.float64)
+        called = f"torchbeam.{name}"
+        if called not in self._definitions:
+            function = elementary(name)
+            body = _Body(self, lanes, function)
+            for node in function.live():
+                if function.graph.ops[node] == "input":
+                    body.names[node] = f"%{function.graph.values[node][0]}"
+                else:
+                    body.operation(node)
+            (out,) = function.outputs["out"].nodes
+            given = ", ".join(f"{lanes.vector} %{field}" for field in function.inputs)
+            self._definitions[called] = "\n".join((
+                f'define internal {lanes.vector} @"{called}"({given}) alwaysinline nounwind {{', *body.lines,
+                f"  ret {lanes.vector} {body.name(out)}", "}"))
+        return f'@"{called}"'
+
+    def intrinsic(self, name: str, lanes: Lanes) -> str:
+        called = f"@llvm.{name}.{lanes.suffix}"
+        self._declarations[called] = f"declare {lanes.vector} {called}({lanes.vector})"
+        return called
+
+    def text(self) -> str:
+        return "\n\n".join((*self._declarations.values(), *self._definitions.values(), *self.added)) + "\n"
+
+
+class _Body:
+    """Lines of a function: one value a node, called %n and its number."""
+
+    def __init__(self, module: Module, lanes: Lanes, function: Function) -> None:
+        self.module, self.lanes, self.graph = module, lanes, function.graph
+        self.lines: list[str] = []
+        self.names: dict[int, str] = {}
+        self.count = 0
+
+    def line(self, text: str) -> None:
+        self.lines.append("  " + text)
+
+    def new(self, text: str) -> str:
+        """A value beside the nodes."""
+        self.count += 1
+        self.line(f"%t{self.count} = {text}")
+        return f"%t{self.count}"
+
+    def name(self, node: int) -> str:
+        if self.graph.ops[node] == "const":
+            return self.lanes.constant(self.graph.values[node])
+        return self.names.get(node, f"%n{node}")
+
+    def place(self, pointer: str, component: int) -> str:
+        """Where a component of a field lies."""
+        if not component:
+            return pointer
+        return self.new(f"getelementptr inbounds i8, ptr {pointer}, i64 {component * self.lanes.count * self.lanes.bytes}")
+
+    def operation(self, node: int) -> None:
+        op, lanes = self.graph.ops[node], self.lanes
+        if op == "const":
+            return
+        vector, args = lanes.vector, [self.name(x) for x in self.graph.args[node]]
+        if op in BINARY:
+            text = f"{BINARY[op]} {FLAGS} {vector} {args[0]}, {args[1]}"
+        elif op == "neg":
+            text = f"fneg {FLAGS} {vector} {args[0]}"
+        elif op in COMPARED:
+            text = f"fcmp {COMPARED[op]} {vector} {args[0]}, {args[1]}"
+        elif op in ("and", "or"):
+            text = f"{op} {lanes.truth} {args[0]}, {args[1]}"
+        elif op == "not":
+            text = f"xor {lanes.truth} {args[0]}, {lanes.constant(True)}"
+        elif op == "select":
+            kind = lanes.truth if self.graph.truths[node] else vector
+            text = f"select {lanes.truth} {args[0]}, {kind} {args[1]}, {kind} {args[2]}"
+        elif op in INTRINSICS:
+            text = f"call {FLAGS} {vector} {self.module.intrinsic(INTRINSICS[op], lanes)}({vector} {args[0]})"
+        elif op in ("max", "min"):
+            text = self._extreme("ogt" if op == "max" else "olt", args)
+        elif op in ELEMENTARY:
+            text = self._elementary(op, args)
+        else:
+            text = getattr(self, "_" + op)(args[0])
+        self.line(f"%n{node} = {text}")
+
+    def _extreme(self, compared: str, args: list[str]) -> str:
+        """NaN wins: a is taken where it is the larger (smaller), or NaN."""
+        vector, truth, best = self.lanes.vector, self.lanes.truth, args[0]
+        for k, other in enumerate(args[1:]):
+            beyond = self.new(f"fcmp {compared} {vector} {best}, {other}")
+            no_number = self.new(f"fcmp uno {vector} {best}, {best}")
+            text = f"select {truth} {self.new(f'or {truth} {beyond}, {no_number}')}, {vector} {best}, {vector} {other}"
+            best = self.new(text) if k < len(args) - 2 else best
+        return text
+
+    def _elementary(self, op: str, args: list[str]) -> str:
+        lanes, wide = self.lanes, self.lanes.of("double")
+        if lanes.bytes == 4:
+            args = [self.new(f"fpext {lanes.vector} {x} to {wide}") for x in args]
+        call = f"call {wide} {self.module.elementary(op)}({', '.join(f'{wide} {x}' for x in args)})"
+        return call if lanes.bytes == 8 else f"fptrunc {wide} {self.new(call)} to {lanes.vector}"
+
+    # Parts of float64, by their bits
+
+    def _bits(self, x: str) -> str:
+        return self.new(f"bitcast {self.lanes.vector} {x} to {self.lanes.of('i64')}")
+
+    def _exponent(self, x: str) -> str:
+        lanes, long, short = self.lanes, self.lanes.of("i64"), self.lanes.of("i32")
+        shifted = self.new(f"lshr {long} {self._bits(x)}, {lanes.all('i64', '52')}")
+        held = self.new(f"and {short} {self.new(f'trunc {long} {shifted} to {short}')}, {lanes.all('i32', '2047')}")
+        whole = self.new(f"sub {short} {held}, {lanes.all('i32', '1023')}")
+        return f"sitofp {short} {whole} to {lanes.vector}"
+
+    def _mantissa(self, x: str) -> str:
+        lanes, long = self.lanes, self.lanes.of("i64")
+        kept = self.new(f"and {long} {self._bits(x)}, {lanes.all('i64', str(2**52 - 1))}")
+        return f"bitcast {long} {self.new(f'or {long} {kept}, ' + lanes.all('i64', str(1023 << 52)))} to {lanes.vector}"
+
+    def _power2(self, k: str) -> str:
+        """The last bits of a large number are k + 1023: shifted to the exponent's."""
+        lanes, long = self.lanes, self.lanes.of("i64")
+        large = self.new(f"fadd {lanes.vector} {k}, {lanes.constant(1.5 * 2.0**52 + 1023)}")
+        return f"bitcast {long} {self.new(f'shl {long} {self._bits(large)}, ' + lanes.all('i64', '52'))} to {lanes.vector}"
+
+
+def record_sizes(function: Function) -> list[tuple[str, int]]:
+    """(field, components) of the pointers that a compiled function takes, in order."""
+    return [*((name, prod(shape)) for name, shape in function.inputs.items()),
+            *((name, len(out.nodes)) for name, out in function.outputs.items())]

@@ -1,0 +1,224 @@
+"""Tracing: an ordinary function of torch tensors becomes a graph of scalar operations."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.overrides import TorchFunctionMode
+from torch.utils._python_dispatch import TorchDispatchMode
+
+from . import aten
+from .function import Function, Output
+from .graph import Graph
+
+FRESH = {"zeros_like", "ones_like", "full_like", "empty_like", "new_zeros", "new_ones", "new_full", "new_empty",
+         "new_empty_strided"}  # of a traced tensor they read the shape alone
+RESHAPED = {"squeeze_", "unsqueeze_", "transpose_", "t_", "swapaxes_", "swapdims_"}  # in place, and no memory is written
+READ = {torch.Tensor.tolist, torch.Tensor.numpy, torch.Tensor.__array__, torch.Tensor.__dlpack__}
+LIBRARIES = (os.path.dirname(torch.__file__) + os.sep, os.path.dirname(__file__) + os.sep)
+
+
+class NotTraceable(Exception):
+    """What a function does depends on the values of its inputs in a way that no graph of scalar operations can tell."""
+
+
+def trace(function: Callable[..., Any], inputs: dict[str, Tensor]) -> Function:
+    """`function(**inputs)` as a graph. Values of the inputs do not matter, but that the function must take them; shapes and
+    dtype do. It returns a tensor (the field is called "out"), or tensors in dictionaries and (named) tuples, whose fields are
+    called by keys, names and places, joined by dots; None is left out.
+
+    Tensors that do not come from inputs are constants: their values are read. Operations with no values among their inputs run
+    as they are, in the inputs' dtype by default. Raises NotTraceable for an operation that is not known, and for control flow
+    by, and reading of, traced values.
+    """
+    given = {name: value.detach().clone(memory_format=torch.contiguous_format) for name, value in inputs.items()}
+    tracer = _Tracer()
+    for name, value in given.items():
+        nodes = [tracer.graph.input(name, k) for k in range(value.numel())]
+        tracer.hold(value, torch.tensor(nodes, dtype=torch.long).reshape(value.shape))
+    before = torch.get_default_dtype()
+    floating = {value.dtype for value in given.values() if value.is_floating_point()}
+    try:
+        torch.set_default_dtype(floating.pop() if len(floating) == 1 else before)
+        with torch.no_grad(), _Readings(tracer), tracer:
+            found = function(**given)
+    finally:
+        torch.set_default_dtype(before)
+    outputs = {}
+    for name, value in _fields(found, ""):
+        if not isinstance(value, Tensor):
+            raise NotTraceable(f"{type(value).__name__} was returned as {name!r}; tensors are wanted")
+        nodes = tracer.nodes(value)
+        if (nodes == aten.UNKNOWN).any():
+            raise NotTraceable(f"the output {name!r} cannot be traced: it is an index, or a factorisation")
+        outputs[name] = Output(tuple(value.shape), tuple(nodes.flatten().tolist()))
+    return Function(tracer.graph, {name: tuple(value.shape) for name, value in given.items()}, outputs)
+
+
+def _fields(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """(name, tensor) of what a function returns."""
+    if isinstance(value, (dict, tuple, list)):
+        keys = value.keys() if isinstance(value, dict) else getattr(value, "_fields", range(len(value)))
+        for key, part in zip(keys, value.values() if isinstance(value, dict) else value, strict=True):
+            yield from _fields(part, f"{name}.{key}" if name else str(key))
+    elif value is not None:
+        yield name or "out", value
+
+
+def _line() -> str:
+    """Where the traced function is: the innermost line outside of torch and of this folder."""
+    frame = sys._getframe(1)
+    while frame is not None and frame.f_code.co_filename.startswith(LIBRARIES):
+        frame = frame.f_back
+    return "" if frame is None else f"{frame.f_code.co_filename}:{frame.f_lineno}, in {frame.f_code.co_name}"
+
+
+class _Readings(TorchFunctionMode):
+    """Refuses what reads a traced tensor's memory beside torch's operations."""
+
+    def __init__(self, tracer: _Tracer) -> None:
+        super().__init__()
+        self.tracer = tracer
+
+    def __torch_function__(self, func: Callable, types: Any, args: tuple = (), kwargs: dict | None = None) -> Any:
+        if func in READ and self.tracer.traced(args[0]):
+            raise NotTraceable(f"{func.__name__} of a traced tensor was asked for at {_line()}; a graph has no values")
+        return func(*args, **(kwargs or {}))
+
+
+class _Tracer(TorchDispatchMode):
+    """Runs operations on tensors and, beside them, on the nodes of their elements. Nodes lie beside memory, not tensors: for
+    each storage one array, so that views, and writes through them, find what they show.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.graph = Graph()
+        self.beside: dict[int, tuple[Tensor, Tensor]] = {}  # storage -> a tensor on it, which keeps it alive; its nodes
+
+    @classmethod
+    def _should_skip_dynamo(cls) -> bool:
+        return False  # importing torch's compiler takes longer than tracing
+
+    def traced(self, value: Any) -> bool:
+        return isinstance(value, Tensor) and value.untyped_storage()._cdata in self.beside
+
+    def hold(self, value: Tensor, nodes: Tensor) -> None:
+        """Write nodes beside a tensor's memory."""
+        storage = value.untyped_storage()
+        if storage._cdata not in self.beside:
+            self.beside[storage._cdata] = value, torch.full((storage.nbytes() // value.element_size(),), aten.UNKNOWN)
+        self._shown(value).copy_(nodes)
+
+    def _shown(self, value: Tensor) -> Tensor:
+        first, nodes = self.beside[value.untyped_storage()._cdata]
+        if first.element_size() != value.element_size():
+            raise NotTraceable(f"memory of {first.dtype} was read as {value.dtype} at {_line()}; one dtype is wanted")
+        return nodes.as_strided(value.shape, value.stride(), value.storage_offset())
+
+    def nodes(self, value: Tensor | float | bool) -> Tensor:
+        """int64 of the same shape; what is not traced is constant."""
+        if not isinstance(value, Tensor):
+            return torch.tensor(self.graph.const(value if isinstance(value, bool) else float(value)))
+        if self.traced(value):
+            return self._shown(value)
+        if value.is_complex():
+            raise NotTraceable(f"a tensor of {value.dtype} met a traced one at {_line()}; real numbers are wanted")
+        flat = [self.graph.const(v) for v in value.detach().flatten().tolist()]
+        return torch.tensor(flat, dtype=torch.long).reshape(value.shape)
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: tuple = (), kwargs: dict | None = None) -> Any:
+        kwargs = dict(kwargs or {})
+        if not any(self.traced(x) for x in _tensors((args, kwargs))):
+            return func(*args, **kwargs)
+        schema = func._schema
+        name = schema.name.split("::")[-1]
+        if name in FRESH or name in RESHAPED:
+            return func(*args, **kwargs)
+        if name == "_linalg_check_errors":
+            return None
+        if name in ("_local_scalar_dense", "equal", "is_nonzero", "nonzero", "masked_select"):
+            raise NotTraceable(f"the value of a traced tensor was asked for by {name.strip('_')} at {_line()}; control flow by "
+                               "values cannot be traced")
+        if schema.returns and all(r.alias_info is not None and not r.alias_info.is_write for r in schema.returns):
+            return func(*args, **kwargs)  # a view: its nodes are those of the memory
+        written = [a for a in schema.arguments if a.alias_info is not None and a.alias_info.is_write]
+        if written and (written[0] is not schema.arguments[0] or len(written) > 1):
+            raise self._unknown(func)
+        behind = [a for a in schema.arguments[len(args):] if not a.kwarg_only]
+        behind = behind[:max((k + 1 for k, a in enumerate(behind) if a.name in kwargs), default=0)]
+        args = [*args, *(kwargs.pop(a.name, a.default_value) for a in behind)]
+        found = self._applied(func, name.rstrip("_") if written else name, args, kwargs)
+        if found is NotImplemented:
+            found = func.decompose(*args, **kwargs)
+            if found is NotImplemented:
+                raise self._unknown(func)
+            return found
+        out = func(*args, **kwargs)
+        if written:
+            self.hold(args[0], found)
+            return out
+        outs, founds = out if isinstance(out, (tuple, list)) else (out,), found if isinstance(found, tuple) else (found,)
+        for k, one in enumerate(outs):
+            self.hold(one, founds[k] if k < len(founds) else torch.full((), aten.UNKNOWN))
+        return out
+
+    def _unknown(self, func: Any, why: object = "") -> NotTraceable:
+        return NotTraceable(f"{func} at {_line()} cannot be traced{f': {why}' if why else ''}")
+
+    def _applied(self, func: Any, name: str, args: list, settings: dict) -> Any:
+        """Nodes of an operation's results; NotImplemented where it is not known."""
+        graph = self.graph
+        settings = {key: value for key, value in settings.items() if value is not None}
+        try:
+            if name in aten.STRUCTURAL and not (name == "gather" and self.traced(args[2])):
+                at = aten.STRUCTURAL[name]
+                if any(self.traced(x) for k, arg in enumerate(args) if k not in at for x in _tensors((arg,))):
+                    raise NotImplementedError("places that depend on inputs")
+                moved = [self._known(func, arg) if k in at else arg for k, arg in enumerate(args)]
+                if func._schema.name.endswith("_"):
+                    moved[0] = moved[0].clone()
+                return func(*moved, **({"memory_format": torch.preserve_format} if name == "clone" else settings))
+            if name == "_to_copy":
+                dtype = settings.get("dtype", args[0].dtype)
+                if not (dtype.is_floating_point or dtype == torch.bool):
+                    raise NotImplementedError(f"{dtype}")
+                rule = type(graph).truth if dtype == torch.bool else type(graph).number
+                return aten.elementwise(graph, rule, self._known(func, args[0]))
+            if name in aten.ELEMENTWISE:
+                known = [None if x is None else self._known(func, x) for x in args]
+                return aten.elementwise(graph, aten.ELEMENTWISE[name], *known, **settings)
+            known = [self._known(func, x) if isinstance(x, Tensor) else x for x in args]
+            if name == "fill":
+                known[1] = self._known(func, args[1])
+            if name in aten.REDUCTIONS:
+                return aten.reduction(graph, aten.REDUCTIONS[name], *known, **settings)
+            if name in aten.OTHER:
+                return aten.OTHER[name](graph, *known, **settings)
+        except (NotImplementedError, TypeError) as error:
+            raise self._unknown(func, error) from error
+        return NotImplemented
+
+    def _known(self, func: Any, value: Any) -> Any:
+        """Nodes of an argument, or of a list of them."""
+        if isinstance(value, (list, tuple)):
+            return [self._known(func, x) for x in value]
+        nodes = self.nodes(value)
+        if (nodes == aten.UNKNOWN).any():
+            raise self._unknown(func, "it reads an index, or a factorisation, that depends on inputs")
+        return nodes
+
+
+def _tensors(value: Any) -> Iterator[Tensor]:
+    if isinstance(value, Tensor):
+        yield value
+    elif isinstance(value, (tuple, list)):
+        for part in value:
+            yield from _tensors(part)
+    elif isinstance(value, dict):
+        yield from _tensors(tuple(value.values()))
