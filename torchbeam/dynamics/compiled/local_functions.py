@@ -102,12 +102,13 @@ class LocalFunctions:
         return {"u": x.u[0], "m": x.m[0]}
 
     def node(self, acting: tuple[int, ...], **fields: Tensor) -> Fields:
-        """Balance (w) of the node's inertia and loads, its derivative (w, w); both terms apart, as far as there are any."""
+        """Balance (w) of the node's inertia and loads, its derivative D (w, w); both terms apart."""
         problem, x = self._node(fields, acting)
         way, inertia, turning, load = problem.node_balance(x)
         diagonal, *_ = problem.node_tangent(x, way, turning)
+        load = load + torch.zeros_like(inertia)
         return {"balance": (inertia - load)[0], "D": diagonal[0], "inertia": inertia[0],
-                **({} if isinstance(load, float) else {"load": load[0]})}
+                **({"load": load[0]} if self.model.scene.loads else {})}
 
     def update(self, move: Tensor, **fields: Tensor) -> Fields:
         """u and m after a move (w)."""
@@ -163,7 +164,7 @@ class LocalFunctions:
     # Functions of the chain's rows
 
     def row(self, held: bool, **fields: Tensor) -> Fields:
-        """A row of the elimination, from the fields of `node` and those of the elements on either side, whose nodes j and i it
+        """A row of the elimination, from the fields of `node` (own.) and those of the elements on either side, whose nodes j and i it
         is: ahead (w, w) and y (w), see `block_tridiagonal.eliminated`; the largest force and moment in the node's terms, and
         left of its balance. Where supports hold the node or its neighbours (`held`): with what is free (w, 1 or 0) of it, the
         node before and the next; and the whole rows (w, 3 w) and balance of the node, for a reaction.
@@ -171,12 +172,12 @@ class LocalFunctions:
         p = self.model.space.position
 
         def total(name: str) -> Tensor:
-            parts = [fields[f"{side}.{name}"] for side in ("node", "left", "right") if f"{side}.{name}" in fields]
+            parts = [fields[f"{side}.{name}"] for side in ("own", "left", "right") if f"{side}.{name}" in fields]
             return sum(parts[1:], parts[0])
 
         balance, D = total("balance"), total("D")
-        asked, U, L = total("asked") + fields["node.balance"], fields["right.U"], fields["left.L"]
-        terms = torch.stack([fields["node.load"], total("inertia")] if "node.load" in fields else [total("inertia")]).abs()
+        asked, U, L = total("asked") + fields["own.balance"], fields["right.U"], fields["left.L"]
+        terms = torch.stack([fields["own.load"], total("inertia")] if "own.load" in fields else [total("inertia")]).abs()
         found, left = {}, balance
         if held:
             before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
@@ -193,9 +194,9 @@ class LocalFunctions:
         """The move of a node, from that of the next."""
         return {"move": y - (ahead @ next[:, None])[:, 0]}
 
-    def reaction(self, rows: Tensor, asked: Tensor, fixed: Tensor, before: Tensor, here: Tensor, after: Tensor) -> Fields:
+    def reaction(self, rows: Tensor, asked: Tensor, free: Tensor, before: Tensor, here: Tensor, after: Tensor) -> Fields:
         """The balance (w) of a support after the moves of the node before, of its own and of the next."""
-        return {"reaction": fixed * (asked + (rows @ torch.cat((before, here, after))[:, None])[:, 0])}
+        return {"reaction": (1 - free) * (asked + (rows @ torch.cat((before, here, after))[:, None])[:, 0])}
 
     # Functions of a sample
 
