@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
 from torch import Tensor
 
-from ...core.leaves import Tree, leaf, map_leaves
+from ...core.leaves import Tree, leaf, map_leaves, own_leaves
 from ...nodal.constitutive_law import ElasticLaw
 from ...nodal.coordinates.linearised import LinearElement, Small
 from ...nodal.coordinates.planar import Plane
@@ -77,34 +78,41 @@ class Common(Tree):
     support: SupportPose | None
 
 
-def constants(model: Model, dt: Tensor, t: Tensor, inputs: Inputs) -> tuple[NodeConstants, ElementConstants, Common]:
-    """Of a step of dt (...) with loads as at t (...), which broadcast with the batch of the model."""
-    space, scene, inertia = model.space, model.scene, model.inertia
-    still = space.to_reduced(rest(scene, ()))
-    nodes = Nodes(still.position, still.rotation)
-    dead = external(model, nodes, t, inputs, model.loads[1]) if model.loads[1] else None
-    constraints, small = model.constraints, isinstance(space, Small)
-    own = model.eigenstrain(t, inputs) if scene.eigenstrains else None
-    rows = NodeConstants(
-        replace(inertia, space=None, coupling=None), constraints.slide, constraints.turn, model.section_mass,
-        model.tributary_length, model.s, dead, *((space.frames, space.R) if small else (None, None)))
-    elements = ElementConstants(
-        model.length, model.reference, model.law, model.tangent_stiffness(dt.detach()), inertia.coupling,
-        own, space.element if small else None)
-    loads = tuple(_resolved(load, t, inputs, model) for load in model.loads[0])
-    wants_support = any(load.wants_support for load in loads)
-    support = SupportPose(*model.prescribed_motion.root_pose(t)) if wants_support else None
-    return rows, elements, Common(dt, t, loads, inputs, space.place if isinstance(space, Plane) else None, support)
+class Constants:
+    """Of a model's steps: what holds for all of them is kept."""
+
+    def __init__(self, model: Model) -> None:
+        space, inertia, constraints, small = model.space, model.inertia, model.constraints, isinstance(model.space, Small)
+        self.model = model
+        still = space.to_reduced(rest(model.scene, ()))
+        self.still = Nodes(still.position, still.rotation)
+        self.nodes = NodeConstants(
+            replace(inertia, space=None, coupling=None), constraints.slide, constraints.turn, model.section_mass,
+            model.tributary_length, model.s, None, *((space.frames, space.R) if small else (None, None)))
+        self.elements = ElementConstants(
+            model.length, model.reference, model.law, model.law.C, inertia.coupling, None, space.element if small else None)
+        self.wants_support = any(load.wants_support for load in model.loads[0])
+
+    def at(self, dt: Tensor, t: Tensor, inputs: Inputs) -> tuple[NodeConstants, ElementConstants, Common]:
+        """Of steps of dt (...) with loads as at t (...), which broadcast with the batch of the model."""
+        model = self.model
+        dead = external(model, self.still, t, inputs, model.loads[1]) if model.loads[1] else None
+        own = model.eigenstrain(t, inputs) if model.scene.eigenstrains else None
+        support = SupportPose(*model.prescribed_motion.root_pose(t)) if self.wants_support else None
+        loads = tuple(_resolved(load, t, inputs, model) for load in model.loads[0])
+        place = model.space.place if isinstance(model.space, Plane) else None
+        elements = replace(self.elements, C=model.tangent_stiffness(dt.detach()), eigenstrain=own)
+        return replace(self.nodes, dead=dead), elements, Common(dt, t, loads, inputs, place, support)
 
 
 def _resolved(load: Any, t: Tensor, inputs: Inputs, model: Model) -> Any:
     """A load whose functions of t are the values at t."""
-    like = model.scene.beam.nodes
-
-    def value(x: Any, axes: int | None) -> Any:
-        return value_at(x, t, inputs, like) if callable(x) and not isinstance(x, Tensor) and axes == 1 else x
-
-    return map_leaves(value, load)
+    like, made = model.scene.beam.nodes, load
+    for one in own_leaves(load):
+        if one.axes == 1 and callable(one.value) and not isinstance(one.value, Tensor):
+            made = copy(load) if made is load else made
+            object.__setattr__(made, one.name, value_at(one.value, t, inputs, like))
+    return made
 
 
 def flattened(tree: Any) -> list[tuple[Tensor, int]]:

@@ -85,9 +85,9 @@ class Driver:
         code, N = self.code, self.args["elements"]
         nodes = code.add(N, 1)
         with code.loop(0, nodes) as j:
-            self._call("predictor", lambda f: self.at("unknown", j, f[2:]) if f[0] == ">" else self._of_node(f, j))
             with self._kind(j) as kinds:
                 for k in kinds:
+                    self._call(f"predictor {k}", lambda f: self.at("unknown", j, f[2:]) if f[0] == ">" else self._of_node(f, j))
                     self._call(f"before node {k}", lambda f: self.at("before node", j) if f[0] == ">" else self._of_node(f, j))
         with code.loop(0, N) as e:
             self._call("before element", lambda f: self._of_element(f, e))
@@ -225,8 +225,10 @@ class Driver:
             self._call("stress", of_law)
             self._blend(self.at("stress", e), self.at("change", 0, "stress"), over, self.layout.records["stress"].size)
         with code.loop(0, code.add(N, 1)) as j:
-            self._call("update", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
-                       self.at("move", code.add(j, 1), "move") if f == "move" else self._of_node(f, j))
+            with self._kind(j) as kinds:
+                for k in kinds:
+                    self._call(f"update {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
+                               self.at("move", code.add(j, 1), "move") if f == "move" else self._of_node(f, j))
             for name in ("u", "m"):
                 self._blend(self.at("unknown", j, name), self.at("change", 0, name), over,
                             self.layout.records["unknown"].fields[name][1])
@@ -371,7 +373,8 @@ class Driver:
             self.lanes.scalar, self.lanes.count
         with code.loop(0, "%count") as k:
             entry = code.at("%table", code.mul(k, len(ENTRY)))
-            pointer, sample, step, row, rows, components, place, size = (code.load(code.at(entry, i)) for i in range(len(ENTRY)))
+            numbers = (code.load(code.at(entry, i)) for i in range(len(ENTRY)))
+            pointer, sample, step, row, rows, components, place, size = numbers
             pointer = code.at(code.new(f"inttoptr i64 {pointer} to ptr"), code.mul(step, "%step"), scalar)
             fresh = code.new(f"or i1 {code.compare('eq', '%step', 0)}, {code.compare('ne', step, 0)}")
             with code.when(fresh), code.loop(0, rows) as r, code.loop(0, components) as c, code.loop(0, W) as lane:

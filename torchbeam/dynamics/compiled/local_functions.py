@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -34,6 +34,15 @@ from .constants import Common, ElementConstants, NodeConstants, filled
 
 Fields = dict[str, Tensor]
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
+
+
+class NodeKind(NamedTuple):
+    """What a node has beside what all have: numbers of the loads in `common.loads` that act there; the axis of its hinge, a
+    mask in frame a, None = no hinge.
+    """
+
+    acting: tuple[int, ...] = ()
+    hinge: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -84,8 +93,6 @@ class LocalModel(Model):
 @dataclass(frozen=True)
 class LocalFunctions:
     """Of a model's nodes and elements; the trees say which fields exist, their values do not matter.
-
-    acting, of a node's functions: numbers of the loads in `common.loads` that act there
     """
 
     model: Model
@@ -95,34 +102,34 @@ class LocalFunctions:
 
     # Functions of a node
 
-    def predictor(self, **fields: Tensor) -> Fields:
+    def predictor(self, kind: NodeKind, **fields: Tensor) -> Fields:
         """u and m to start from."""
-        problem, _ = self._node(fields, ())
+        problem, _ = self._node(fields, kind)
         x = problem.predictor()
         return {"u": x.u[0], "m": x.m[0]}
 
-    def node(self, acting: tuple[int, ...], **fields: Tensor) -> Fields:
+    def node(self, kind: NodeKind, **fields: Tensor) -> Fields:
         """Balance (w) of the node's inertia and loads, its derivative D (w, w); both terms apart."""
-        problem, x = self._node(fields, acting)
+        problem, x = self._node(fields, kind)
         way, inertia, turning, load = problem.node_balance(x)
         diagonal, *_ = problem.node_tangent(x, way, turning)
         load = load + torch.zeros_like(inertia)
         return {"balance": (inertia - load)[0], "D": diagonal[0], "inertia": inertia[0],
                 **({"load": load[0]} if self.model.scene.loads else {})}
 
-    def update(self, move: Tensor, **fields: Tensor) -> Fields:
-        """u and m after a move (w)."""
-        problem, x = self._node(fields, ())
-        after = problem.update(x, move[None], x.stress)
+    def update(self, kind: NodeKind, move: Tensor, **fields: Tensor) -> Fields:
+        """u and m after a move (w), supports applied."""
+        problem, x = self._node(fields, kind)
+        after = problem.apply_supports(problem.update(x, move[None], x.stress))
         return {"u": after.u[0], "m": after.m[0]}
 
     def cosine(self, m: Tensor) -> Fields:
         """Of half the angle that a node has turned by at mid step."""
         return {"cosine": self.model.space.cosine(m)}
 
-    def finish(self, acting: tuple[int, ...], **fields: Tensor) -> Fields:
+    def finish(self, kind: NodeKind, **fields: Tensor) -> Fields:
         """The node at the end of the step, and the work done on it."""
-        problem, x = self._node(fields, acting)
+        problem, x = self._node(fields, kind)
         after = problem.finish(x, x.u.new_zeros(0, self.model.space.unknowns))
         return {name: getattr(after, name)[0] for name in NODE} | {"work": after.work}
 
@@ -164,7 +171,7 @@ class LocalFunctions:
     # Functions of the chain's rows
 
     def row(self, held: bool, **fields: Tensor) -> Fields:
-        """A row of the elimination, from the fields of `node` (own.) and those of the elements on either side, whose nodes j and i it
+        """A row of the elimination, from the fields of `node` (own.) and of the elements on either side, whose nodes j and i it
         is: ahead (w, w) and y (w), see `block_tridiagonal.eliminated`; the largest force and moment in the node's terms, and
         left of its balance. Where supports hold the node or its neighbours (`held`): with what is free (w, 1 or 0) of it, the
         node before and the next; and the whole rows (w, 3 w) and balance of the node, for a reaction.
@@ -201,10 +208,10 @@ class LocalFunctions:
     # Functions of a sample
 
     def judge(self, force: Tensor, moment: Tensor, strain: Tensor, left_force: Tensor, left_moment: Tensor,
-              left_strain: Tensor, total: Tensor, longest: Tensor, tolerance: Tensor, before: Tensor, over: Tensor, done: Tensor,
-              status: Tensor, iterations: Tensor) -> Fields:
-        """What `newton` asks of an iteration's largest numbers: size of the residual, which samples are done or over, iterations,
-        status while it is open (of the first iteration, where `iterations` is 0 for all that are not over).
+              left_strain: Tensor, total: Tensor, longest: Tensor, tolerance: Tensor, before: Tensor, over: Tensor,
+              done: Tensor, status: Tensor, iterations: Tensor) -> Fields:
+        """What `newton` asks of an iteration's largest numbers: size of the residual, which samples are done or over,
+        iterations, and the status of those that are not done (that of the first iteration, when `iterations` was 0).
         """
         size = scaled(left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain)
         finite = torch.isfinite(size)
@@ -224,12 +231,12 @@ class LocalFunctions:
 
     # Problems of one
 
-    def _node(self, fields: Fields, acting: tuple[int, ...]) -> tuple[MidpointProblem, MidpointUnknowns]:
+    def _node(self, fields: Fields, kind: NodeKind) -> tuple[MidpointProblem, MidpointUnknowns]:
         rows = filled(self.nodes, lambda k: fields[f"node.{k}"][None])
         common = self._common(fields)
-        loads = tuple(_at_only_node(common.loads[k]) for k in acting)
-        return self._problem(rows, None, common, loads, {name: fields[name][None] for name in (*NODE, "u", "m")
-                                                         if name in fields})
+        loads = tuple(_at_only_node(common.loads[k]) for k in kind.acting)
+        given = {name: fields[name][None] for name in (*NODE, "u", "m") if name in fields}
+        return self._problem(rows, None, common, loads, given, kind.hinge)
 
     def _element(self, fields: Fields) -> tuple[MidpointProblem, MidpointUnknowns]:
         def ends(name: str) -> Tensor:
@@ -246,7 +253,7 @@ class LocalFunctions:
         return filled(self.common, lambda k: fields[f"common.{k}"])
 
     def _problem(self, rows: NodeConstants, element: ElementConstants | None, common: Common, loads: tuple[Any, ...],
-                 given: Fields) -> tuple[MidpointProblem, MidpointUnknowns]:
+                 given: Fields, hinge: tuple[float, ...] | None = None) -> tuple[MidpointProblem, MidpointUnknowns]:
         whole, space, position = self.model, self.model.space, given["position"]
         linear = None if element is None else element.linear
         space = (Small(rows.frames, rows.R, linear) if isinstance(space, Small)
@@ -254,7 +261,8 @@ class LocalFunctions:
         zero, none = position.new_zeros(()), position.new_zeros(0, space.strain)
         count = 0 if element is None else 1
         free = torch.ones(count + 1, space.unknowns, dtype=torch.bool)
-        constraints = Constraints((), 0, position.new_zeros(0, space.unknowns), free, None, rows.slide, rows.turn, ())
+        constraints = Constraints((), 0, position.new_zeros(0, space.unknowns), free, None, rows.slide, rows.turn,
+                                  () if hinge is None else ((0, position.new_tensor(hinge)),))
         if rows.dead is not None and element is None:
             force, moment = space.embed(rows.dead[0]).split(3, -1)
             loads = (filled(DEAD, lambda k: (force, moment)[k]), *loads)

@@ -1,10 +1,10 @@
-"""Program: the local functions of a step, traced, laid out in memory, and compiled; one for all scenes of the same structure."""
+"""Program: the local functions of a step, traced, laid out in memory and compiled, once for all scenes of a structure."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from math import prod
 from typing import Any
 
@@ -23,20 +23,20 @@ from ...solvers.compiled.trace import trace
 from .constants import flattened
 from .driver import SUMS, Driver
 from .layout import ELEMENTS, MOVES, NODES, ONE, SUPPORTS, TWO, Layout
-from .local_functions import NODE, LocalFunctions
+from .local_functions import NODE, LocalFunctions, NodeKind
 
 SAMPLE = ("over", "done", "before", "iterations", "status", "moving", "cosine", "good", "found_status", "last_status", "work")
 SIDES = ("balance", "asked", "inertia", "D")
 
 
 class Program:
-    """kinds: of the nodes, for each kind the numbers of the loads that act there; held: whether there are supports.
+    """kinds: of the nodes; held: whether there are supports.
 
     functions  by name, see `Driver`
     layout     of a step's memory
     """
 
-    def __init__(self, local: LocalFunctions, kinds: tuple[tuple[int, ...], ...], held: bool) -> None:
+    def __init__(self, local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> None:
         self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
         space = local.model.space
         self.w, self.k = space.unknowns, space.strain
@@ -44,13 +44,17 @@ class Program:
         self.layout = self._layout()
         self._libraries: dict[int, Any] = {}
 
-    def run(self, lanes: int) -> Callable[[int], None]:
-        """The native function for so many lanes: it takes the address of its arguments."""
+    def run(self, lanes: int) -> Callable[[Any], None]:
+        """The native function for so many lanes: it takes an array of its arguments, see `driver.ARGS`."""
         if lanes not in self._libraries:
             library = Library(self.text(lanes), ObjectCache())
             function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(library.address("run"))
             self._libraries[lanes] = library, function
         return self._libraries[lanes][1]
+
+    def lanes(self) -> int:
+        """As many samples as a register of this processor holds."""
+        return vector_bytes() // torch.empty((), dtype=self.dtype).element_size()
 
     def text(self, lanes: int) -> str:
         """What the compiler gets."""
@@ -82,7 +86,7 @@ class Program:
         layout.record("element", ELEMENTS, inputs("element"))
         layout.record("common", ONE, [*inputs("common"), *((name, 1) for name in ("total", "longest", "tolerance", "least"))])
         layout.record("state", NODES, outputs("finish 0", *NODE))
-        layout.record("unknown", NODES, outputs("predictor"))
+        layout.record("unknown", NODES, outputs("predictor 0"))
         for name in ("stress", "start_stress"):
             layout.record(name, ELEMENTS, [("stress", k)])
         hoisted = [len(functions[f"before node {i}"].outputs[HOISTED].nodes) for i in range(len(self.kinds))]
@@ -90,7 +94,7 @@ class Program:
         layout.record("before element", ELEMENTS, outputs("before element"))
         layout.record("at_node", ONE, outputs("node 0"))
         layout.record("at_element", ONE, outputs("element", "force", "moment", "strain", "left_strain"))
-        both = [(field, size) for name, size in outputs("element") if (field := name.removeprefix("i.")) in SIDES and field != name]
+        both = [(name[2:], size) for name, size in outputs("element") if name.startswith("i.") and name[2:] in SIDES]
         layout.record("left", TWO, [*both, ("L", w * w)])
         layout.record("right", ONE, [*both, ("U", w * w)])
         layout.record("row", NODES, outputs(row, "ahead", "y"))
@@ -98,7 +102,7 @@ class Program:
         layout.record("strain_law", ELEMENTS, outputs("element", "gap", "E"))
         layout.record("move", MOVES, [("move", w)])
         layout.record("nothing", ONE, [("zeros", layout.records["left"].size + w * w)])
-        layout.record("change", ONE, [*outputs("finish 0"), *outputs("update"), ("stress", k), ("cosine", 1)])
+        layout.record("change", ONE, [*outputs("finish 0"), *outputs("update 0"), ("stress", k), ("cosine", 1)])
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
         layout.record("judged", ONE, outputs("judge"))
         layout.record("sums", ONE, [(name, 1) for name in SUMS])
@@ -112,16 +116,16 @@ class Program:
 class _Tracing:
     """Traces with the shapes of the fields at hand; those of what functions hand over to each other are its outputs'."""
 
-    def __init__(self, local: LocalFunctions, kinds: tuple[tuple[int, ...], ...], held: bool) -> None:
+    def __init__(self, local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> None:
         self.local, self.kinds, self.held = local, kinds, held
         self.like = local.model.length.detach()
         space = local.model.space
         p, s, k = space.position, space.spin, space.strain
         q = space.identity(self.like.new_zeros(p)).shape[-1]
         self.shapes = {"position": (p,), "rotation": (q,), "velocity": (p,), "spin": (s,), "u": (p,), "m": (q,), "stress": (k,)}
-        self.constants = {kind: {f"{kind}.{i}": tuple(x.shape[x.ndim - axes + rows:]) for i, (x, axes) in enumerate(flattened(tree))}
-                          for kind, tree, rows in (("node", local.nodes, 1), ("element", local.elements, 1),
-                                                   ("common", local.common, 0))}
+        trees = (("node", local.nodes, 1), ("element", local.elements, 1), ("common", local.common, 0))
+        self.constants = {kind: {f"{kind}.{i}": tuple(x.shape[x.ndim - axes + rows:])
+                                 for i, (x, axes) in enumerate(flattened(tree))} for kind, tree, rows in trees}
 
     def functions(self) -> dict[str, Function]:
         local, constants, shapes = self.local, self.constants, self.shapes
@@ -132,15 +136,17 @@ class _Tracing:
         node = {**still, "u": shapes["u"], "m": shapes["m"]}
         both = {**element, "stress": shapes["stress"],
                 **{f"{side}.{name}": shape for side in "ij" for name, shape in node.items() if name not in common}}
-        found = {"predictor": self._traced(local.predictor, still), "update": self._traced(local.update, {**node, "move": (w,)}),
-                 "cosine": self._traced(local.cosine, {"m": shapes["m"]})}
-        for k, acting in enumerate(self.kinds):
-            self._split(found, f"node {k}", self._traced(partial(local.node, acting), node), ("u", "m"))
-            found[f"finish {k}"] = self._traced(partial(local.finish, acting), node)
+        found = {"cosine": self._traced(local.cosine, {"m": shapes["m"]})}
+        for k, kind in enumerate(self.kinds):
+            self._split(found, f"node {k}", self._traced(partial(local.node, kind), node), ("u", "m"))
+            found[f"predictor {k}"] = self._traced(partial(local.predictor, kind), still)
+            found[f"update {k}"] = self._traced(partial(local.update, kind), {**node, "move": (w,)})
+            found[f"finish {k}"] = self._traced(partial(local.finish, kind), node)
         whole = self._traced(local.element, both)
         self._split(found, "element", whole, ("i.u", "i.m", "j.u", "j.m", "stress"))
         law = {name: whole.outputs[name].shape for name in ("gap", "E")}
-        found["stress"] = self._traced(local.stress, {**element, **law, "stress": shapes["stress"], "move_i": (w,), "move_j": (w,)})
+        moves = {"move_i": (w,), "move_j": (w,)}
+        found["stress"] = self._traced(local.stress, {**element, **law, **moves, "stress": shapes["stress"]})
         sides = {"left": ("j", "L"), "right": ("i", "U")}
         row = {f"own.{name}": out.shape for name, out in found["node 0"].outputs.items()}
         for side, (end, block) in sides.items():
@@ -171,7 +177,30 @@ class _Tracing:
         found[f"before {name}"], found[name] = before.only(before.outputs), rest
 
 
-def structure(local: LocalFunctions, kinds: tuple[tuple[int, ...], ...], held: bool) -> tuple:
+@cache
+def vector_bytes() -> int:
+    """Of a register of this processor."""
+    import llvmlite.binding as binding
+
+    features = binding.get_host_cpu_features()
+    return 64 if features.get("avx512f") else 32 if features.get("avx") else 16
+
+
+PROGRAMS: dict[tuple, Program] = {}  # by structure
+KEPT = 64  # of them; the oldest goes first
+
+
+def program_of(local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> Program:
+    """The program of a structure, that of an earlier scene if there was one."""
+    key = structure(local, kinds, held)
+    if key not in PROGRAMS:
+        if len(PROGRAMS) >= KEPT:
+            del PROGRAMS[next(iter(PROGRAMS))]
+        PROGRAMS[key] = Program(local, kinds, held)
+    return PROGRAMS[key]
+
+
+def structure(local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> tuple:
     """What the program of a step depends on; never the values of tensors, nor how many elements there are."""
     model = local.model
     space = model.space

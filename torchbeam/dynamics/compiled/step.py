@@ -1,149 +1,147 @@
-"""Compiled step: steps of a scene by native code, from tensors to tensors."""
+"""Compiled step: steps of a model by native code, from tensors to tensors."""
 
 from __future__ import annotations
 
 import ctypes
-
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from ...core.leaves import leaves
 from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...state.state import State
-from .constants import constants, flattened
+from .constants import Constants, flattened
 from .driver import ARGS
 from .local_functions import NODE, LocalFunctions
-from .program import Program, structure
+from .program import program_of
 
-PROGRAMS: dict[tuple, Program] = {}
+OUTPUTS = {**{name: ("state", name) for name in NODE}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
+           "work": ("sample", "work"), "status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
 
 
 class Steps(NamedTuple):
-    """After each of K steps: fields of the state (K, ..., ...), status (K, ...) and iterations (K, ...)."""
+    """After each of K steps: the state, whose t is that of the start (K, ...), status (K, ...) and iterations (K, ...)."""
 
     state: State
     status: Tensor
     iterations: Tensor
 
 
-def march(model: Model, start: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, tolerance: float, least: float,
-          limit: int, lanes: int | None = None) -> Steps:
-    """K steps from `start`, in the space's coordinates.
-
-    dt, t   (K, ...) s: lengths of the steps, and their middles, with as many axes behind K as the samples have
-    inputs  by name, (..., size) held over all steps, or (K, ..., size)
-    moving  (...) bool: samples that step; one whose step fails keeps its state and stops
-    least   cosine of a quarter of the largest turn of a node
-
-    A sample's status is 0 while it goes well (and for one that does not move); its iterations in a step that it does not make
-    are 0.
+class CompiledStep:
+    """Steps of a model. Its program is traced at once, so that what cannot be traced is refused here (`NotTraceable`), and
+    compiled at the first step.
     """
-    K, nb = dt.shape[0], moving.ndim
-    nodes, elements, common = constants(model, dt, t, inputs)
-    batch = torch.broadcast_shapes(moving.shape, start.batch_shape, *(
-        x.shape[:x.ndim - axes][-nb:] if nb else () for tree in (nodes, elements, common) for x, axes in flattened(tree)))
-    local = LocalFunctions(model, nodes, elements, common)
-    loads, N = model.loads[0], model.count
-    acting = [tuple(k for k, load in enumerate(loads) if load.node is None or load.node % (N + 1) == j) for j in range(N + 1)]
-    kinds = tuple(dict.fromkeys(acting))
-    supports = model.constraints.nodes
-    key = structure(local, kinds, bool(supports))
-    if key not in PROGRAMS:
-        PROGRAMS[key] = Program(local, kinds, bool(supports))
-    return _Call(PROGRAMS[key], model, batch, K, [kinds.index(x) for x in acting]).run(
-        start, nodes, elements, common, moving, tolerance, least, limit, lanes)
 
+    def __init__(self, model: Model) -> None:
+        self.model, self.constants = model, Constants(model)
+        like, N = model.length, model.count
+        nothing = {name: like.new_zeros(size) for name, size in model.scene.inputs.items()}
+        trees = self.constants.at(like.new_ones(()), like.new_zeros(()), nothing)
+        loads = model.loads[0]
+        acting = [tuple(k for k, load in enumerate(loads) if load.node is None or load.node % (N + 1) == j)
+                  for j in range(N + 1)]
+        kinds = tuple(dict.fromkeys(acting))
+        self.supports = model.constraints.nodes
+        self.program = program_of(LocalFunctions(model, *trees), kinds, bool(self.supports))
+        self.bases, self.size = self.program.layout.bases(N, len(self.supports))
+        self.base = dict(zip(self.program.layout.records, self.bases, strict=True))
+        support_of = [self.supports.index(j) if j in self.supports else -1 for j in range(N + 1)]
+        near = [int(any(support_of[i] >= 0 for i in range(max(j - 1, 0), min(j + 2, N + 1)))) for j in range(N + 1)]
+        self.static = {name: _integers(x) for name, x in {
+            "bases": self.bases, "kinds": [kinds.index(x) for x in acting], "held": near, "support_of": support_of,
+            "support_nodes": [*self.supports, 0]}.items()}
 
-class _Call:
-    """One call of a program: its tables and memory."""
+    def __call__(self, start: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, tolerance: float, least: float,
+                 limit: int, lanes: int | None = None) -> Steps:
+        """K steps from `start`, in the space's coordinates.
 
-    def __init__(self, program: Program, model: Model, batch: torch.Size, K: int, kinds: list[int]) -> None:
-        self.program, self.model, self.batch, self.K, self.kinds = program, model, batch, K, kinds
-        self.B, self.N, self.dtype = batch.numel(), model.count, model.length.dtype
-        self.held: list[Tensor] = []  # as long as the call lasts
-        self.supports = len(model.constraints.nodes)
-        self.bases, self.size = program.layout.bases(self.N, self.supports)
+        dt, t   (K, ...) s: lengths of the steps, and their middles, with as many axes behind K as `moving`
+        inputs  by name, (..., size) held over all steps, or (K, ..., size), with as many axes
+        moving  (...) bool: samples that step; one whose step fails keeps its state and stops
+        least   cosine of half the largest angle that a node may have turned by at mid step
 
-    def entry(self, record: str, field: str, x: Tensor, axes: int, rows: bool) -> list[int]:
-        """A row of a table, see `driver.ENTRY`, of a tensor with `axes` own axes, of which the first are rows."""
-        one = self.program.layout.records[record]
-        begin, components = one.fields[field]
-        lead, own = x.shape[:x.ndim - axes], x.shape[x.ndim - axes:]
-        nb = len(self.batch)
-        count = own[0] if rows else 1
-        steps, lead = (lead[0], lead[1:]) if len(lead) > nb else (1, lead)
-        wide = lead.numel() > 1
-        x = x.to(self.dtype)
-        if wide:
-            x = x.reshape(steps, *lead, *own).expand(steps, *self.batch, *own)
-        x = x.reshape(steps, self.B if wide else 1, count, components)
-        if components > 1 and x.stride(-1) != 1:
-            x = x.contiguous()
-        self.held.append(x)
-        strides = [0 if n == 1 else stride for n, stride in zip(x.shape[:3], x.stride()[:3], strict=True)]
-        base = self.bases[list(self.program.layout.records).index(record)]
-        every = self.program.layout.rows(one, self.N, self.supports)
-        return [x.data_ptr(), strides[1], strides[0], strides[2], every, components, base + begin, one.size]
-
-    def run(self, start: State, nodes, elements, common, moving: Tensor, tolerance: float, least: float, limit: int,
-            lanes: int | None) -> Steps:
-        model, K, B, N = self.model, self.K, self.B, self.N
-        inputs = []
-        for record, tree in (("node", nodes), ("element", elements), ("common", common)):
-            fields = flattened(tree)
+        A sample's status is 0 while it goes well, and for one that does not move; its iterations in a step that it does not
+        make are 0.
+        """
+        model, K, like = self.model, dt.shape[0], self.model.length
+        trees = self.constants.at(dt, t, inputs)
+        fields = dict(zip(("node", "element", "common"), map(flattened, trees), strict=True))
+        dims = moving.ndim
+        shapes = (x.shape[:x.ndim - axes] for tree in fields.values() for x, axes in tree)
+        batch = torch.broadcast_shapes(moving.shape, start.batch_shape, *(shape[len(shape) > dims:] for shape in shapes))
+        call = _Table(self, batch)
+        for record, tree in fields.items():
             for name, k, _ in self.program.given(record):
-                inputs.append(self.entry(record, name, *fields[k], rows=record != "common"))
-        like = model.length
+                call.add(record, name, *tree[k], rows=record != "common")
         for name, x in dict(total=like.sum((-1, -2)), longest=like.amax((-1, -2)), tolerance=like.new_tensor(tolerance),
                             least=like.new_tensor(least)).items():
-            inputs.append(self.entry("common", name, x, 0, False))
-        for name in NODE:
-            inputs.append(self.entry("state", name, getattr(start, name), 2, True))
-        inputs.append(self.entry("start_stress", "stress", start.stress, 2, True))
-        inputs.append(self.entry("sample", "moving", moving, 0, False))
-        inputs.append(self.entry("sample", "work", start.work, 0, False))
-        inputs.append(self.entry("sample", "last_status", like.new_zeros(()), 0, False))
-        constraints = model.constraints
+            call.add("common", name, x, 0)
+        for name, x in dict(moving=moving, work=start.work, last_status=like.new_zeros(())).items():
+            call.add("sample", name, x, 0)
+        for name in (*NODE, "stress"):
+            call.add(*OUTPUTS[name], getattr(start, name), 2, rows=True)
         if self.supports:
-            inputs.append(self.entry("free", "free", constraints.moving, 2, True))
-            inputs.append(self.entry("support", "last", start.reaction, 2, True))
+            call.add("free", "free", model.constraints.moving, 2, rows=True)
+            call.add("support", "last", start.reaction, 2, rows=True)
+        inputs_table, count = call.table()
+        B = batch.numel()
+        own = {name: tuple(getattr(start, name).shape[-2:]) for name in (*NODE, "stress", "reaction")}
+        found = {name: torch.empty(K, B, *own.get(name, ()), dtype=like.dtype) for name in OUTPUTS}
+        out = _Table(self, torch.Size((B,)))
+        for name, place in OUTPUTS.items():
+            if found[name].shape[2:].numel():
+                out.add(*place, found[name], found[name].ndim - 2, rows=name in own)
+        outputs_table, output_count = out.table()
+        lanes = lanes or (1 if B == 1 else self.program.lanes())
+        memory = torch.zeros(self.size * lanes, dtype=like.dtype)
+        numbers = {"input_count": count, "output_count": output_count, "samples": B, "steps": K, "elements": model.count,
+                   "memory": memory.data_ptr(), "supports": len(self.supports), "limit": limit, "first_group": 0,
+                   "end_group": -(-B // lanes)}
+        arrays = {"inputs": inputs_table, "outputs": outputs_table, **self.static}
+        self.program.run(lanes)(_integers(ctypes.addressof(arrays[name]) if name in arrays else numbers[name] for name in ARGS))
+        found = {name: x.reshape(K, *batch, *x.shape[2:]) for name, x in found.items()}
+        status, iterations = (found.pop(name).long() for name in ("status", "iterations"))
+        return Steps(replace(start, **found), status, iterations)
 
-        def new(*own: int) -> Tensor:
-            return torch.empty(K, B, *own, dtype=self.dtype)
 
-        out = {name: new(*getattr(start, name).shape[-2:]) for name in (*NODE, "stress", "reaction")}
-        numbers = {name: new() for name in ("work", "status", "iterations")}
-        places = {"stress": ("start_stress", "stress"), "reaction": ("support", "last"), "work": ("sample", "work"),
-                  "status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
-        outputs = [self._out(*places.get(name, ("state", name)), x) for name, x in (out | numbers).items()
-                   if name != "reaction" or self.supports]
-        lanes = lanes or (1 if B == 1 else 64 // like.element_size())
-        function = self.program.run(lanes)
-        memory = torch.zeros(self.size * lanes + 64, dtype=self.dtype)
-        support_of = [constraints.nodes.index(j) if j in constraints.nodes else -1 for j in range(N + 1)]
-        held = [int(any(0 <= i <= N and support_of[i] >= 0 for i in (j - 1, j, j + 1))) for j in range(N + 1)]
-        table = {"inputs": sum(inputs, []), "outputs": sum(outputs, []), "bases": self.bases, "kinds": self.kinds, "held": held,
-                 "support_of": support_of, "support_nodes": [*constraints.nodes, 0]}
-        arrays = {name: (ctypes.c_int64 * len(x))(*x) for name, x in table.items()}
-        numbers_given = {"input_count": len(inputs), "output_count": len(outputs), "samples": B, "steps": K, "elements": N,
-                         "memory": memory.data_ptr(), "supports": self.supports, "limit": limit, "first_group": 0,
-                         "end_group": -(-B // lanes)}
-        args = (ctypes.c_int64 * len(ARGS))(*(ctypes.addressof(arrays[name]) if name in arrays else numbers_given[name]
-                                              for name in ARGS))
-        function(ctypes.addressof(args))
-        shape = (K, *self.batch)
-        fields = {name: x.reshape(*shape, *x.shape[2:]) for name, x in out.items()}
-        status, iterations = (numbers[name].reshape(shape).long() for name in ("status", "iterations"))
-        work = numbers["work"].reshape(shape)
-        return Steps(replace(start, **fields, work=work), status, iterations)
+def _integers(values: Iterable[int]) -> Any:
+    values = tuple(values)
+    return (ctypes.c_int64 * len(values))(*values)
 
-    def _out(self, record: str, field: str, x: Tensor) -> list[int]:
-        axes = x.ndim - 2
-        found = self.entry(record, field, x, axes, axes > 0)
-        if x.numel():
-            assert found[0] == x.data_ptr()
-        return found
+
+class _Table:
+    """Which tensors a call reads or writes, see `driver.ENTRY`; it keeps them."""
+
+    def __init__(self, step: CompiledStep, batch: torch.Size) -> None:
+        self.step, self.batch = step, batch
+        self.rows: list[int] = []
+        self.kept: list[Tensor] = []
+
+    def add(self, record: str, field: str, x: Tensor, axes: int, rows: bool = False) -> None:
+        """A tensor with `axes` own axes, of which the first are rows; before those of the batch it may have one of steps."""
+        layout = self.step.program.layout
+        one = layout.records[record]
+        first, components = one.fields[field]
+        lead, own = x.shape[:x.ndim - axes], x.shape[x.ndim - axes:]
+        stepwise = len(lead) > len(self.batch)
+        steps, lead = (lead[0], lead[1:]) if stepwise else (1, lead)
+        count, samples = own[0] if rows else 1, lead.numel()
+        if x.dtype != self.step.model.length.dtype:
+            x = x.to(self.step.model.length.dtype)
+        if 1 < samples < self.batch.numel():
+            x = x.reshape(steps, *lead, *own).expand(steps, *self.batch, *own)
+            samples = self.batch.numel()
+        x = x.reshape(steps, samples, count, components)
+        if components > 1 and x.stride(-1) != 1:
+            x = x.contiguous()
+        self.kept.append(x)
+        step, sample, row = (0 if n == 1 else stride for n, stride in zip(x.shape, x.stride()[:3], strict=False))
+        every = layout.rows(one, self.step.model.count, len(self.step.supports))
+        self.rows += (x.data_ptr(), sample, step, row, every, components, self.step.base[record] + first, one.size)
+
+    def table(self) -> tuple[Any, int]:
+        """Its integers, and the number of its rows."""
+        return _integers(self.rows), len(self.kept)
