@@ -5,9 +5,6 @@ PYTEST := python -m pytest -n 2 --dist worksteal
 
 # Another processor's rounding, in software: MKL's and ATen's plainest instructions, and sums split over two threads.
 OTHER_ROUNDING := MKL_CBWR=COMPATIBLE ATEN_CPU_CAPABILITY=default OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE
-# What trains, draws or runs whole studies compares no numbers that the other tests do not.
-STUDIES := docs training envs/test_demo.py envs/test_baselines.py envs/test_rendering.py unit/plot unit/studies \
-	verification/test_cases.py verification/test_hard_cases.py
 
 .PHONY: demo test test-long test-rounding test-lowest lint clean
 
@@ -23,7 +20,7 @@ test-long: .venv/dev.done
 	$(BIN)/$(PYTEST) -m long
 
 test-rounding: .venv/dev.done
-	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) $(addprefix --ignore=tests/,$(STUDIES))
+	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) tests/unit tests/properties
 
 # Every dependency at the lowest version that pyproject.toml states, all at once.
 test-lowest: .venv-lowest/done

@@ -15,22 +15,14 @@ THREADS = int(os.environ.get("OMP_NUM_THREADS", 1))
 torch.set_default_dtype(torch.float64)
 
 
-def set_threads():
-    """Only where it changes something: after a call of set_num_threads with 2, torch's LU of a batch of matrices from 200 rows
-    on is wrong or raises (torch 2.13, MKL 2024.2), whereas the same threads by OMP_NUM_THREADS alone are right.
-    """
-    if torch.get_num_threads() != THREADS:
-        torch.set_num_threads(THREADS)
-
-
-set_threads()
+torch.set_num_threads(THREADS)
 
 
 @pytest.fixture(autouse=True)
 def double_precision_on_given_threads():
     """A test that changes the default dtype or the number of threads does not reach the next."""
     torch.set_default_dtype(torch.float64)
-    set_threads()
+    torch.set_num_threads(THREADS)
     yield
     torch.set_default_dtype(torch.float64)
 

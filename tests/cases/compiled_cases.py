@@ -1,95 +1,94 @@
-"""Scenes of every kind that the compiled step takes, and states of them in motion."""
+"""torchbeam's local functions of one element and one node, as the compiled engine traces them, with inputs to try them on."""
 
-from dataclasses import replace
+import ctypes
+from math import prod
 
-import nodal_cases
 import torch
 
-import torchbeam as tb
-from torchbeam.math import quaternions as quat
+from torchbeam.dynamics.step_element import MidpointElement
+from torchbeam.dynamics.step_kinematics import MidpointMotion
+from torchbeam.nodal.constitutive_law import ViscoelasticLaw
+from torchbeam.nodal.coordinates.planar import Plane
+from torchbeam.nodal.coordinates.spatial import Space
+from torchbeam.nodal.inertia import Inertia
+from torchbeam.solvers.compiled.library import Library
+from torchbeam.solvers.compiled.llvm import Module, record_sizes
+from torchbeam.state.state import State
+
+torch.set_default_dtype(torch.float64)
 
 
-def section(**more):
-    return tb.Section.from_stiffness(**{**dict(EA=2e3, GA=(8e2, 6e2), GJ=2.0, EI=(3.0, 2.0), mass=0.5, inertia=(1e-3, 2e-3)), **more})
+def space_of(kind):
+    return Space() if kind == "space" else Plane("xy", torch.eye(3), torch.eye(3), torch.tensor(0.0))
 
 
-def straight(N=3, of=None, **more):
-    return tb.Beam.straight(1.0, N, section() if of is None else of, **more)
+def rotations(space, *lead, turn=0.4):
+    """Random rotations by about `turn` rad."""
+    return space.exponential(turn * torch.randn(*lead, space.spin))
 
 
-def pull(position, rotation, velocity, spin, t, **_):
-    return -3.0 * position * torch.sin(t) - 0.2 * velocity, 0.01 * torch.linalg.cross(rotation[..., 0], spin)
+def element_of(space):
+    """A midpoint element: forces, gap, and its tangent."""
+    def element(r_i, r_j, q_i, q_j, qe_i, qe_j, stress, length, h, reference, strain, S, tau, half_i, half_j):
+        law = ViscoelasticLaw(S, S, False, tau)
+        local = MidpointElement(space, law, length, h, reference, strain, 0.0)
+        found = local.balance((r_i, r_j, q_i, q_j), (2 * r_i, 2 * r_j, qe_i, qe_j), stress)
+        tangent = local.tangent(found.middle, found.end, stress, half_i, half_j)
+        return dict(forces=found.forces, gap=found.gap, tangent=tangent)
+    return element
 
 
-SPATIAL = {
-    "nothing": lambda: tb.Scene(straight()),
-    "one element": lambda: tb.Scene(straight(1)),
-    "given loads": lambda: tb.Scene(straight(), [
-        tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=(0, 1.0, 0.5)), tb.TipLoad(moment=(0.1, 0, 0.2), follower=True),
-        tb.PointLoad(node=1, force=(0.3, 0.2, 0), follower=True), tb.LineLoad(force=(0, 0, -0.5)),
-        tb.LineLoad(moment=(0.1, 0, 0), follower=True), tb.PointLoad(node=2, moment=(0.1, 0, 0))]),
-    "point mass": lambda: tb.Scene(straight(), [tb.PointMass(0.3, inertia=(1e-3, 2e-3, 2.5e-3)), tb.Gravity((0, 0, -9.81))]),
-    "springs": lambda: tb.Scene(straight(), [
-        tb.Spring(-1, 50.0, (1.0, 0.2, 0.1), length=0.1, damping=0.3), tb.Spring(1, 20.0, (0.0, 0.2, 0.1), damping=0.1),
-        tb.Spring(2, 10.0, (0.6, 0.0, 0.4), length=0.2)]),
-    "root spring": lambda: tb.Scene(straight(), [
-        tb.RootSpring((300.0, 2.0), damping=(1.0, 0.01)), tb.TipLoad(force=(0, 0.5, 0.3))]),
-    "dampings": lambda: tb.Scene(straight(), [tb.MassDamping(0.7), tb.Damping(0.02)]),
-    "six dampings": lambda: tb.Scene(straight(), [tb.Damping((0.01, 0.02, 0.01, 0.03, 0.02, 0.01))]),
-    "drag": lambda: tb.Scene(straight(), [tb.Drag(1000.0, 0.02, tangential=0.01, flow=(0.3, 0.2, -0.1), added_mass=1.0)]),
-    "user's load": lambda: tb.Scene(straight(), [tb.Load(pull, node=-1)]),
-    "user's line load": lambda: tb.Scene(straight(), [
-        tb.Load(lambda r, R, v, w, t, u: (torch.cos(t) * u - v, None), node=None, of="velocity", inputs={"u": 3})]),
-    "functions of t": lambda: tb.Scene(straight(), [
-        tb.TipLoad(force=lambda t: torch.stack((t, torch.sin(9 * t), 0 * t)), follower=True), tb.Gravity(lambda t: (0, 0, -9.0 * t)),
-        tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((0 * s, s * t, 0 * s), -1)))]),
-    "inputs": lambda: tb.Scene(straight(), [tb.TipLoad(force=tb.Input("u", 3)), tb.TipLoad(moment=tb.Input("m", 3), follower=True),
-                                            tb.Actuation(curvature=tb.Input("bend", 3))]),
-    "eigenstrain": lambda: tb.Scene(straight(), [tb.Actuation(curvature=(0, 0.4, 0.2), strain=(0.01, 0, 0), elements=[1, 2])]),
-    "coupled": lambda: nodal_cases.scene(effects=()),
-    "curved, all loads": lambda: nodal_cases.scene(damping="six"),
-    "inextensible": lambda: tb.Scene(straight(of=section(EA=torch.inf, GA=torch.inf)), [tb.TipLoad(force=(0, 1.0, 0))]),
-    "no rotary inertia": lambda: tb.Scene(straight(of=section(inertia=0.0)), [tb.TipLoad(force=(0, 1.0, 0.2))]),
-    "offset masses": lambda: tb.Scene(straight(of=section().shifted(0.02, 0.01)), [
-        tb.PointMass(0.3, offset=(0.05, 0.02, 0.0)), tb.Gravity((0, 0, -9.81))]),
-    "free": lambda: tb.Scene(straight(), [tb.TipLoad(force=(0, 1.0, 0.2))], supports=()),
-    "supports": lambda: tb.Scene(straight(4), [tb.Gravity((0, 0, -9.81))], supports=[
-        tb.Support(0, rotation=""), tb.Support(2, position="yz", rotation=""), tb.Support(-1, position="z")]),
-}
-PLANAR = {f"{name}, plane": scene for name, scene in {
-    "nothing": lambda: tb.Scene(straight(), plane="xy"),
-    "loads": lambda: tb.Scene(straight(), [
-        tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=(1.0, 0, 0.5), follower=True), tb.LineLoad(force=(0, 0, 0.3)),
-        tb.Spring(1, 50.0, (0.3, 0.0, 0.4), length=0.1, damping=0.3), tb.MassDamping(0.3), tb.Drag(1000.0, 0.02)], plane="xz"),
-    "damped": lambda: tb.Scene(straight(), [tb.Damping(0.02), tb.PointMass(0.2, offset=(0.1, 0.02, 0))], plane="xy"),
-    "root spring": lambda: tb.Scene(straight(), [tb.RootSpring((300.0, 2.0), damping=(1.0, 0.01))], plane="xy"),
-}.items()}
-SMALL = {f"{name}, small": scene for name, scene in {
-    "loads": lambda: tb.Scene(straight(), [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=(0, 0.1, 0)), tb.MassDamping(0.3)],
-                              small=True),
-    "curved": lambda: replace(nodal_cases.scene(effects=[tb.Damping(0.01)]), small=True),
-}.items()}
-SCENES = SPATIAL | PLANAR | SMALL
+def element_inputs(space, *lead):
+    p, s, k = space.position, space.spin, space.strain
+    q = {name: rotations(space, *lead, 1) for name in ("q_i", "q_j", "qe_i", "qe_j")}
+    one = {"r_i": (p,), "r_j": (p,), "stress": (k,), "reference": (k,), "strain": (k,), "S": (k, k), "half_i": (s, s),
+           "half_j": (s, s)}
+    others = {name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}
+    return {**q, **others, "length": 0.5 + torch.rand(*lead, 1, 1), "h": 0.1 + torch.rand(*lead, 1, 1),
+            "tau": torch.rand(*lead, 1, 1, 1)}
 
 
-def moving(scene, batch=(), size=1.0, seed=3):
-    """A state of a scene in motion: undeformed, with random velocities that its supports allow, in its plane."""
-    torch.manual_seed(seed)
-    stepper = tb.Stepper(scene, 0.01)
-    space, constraints = stepper.model.space, stepper.model.constraints
-    start = space.to_reduced(stepper.rest(batch))
-    velocity, spin = (size * torch.randn_like(x) for x in (start.velocity, start.spin))
-    hinges = torch.ones_like(constraints.turn)
-    return space.to_public(replace(start, velocity=constraints.slide * velocity, spin=hinges * constraints.turn * spin,
-                                   stress=0.1 * torch.randn_like(start.stress)))
+def node_of(space):
+    """A node of one midpoint step with an eccentric mass, in a frame that turns: its balance and tangent."""
+    def node(mass, inertia, offset, position, rotation, velocity, spin, v, omega, h, u, m):
+        state = State(position, rotation, velocity, spin, position, position, h, h, h, h)
+        motion = MidpointMotion(Inertia(space, mass, None, inertia, offset), state, h, (v, omega), ())
+        way = motion.kinematics(u, m)
+        balance, turning = motion.balance(way)
+        R = space.spin_matrix(way.q)
+        half = space.mean_rotation(R, motion.R)
+        tangent = motion.tangent(way, turning, half, *motion.theta_by_spin(way, R))[0]
+        return balance, tangent, motion.velocity_end(way, motion.spin_end(way))
+    return node
 
 
-def inputs_of(scene, batch=()):
-    torch.manual_seed(5)
-    return {name: 0.3 * torch.randn(*batch, size) for name, size in scene.inputs.items()}
+def node_inputs(space, *lead):
+    p, s = space.position, space.spin
+    one = {"inertia": (s, s), "offset": (p,), "position": (p,), "velocity": (p,), "spin": (s,), "v": (p,), "omega": (s,),
+           "u": (p,)}
+    return {**{name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}, "mass": torch.rand(*lead, 1, 1),
+            "h": 0.1 + torch.rand(*lead, 1, 1), "rotation": rotations(space, *lead, 1), "m": rotations(space, *lead, 1)}
 
 
-def turned(state, angle):
-    """The state with the whole beam turned about its root."""
-    q = quat.exponential(torch.as_tensor(angle).to(state.position))
-    return replace(state, rotation=quat.multiply(q, state.rotation), position=quat.rotate(q, state.position))
+def cases():
+    """Name -> (function, inputs of one sample or of a batch, by its leading axes)."""
+    return {f"{what} in a {kind}": (of(space_of(kind)), lambda *lead, kind=kind, given=given: given(space_of(kind), *lead))
+            for what, of, given in (("element", element_of, element_inputs), ("node", node_of, node_inputs))
+            for kind in ("space", "plane")}
+
+
+def native(function, inputs, dtype=torch.float64, cache=None, loaded=None):
+    """A compiled function of (lanes, *shape) inputs. loaded: a dictionary that remembers the library."""
+    lanes, loaded = next(iter(inputs.values())).shape[0], {} if loaded is None else loaded
+    if not loaded:
+        module = Module(lanes, dtype)
+        module.define("traced", function)
+        loaded["library"] = Library(module.text(), cache)
+    library = loaded["library"]
+    records = [inputs[name].to(dtype).reshape(lanes, -1).T.contiguous() for name in function.inputs]
+    found = {name: torch.full((len(out.nodes), lanes), torch.nan, dtype=dtype) for name, out in function.outputs.items()}
+    sizes = [prod(record.shape[:1]) for record in (*records, *found.values())]
+    assert [size for _, size in record_sizes(function)] == sizes
+    call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * len(sizes))(library.address("traced"))
+    call(*(record.data_ptr() for record in (*records, *found.values())))
+    return {name: x.T.reshape(lanes, *function.outputs[name].shape) for name, x in found.items()}

@@ -25,6 +25,7 @@ from ..core.leaves import wants_gradient
 from ..core.validation import boolean, number
 from ..core.validation import count as check_count
 from ..core.validation import tolerance as check_tolerance
+from ..math.dense import solve_unchecked
 from ..math.quadratic_eigen import inverse_spectrum, slow_first, upright
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -243,7 +244,7 @@ def _null(Q: Tensor) -> tuple[Tensor, Tensor]:
     vectors = []
     for matrix in (Q, Q.mT):
         for _ in range(3):
-            v = torch.linalg.solve_ex(matrix, v[..., None])[0][..., 0]
+            v = solve_unchecked(matrix, v[..., None])[..., 0]
             v = v / v.gather(-1, v.abs().argmax(-1, keepdim=True))
         vectors.append(v)
     return vectors[0], vectors[1]

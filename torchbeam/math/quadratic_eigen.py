@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from .block_tridiagonal import positive_definite
+from .dense import inverse_unchecked, solve
 from .subspace import Blocks, subspace
 
 DENSE = 96  # unknowns up to which the dense way is the shorter
@@ -114,7 +115,7 @@ def _whole(M: Tensor, K: Tensor, count: int) -> tuple[Tensor, Tensor]:
 
 def inverse_spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor]:
     """1/eigenvalue^2, or with D 1/eigenvalue, and the vectors as columns: inverse because K is regular where M may not be."""
-    flexible = torch.linalg.solve(K, M if D is None else torch.cat((D, M), -1))
+    flexible = solve(K, M if D is None else torch.cat((D, M), -1))
     if D is None:
         return torch.linalg.eig(-flexible)
     eye = torch.eye(M.shape[-1], dtype=M.dtype, device=M.device).expand_as(M)
@@ -144,8 +145,8 @@ def _dense(M: Tensor, D: Tensor | None, K: Tensor, count: int, derivatives: bool
     rows = slow[..., None].expand(*slow.shape, vectors.shape[-1])
     chosen, left = found.gather(-1, slow), None
     if derivatives:
-        own = torch.linalg.inv_ex(vectors)[0].gather(-2, rows)[..., :n]
-        left = torch.linalg.solve(K.mT.to(own.dtype), own.mT).mT
+        own = inverse_unchecked(vectors).gather(-2, rows)[..., :n]
+        left = solve(K.mT.to(own.dtype), own.mT).mT
     near = ((chosen[..., :, None] - found[..., None, :]).abs() <= DISTINCT * chosen.abs()[..., :, None]).sum(-1) > 1
     return Pairs(value.gather(-1, slow), vectors.mT.gather(-2, rows)[..., :n], left, near)
 
@@ -235,7 +236,7 @@ class _Shape(torch.autograd.Function):
             whole = torch.cat((torch.cat((Q, slope[..., k, :, None]), -1),
                                torch.nn.functional.pad(pick, (0, 1))[..., None, :]), -2)
             whole = whole.mH if adjoint else whole
-            rows.append(-torch.linalg.solve(whole, torch.nn.functional.pad(right[..., k, :], (0, 1))[..., None])[..., :-1, 0])
+            rows.append(-solve(whole, torch.nn.functional.pad(right[..., k, :], (0, 1))[..., None])[..., :-1, 0])
         return torch.stack(rows, -2)
 
     @staticmethod

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from ..core.functions_of_time import rate_along
 from ..math import wiener_milenkovic as rot
+from ..math.dense import solve_unchecked
 from ..math.quaternions import skew
 from .algebra import backward, cross, halves, mtv, mv, six
 from .kinematics import Motion, motion, node_rates, nodes, strain_rates
@@ -202,8 +203,7 @@ def solve_scaled(A: Tensor, b: Tensor) -> Tensor:
     row = _largest(A.detach(), -1)  # detached: the scale changes nothing but rounding
     A = A / row
     column = _largest(A.detach(), -2)
-    x, _ = torch.linalg.solve_ex(A / column, b[..., None] / row)
-    return (x / column.mT)[..., 0]
+    return (solve_unchecked(A / column, b[..., None] / row) / column.mT)[..., 0]
 
 
 def _largest(matrix: Tensor, dim: int) -> Tensor:

@@ -20,7 +20,6 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.validation import concrete
 from ..math.block_tridiagonal import ChainSolve, block_tridiagonal, recorded
 from .constitutive_law import times
 from .constraints import Constraints
@@ -102,12 +101,17 @@ class Linearisation(NamedTuple):
         return (self.hB.mT @ times(self.C, g_strain[..., None]))[..., 0]
 
     @property
-    def exact(self) -> bool:
-        """Whether C is the law's: no impossible strain was given more flexibility than the law gives it."""
-        return not concrete(self.C != self.law.detach()).any()
+    def exact(self) -> Tensor:
+        """(...) bool: whether C is the law's, and no impossible strain was given more flexibility than the law gives it."""
+        return same_law(self.C, self.law)
 
     def detach(self) -> Linearisation:
         return Linearisation(self.space, self.constraints, *(x.detach() for x in self[2:]))
+
+
+def same_law(C: Tensor, law: Tensor) -> Tensor:
+    """(...) bool: whether C of a tangent is that of the law in all elements (..., N or 1, k, k or 1)."""
+    return (C == law.detach()).all(-1).all(-1).all(-1)
 
 
 def dstress(C: Tensor, E: Tensor, g_strain: Tensor, move: Tensor) -> Tensor:

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ..core.derivatives import no_derivatives
 from ..core.leaves import functions, wants_gradient
+from ..core.validation import concrete
 from .problem import Problem
 
 
@@ -24,7 +25,7 @@ def implicit_gradient(problem: Problem, x: Any, good: Tensor) -> tuple[Any, Tens
     with no_derivatives():
         tangent = problem.linearise(x, *(_detached(a) for a in about)).detach()
     good = good[..., None, None]
-    for last in (True,) if tangent.exact else (False, True):
+    for last in (True,) if concrete(tangent.exact).all() else (False, True):
         *change, reaction = tangent.solve(*(torch.where(good, r, 0.0) for r in (residual.nodes, residual.strain)))
         x = problem.update(x, *(torch.where(good, c - c.detach(), 0.0) for c in change))
         if not last:

@@ -16,7 +16,7 @@ from .problem import Problem
 
 TOLERANCE = {torch.float64: 1e-8, torch.float32: 1e-4}  # of the scaled residual after the last update
 LIMIT = 25  # iterations
-QUADRATIC = 0.01  # a residual that falls by this factor falls quadratically
+TRUSTED = 0.01  # a residual that falls by this factor goes on to fall at the order of convergence
 
 
 class Outcome(NamedTuple):
@@ -37,8 +37,9 @@ def newton(problem: Problem, x: Any, active: Tensor | None = None, tolerance: fl
     that products of another shape may round differently.
 
     A sample has converged once its scaled residual is below `tolerance`, or sure to be after the update that is at hand:
-    from r to s, the next is s (s/r)^2 where convergence is quadratic, and this is trusted once s < r/100. The update is made
-    either way. A sample whose residual stops being finite has failed and is left alone.
+    from r to s, the next is s (s/r)^2 where convergence is quadratic, and s (s/r) where the tangent is not exact; this is
+    trusted once s < r/100. The update is made either way. A sample whose residual stops being finite has failed and is left
+    alone.
     """
     with no_derivatives():
         return _iterate(problem, x, active, None, tolerance, limit)
@@ -65,12 +66,15 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
                 rest = _iterate(part, _taken(few, x), None, None, tolerance, limit)
                 reaction = size.new_zeros(*size.shape, *rest.reaction.shape[-2:])
                 return _joined(few, Outcome(x, reaction, torch.where(over, SUCCESS, status), iterations), rest)
-        *change, root = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
+        tangent = problem.linearise(x, *about)
+        if k == 0:
+            exact = tangent.exact
+        *change, root = tangent.solve(residual.nodes, residual.strain)
         keep = over[..., None, None]
         x = type(x)(*(torch.where(keep, a, b) for a, b in zip(x, problem.update(x, *change), strict=True)))
         reaction = torch.where(keep, size.new_zeros(()) if k == 0 else reaction, root)
         iterations = iterations + ~over
-        done = done | (~over & converged(size, before, tolerance))
+        done = done | (~over & converged(size, before, exact, tolerance))
         over = done | ~torch.isfinite(size)
         before = size
         if concrete(over).all():
@@ -83,10 +87,13 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
     return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
 
 
-def converged(size: Tensor, before: Tensor, tolerance: float | Tensor) -> Tensor:
-    """Whether a scaled residual (...), and of the iteration before, is small enough, see `newton`."""
+def converged(size: Tensor, before: Tensor, exact: Tensor, tolerance: float | Tensor) -> Tensor:
+    """Whether a scaled residual (...), with that of the iteration before, is small enough, see `newton`; exact (...): whether
+    the tangent is.
+    """
     drop = size / before
-    return (size <= tolerance) | ((drop < QUADRATIC) & (size * drop**2 <= tolerance))
+    coming = size * drop * torch.where(exact, drop, 1.0)
+    return (size <= tolerance) | ((drop < TRUSTED) & (coming <= tolerance))
 
 
 def _part(problem: Problem, few: BatchSubset) -> Problem | None:

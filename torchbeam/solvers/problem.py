@@ -28,20 +28,20 @@ class Balance(Protocol):
 class Tangent(Protocol):
     """The derivative of a residual, factored or not."""
 
+    @property
+    def exact(self) -> Tensor:
+        """(...) bool: whether it is the derivative of the residual, without what makes an iteration more robust."""
+        ...
+
     def solve(self, nodes: Tensor, strain: Tensor) -> tuple[Tensor, ...]:
         """What a residual asks for: the arguments of `Problem.update`, and last the reaction (..., K, w) after it."""
         ...
 
 
-class ExactTangent(Tangent, Protocol):
+class ConstantTangent(Tangent, Protocol):
     """A tangent by which a solution can be differentiated."""
 
-    @property
-    def exact(self) -> bool:
-        """Whether it is the derivative of the residual, without what makes an iteration more robust."""
-        ...
-
-    def detach(self) -> ExactTangent:
+    def detach(self) -> ConstantTangent:
         """The same without gradient."""
         ...
 

@@ -106,6 +106,10 @@ class ArcLengthTangent(NamedTuple):
     by_factor: Tensor
     missing: Tensor
 
+    @property
+    def exact(self) -> Tensor:
+        return self.inner.exact
+
     def solve(self, g: Tensor, g_strain: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         move, dstress, root = self.inner.solve(g, g_strain)
         by_move, by_dstress, by_root = self.inner.solve(self.load, torch.zeros_like(g_strain))

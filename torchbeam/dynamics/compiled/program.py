@@ -84,7 +84,7 @@ class Program:
         layout, row = Layout(), "held row" if self.held else "row"
         layout.record("node", NODES, inputs("node"))
         layout.record("element", ELEMENTS, inputs("element"))
-        layout.record("common", ONE, [*inputs("common"), *((name, 1) for name in ("total", "longest", "tolerance", "least"))])
+        layout.record("common", ONE, [*inputs("common"), *((name, 1) for name in ("total", "longest", "exact", "tolerance", "least"))])
         layout.record("state", NODES, outputs("finish 0", *NODE))
         layout.record("unknown", NODES, outputs("predictor 0"))
         for name in ("stress", "start_stress"):
@@ -161,7 +161,7 @@ class _Tracing:
             found["reaction"] = self._traced(local.reaction, {
                 "rows": (w, 3 * w), **{name: (w,) for name in ("asked", "free", "before", "here", "after")}})
         found["judge"] = self._traced(local.judge, {name: () for name in (
-            *SUMS, "total", "longest", "tolerance", "before", "over", "done", "status", "iterations")})
+            *SUMS, "total", "longest", "exact", "tolerance", "before", "over", "done", "status", "iterations")})
         found["outcome"] = self._traced(local.outcome, {name: () for name in (
             "moving", "done", "status", "before", "cosine", "least")})
         return found

@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from ...nodal.balance import same_law
 from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...state.state import State
 from .constants import Constants, flattened
 from .driver import ARGS
-from .local_functions import NODE, LocalFunctions
+from .local_functions import NODE, LocalFunctions, NodeKind
 from .program import program_of
 
 OUTPUTS = {**{name: ("state", name) for name in NODE}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
@@ -40,9 +41,13 @@ class CompiledStep:
         like, N = model.length, model.count
         nothing = {name: like.new_zeros(size) for name, size in model.scene.inputs.items()}
         trees = self.constants.at(like.new_ones(()), like.new_zeros(()), nothing)
+        # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
+        self.dims = max(1, *(x.ndim - axes for tree in trees for x, axes in flattened(tree)))
         loads = model.loads[0]
         acting = [tuple(k for k, load in enumerate(loads) if load.node is None or load.node % (N + 1) == j)
                   for j in range(N + 1)]
+        hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
+        acting = [NodeKind(loads, hinges.get(j)) for j, loads in enumerate(acting)]
         kinds = tuple(dict.fromkeys(acting))
         self.supports = model.constraints.nodes
         self.program = program_of(LocalFunctions(model, *trees), kinds, bool(self.supports))
@@ -58,26 +63,31 @@ class CompiledStep:
                  limit: int, lanes: int | None = None) -> Steps:
         """K steps from `start`, in the space's coordinates.
 
-        dt, t   (K, ...) s: lengths of the steps, and their middles, with as many axes behind K as `moving`
-        inputs  by name, (..., size) held over all steps, or (K, ..., size), with as many axes
+        dt, t   (K) or (K, ...) s: lengths of the steps, and their middles
+        inputs  by name, (..., size) held over all steps; or (K, ..., size), with as many axes between as `moving`
         moving  (...) bool: samples that step; one whose step fails keeps its state and stops
         least   cosine of half the largest angle that a node may have turned by at mid step
 
         A sample's status is 0 while it goes well, and for one that does not move; its iterations in a step that it does not
         make are 0.
         """
-        model, K, like = self.model, dt.shape[0], self.model.length
+        model, K, like, axes = self.model, dt.shape[0], self.model.length, moving.ndim
+        dims = max(axes, self.dims)
+        dt, t = (x.reshape(K, *(1,) * (dims + 1 - x.ndim), *x.shape[1:]) for x in (dt, t))
+        inputs = {name: x.reshape(K, *(1,) * (dims + 2 - x.ndim), *x.shape[1:]) if x.ndim > axes + 1 else x
+                  for name, x in inputs.items()}
         trees = self.constants.at(dt, t, inputs)
         fields = dict(zip(("node", "element", "common"), map(flattened, trees), strict=True))
-        dims = moving.ndim
         shapes = (x.shape[:x.ndim - axes] for tree in fields.values() for x, axes in tree)
         batch = torch.broadcast_shapes(moving.shape, start.batch_shape, *(shape[len(shape) > dims:] for shape in shapes))
+        own_batch = batch[dims - axes:] if batch[:dims - axes].numel() == 1 else batch
         call = _Table(self, batch)
         for record, tree in fields.items():
             for name, k, _ in self.program.given(record):
                 call.add(record, name, *tree[k], rows=record != "common")
-        for name, x in dict(total=like.sum((-1, -2)), longest=like.amax((-1, -2)), tolerance=like.new_tensor(tolerance),
-                            least=like.new_tensor(least)).items():
+        exact = same_law(trees[1].C, model.law.C)
+        for name, x in dict(total=like.sum((-1, -2)), longest=like.amax((-1, -2)), exact=exact,
+                            tolerance=like.new_tensor(tolerance), least=like.new_tensor(least)).items():
             call.add("common", name, x, 0)
         for name, x in dict(moving=moving, work=start.work, last_status=like.new_zeros(())).items():
             call.add("sample", name, x, 0)
@@ -102,7 +112,7 @@ class CompiledStep:
                    "end_group": -(-B // lanes)}
         arrays = {"inputs": inputs_table, "outputs": outputs_table, **self.static}
         self.program.run(lanes)(_integers(ctypes.addressof(arrays[name]) if name in arrays else numbers[name] for name in ARGS))
-        found = {name: x.reshape(K, *batch, *x.shape[2:]) for name, x in found.items()}
+        found = {name: x.reshape(K, *own_batch, *x.shape[2:]) for name, x in found.items()}
         status, iterations = (found.pop(name).long() for name in ("status", "iterations"))
         return Steps(replace(start, **found), status, iterations)
 

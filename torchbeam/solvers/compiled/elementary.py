@@ -4,7 +4,7 @@ Errors in units in the last place, with and without fused products:
 
     sin, cos    < 1 for |x| <= 1e6 (reduced by Cody and Waite's three parts of pi/2, with its remainder); beyond it the error
                 grows, and inf gives NaN
-    atan2       < 1, the signs of zeros aside: atan2(0, 0) = 0 and atan2(+-0, x < 0) = pi
+    atan2       < 2, the signs of zeros aside: atan2(0, 0) = 0 and atan2(+-0, x < 0) = pi
     exp         < 1; above 709.79 inf, below -745.2 zero
     log         < 1; of 0 -inf, of what is negative NaN
 
@@ -108,10 +108,11 @@ def _arctangent(y: _Number, x: _Number) -> _Number:
     """The angle as base +- atan(t), base a multiple of pi/4 and |t| <= tan(pi/8)."""
     across, along = y.make("abs"), x.make("abs")
     large, small = along.make("max", across), along.make("min", across)
-    steep, diagonal = along < across, large * math.tan(math.pi / 8) < small
+    both = small.make("eq", math.inf)
+    steep, diagonal = along < across, (large * math.tan(math.pi / 8) < small).make("or", both)
     denominator = large.make("eq", 0.0).where(1.0, diagonal.where(large + small, large))
     t = diagonal.where(small - large, small) / denominator
-    t = small.make("eq", math.inf).where(0.0, t)
+    t = both.where(0.0, t)
     z = t * t
     angle = t + t * (z * z.polynomial(ATAN))
     quarters = diagonal.where(1.0, 0.0)

@@ -53,14 +53,11 @@ class Function:
         """
         own, there = self.graph, {}
         for x in self.live():
-            op, value = own.ops[x], own.values[x]
-            if op == "const":
-                there[x] = graph.const(value)
-            elif op == "input":
-                field, k = value
-                there[x] = inputs[field][k] if field in inputs else graph.input(field, k)
+            if own.ops[x] == "input" and own.values[x][0] in inputs:
+                field, k = own.values[x]
+                there[x] = inputs[field][k]
             else:
-                there[x] = graph.make(op, *(there[y] for y in own.args[x]))
+                there[x] = graph.again(own.ops[x], [there[y] for y in own.args[x]], own.values[x])
         return {name: [there[x] for x in out.nodes] for name, out in self.outputs.items()}
 
     def with_constants(self, values: Mapping[str, Sequence[float]]) -> Function:

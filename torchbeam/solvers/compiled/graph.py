@@ -14,7 +14,7 @@ x - x, x / x and x == x are left alone: the first is the test for NaN and inf.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -84,6 +84,10 @@ class Graph:
             args = tuple(sorted(args))
         return self._intern(op, args, None, op in TRUTHS or (op == "select" and self.truths[args[1]]))
 
+    def again(self, op: str, args: Sequence[int], value: float | bool | tuple[str, int] | None) -> int:
+        """A node of another graph, with the nodes here that its own are."""
+        return self.const(value) if op == "const" else self.input(*value) if op == "input" else self.make(op, *args)
+
     # Rules: a node, or None where there is nothing shorter
 
     def _add(self, a: int, b: int) -> int | None:
@@ -93,6 +97,10 @@ class Graph:
             return self.make("sub", a, self.args[b][0])
         if self.ops[a] == "neg":
             return self.make("sub", b, self.args[a][0])
+        if self.ops[a] == self.ops[b] == "select" and self.args[a][0] == self.args[b][0]:
+            (truth, *xs), (_, *ys) = self.args[a], self.args[b]
+            if all(self.zero in pair for pair in zip(xs, ys, strict=True)):
+                return self.make("select", truth, *(self.make("add", *pair) for pair in zip(xs, ys, strict=True)))
         return None
 
     def _sub(self, a: int, b: int) -> int | None:
@@ -208,12 +216,13 @@ class Graph:
     def dot(self, xs: Iterable[int], ys: Iterable[int]) -> int:
         return self.total(self.make("mul", x, y) for x, y in zip(xs, ys, strict=True))
 
-    def live(self, ends: Iterable[int]) -> list[int]:
-        """What the nodes `ends` need, themselves among it, in order."""
+    def live(self, ends: Iterable[int], known: frozenset[int] | set[int] = frozenset()) -> list[int]:
+        """What the nodes `ends` need, themselves among it, in order; of what is known nothing is needed."""
         found = set(ends)
         todo = list(found)
         while todo:
-            new = [x for x in self.args[todo.pop()] if x not in found]
+            node = todo.pop()
+            new = () if node in known else [x for x in self.args[node] if x not in found]
             found.update(new)
             todo.extend(new)
         return sorted(found)

@@ -17,6 +17,7 @@ import torch
 
 from .elementary import elementary
 from .function import Function
+from .schedule import Store, schedule
 
 FLAGS = "contract nsz arcp"
 BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
@@ -68,19 +69,18 @@ class Module:
         inputs = {field: f"%in{k}" for k, field in enumerate(function.inputs)}
         outputs = {field: f"%out{k}" for k, field in enumerate(function.outputs)}
         body = _Body(self, lanes, function)
-        for node in function.live():
-            if graph.ops[node] == "input":
-                field, k = graph.values[node]
-                at = body.place(inputs[field], k)
-                body.line(f"%n{node} = load {lanes.vector}, ptr {at}, align {lanes.bytes}")
-            else:
-                body.operation(node)
-        for field, out in function.outputs.items():
-            for k, node in enumerate(out.nodes):
-                value = body.name(node)
-                if graph.truths[node]:
+        for step in schedule(function):
+            if isinstance(step, Store):
+                value, at = body.name(step.node), body.place(outputs[step.field], step.component)
+                if graph.truths[step.node]:
                     value = body.new(f"uitofp {lanes.truth} {value} to {lanes.vector}")
-                body.line(f"store {lanes.vector} {value}, ptr {body.place(outputs[field], k)}, align {lanes.bytes}")
+                body.line(f"store {lanes.vector} {value}, ptr {at}, align {lanes.bytes}")
+            elif graph.ops[step] == "input":
+                field, k = graph.values[step]
+                at = body.place(inputs[field], k)
+                body.line(f"%n{step} = load {lanes.vector}, ptr {at}, align {lanes.bytes}")
+            else:
+                body.operation(step)
         given = [f"ptr noalias readonly {name}" for name in inputs.values()]
         given += [f"ptr noalias writeonly {name}" for name in outputs.values()]
         self._definitions[name] = "\n".join((f'define void @"{name}"({", ".join(given)}) noinline nounwind {{', *body.lines,

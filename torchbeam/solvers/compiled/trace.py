@@ -161,6 +161,9 @@ class _Tracer(TorchDispatchMode):
             return found
         out = func(*args, **kwargs)
         if written:
+            if not self.traced(args[0]):  # all that the memory holds is constant so far
+                whole = torch.empty(0, dtype=args[0].dtype).set_(args[0].untyped_storage())
+                self.hold(whole, self.nodes(whole))
             self.hold(args[0], found)
             return out
         outs, founds = out if isinstance(out, (tuple, list)) else (out,), found if isinstance(found, tuple) else (found,)

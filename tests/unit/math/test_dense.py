@@ -1,0 +1,48 @@
+"""Dense systems of many rows: exact whatever the number of threads, each sample by itself."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+import torch
+
+from torchbeam.math.dense import LARGE, inverse_unchecked, solve, solve_unchecked
+
+ON_TWO_THREADS = """
+import torch
+from torchbeam.math.dense import inverse_unchecked, solve, solve_unchecked
+torch.manual_seed(0)
+torch.set_num_threads(2)
+A, x = (torch.randn(4, 200, n, dtype=torch.float64) for n in (200, 3))
+found = (inverse_unchecked(A) @ (A @ x), solve(A, A @ x), solve_unchecked(A, A @ x))
+assert all((y - x).abs().max() < 1e-9 for y in found)
+"""
+
+
+def test_threads_set_by_the_user_do_no_harm():
+    """torch's own LU of this batch is wrong there, or never ends (torch 2.13, MKL 2024.2)."""
+    done = subprocess.run([sys.executable, "-c", ON_TWO_THREADS], env={**os.environ, "OMP_NUM_THREADS": "2"}, timeout=120,
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("rows", [6, LARGE])
+def test_batches_broadcast_and_keep_their_gradient(rows):
+    torch.manual_seed(1)
+    A, B = torch.randn(2, 1, rows, rows, requires_grad=True), torch.randn(3, rows, 2, requires_grad=True)
+    found, wanted = solve(A, B), torch.linalg.inv(A.expand(2, 3, rows, rows)) @ B
+    assert found.shape == (2, 3, rows, 2)
+    torch.testing.assert_close(found, wanted, rtol=0, atol=1e-9 * wanted.abs().max().item())
+    for ours, theirs in zip(*(torch.autograd.grad(y.square().sum(), (A, B)) for y in (found, wanted)), strict=True):
+        torch.testing.assert_close(ours, theirs, rtol=0, atol=1e-8 * theirs.abs().max().item())
+
+
+def test_a_singular_sample_harms_no_neighbour():
+    """Three of many rows, the second of which is zero."""
+    A = torch.eye(LARGE).repeat(3, 1, 1)
+    A[1] = 0
+    for found in (solve_unchecked(A, torch.ones(LARGE, 1)), inverse_unchecked(A).sum(-1, keepdim=True)):
+        assert (found[[0, 2]] == 1).all() and not torch.isfinite(found[1]).all()
+    with pytest.raises(torch.linalg.LinAlgError):
+        solve(A, torch.ones(LARGE, 1))

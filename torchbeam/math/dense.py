@@ -1,0 +1,37 @@
+"""Dense linear systems: torch.linalg, but that matrices of many rows are factored one sample at a time.
+
+After a call of torch.set_num_threads with 2 or more, torch 2.13 with MKL 2024.2 factors a batch of matrices of more than 144
+rows wrongly, or never comes to an end; each by itself it factors rightly, on as many threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+LARGE = 128  # rows: below, a batch is right and quicker
+
+
+def solve(A: Tensor, B: Tensor) -> Tensor:
+    """A^-1 B for (..., n, n) and (..., n, m). Raises torch.linalg.LinAlgError where a sample is singular."""
+    return _by_sample(torch.linalg.solve, A, B)
+
+
+def solve_unchecked(A: Tensor, B: Tensor) -> Tensor:
+    """The same; a singular sample yields values that are not finite, or whatever elimination leaves, and harms no neighbour."""
+    return _by_sample(lambda A, B: torch.linalg.solve_ex(A, B)[0], A, B)
+
+
+def inverse_unchecked(A: Tensor) -> Tensor:
+    """A^-1 (..., n, n), likewise."""
+    return _by_sample(lambda A: torch.linalg.inv_ex(A)[0], A)
+
+
+def _by_sample(function: Callable[..., Tensor], *matrices: Tensor) -> Tensor:
+    batch = torch.broadcast_shapes(*(x.shape[:-2] for x in matrices))
+    if matrices[0].shape[-1] < LARGE or batch.numel() < 2 or matrices[0].device.type != "cpu":
+        return function(*matrices)
+    samples = zip(*(x.expand(*batch, *x.shape[-2:]).flatten(0, -3) for x in matrices), strict=True)
+    return torch.stack([function(*one) for one in samples]).unflatten(0, batch)

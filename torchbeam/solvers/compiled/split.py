@@ -1,0 +1,109 @@
+"""Splitting of a function: what depends on some inputs alone is computed once, before the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from .function import Function, Output
+from .graph import Graph
+
+HOISTED = "hoisted"  # the field that is handed over
+CHEAP = {"add", "sub", "mul", "neg", "abs", "lt", "le", "eq", "and", "or", "not", "select", "max", "min"}
+
+
+def split(function: Function, fixed: Iterable[str]) -> tuple[Function, Function]:
+    """(before, rest): `before` takes the inputs `fixed` and gives one field, `HOISTED`, of what the rest needs of them;
+    `rest` takes that field, the other inputs, and those of `fixed` that it reads themselves; it gives what `function` gives.
+
+    A division by what is settled before becomes a product with its reciprocal. The field is kept small: what is one cheap
+    operation away from numbers that are handed over, or read, anyway is computed again, and several numbers that are so made of
+    fewer ones are replaced by these.
+    """
+    fixed = set(fixed)
+    function = _with_reciprocals(function, _settled(function, fixed))
+    graph, live, settled = function.graph, function.live(), _settled(function, fixed)
+    wanted = {x for node in live if node not in settled for x in graph.args[node] if x in settled}
+    wanted |= {x for out in function.outputs.values() for x in out.nodes if x in settled}
+    read = _smallest(graph, wanted)
+    handed = sorted(x for x in read if graph.ops[x] != "input")
+    before = Function(graph, {name: shape for name, shape in function.inputs.items() if name in fixed},
+                      {HOISTED: Output((len(handed),), tuple(graph.number(x) for x in handed))})
+    return before, _rest(function, handed)
+
+
+def _settled(function: Function, fixed: set[str]) -> set[int]:
+    """Nodes that depend on fixed inputs, and on these alone."""
+    graph, found = function.graph, set()
+    for node in function.live():
+        if graph.ops[node] == "input":
+            if graph.values[node][0] in fixed:
+                found.add(node)
+        elif graph.args[node] and all(x in found or graph.is_const(x) for x in graph.args[node]):
+            found.add(node)
+    return found
+
+
+def _with_reciprocals(function: Function, settled: set[int]) -> Function:
+    own, graph, there = function.graph, Graph(), {}
+    for x in function.live():
+        op, value, args = own.ops[x], own.values[x], [there[y] for y in own.args[x]]
+        if op == "div" and x not in settled and own.args[x][1] in settled:
+            there[x] = graph.make("mul", args[0], graph.make("div", graph.one, args[1]))
+        else:
+            there[x] = graph.again(op, args, value)
+    outputs = {name: Output(out.shape, tuple(there[x] for x in out.nodes)) for name, out in function.outputs.items()}
+    return Function(graph, function.inputs, outputs)
+
+
+def _rest(function: Function, handed: list[int]) -> Function:
+    own, graph = function.graph, Graph()
+    there = {x: graph.input(HOISTED, k) for k, x in enumerate(handed)}
+    there = {x: graph.truth(y) if own.truths[x] else y for x, y in there.items()}
+    ends = {x for out in function.outputs.values() for x in out.nodes}
+    for x in own.live(ends, known=set(there)):
+        if x not in there:
+            there[x] = graph.again(own.ops[x], [there[y] for y in own.args[x]], own.values[x])
+    outputs = {name: Output(out.shape, tuple(there[x] for x in out.nodes)) for name, out in function.outputs.items()}
+    inputs = {HOISTED: (len(handed),), **function.inputs}
+    return Function(graph, inputs, outputs).only(outputs)
+
+
+def _smallest(graph: Graph, wanted: set[int]) -> set[int]:
+    """Nodes that the wanted ones are at most one cheap operation away from; greedily, as few as possible."""
+    kept = set(wanted)
+    sources = {v: {x for x in graph.args[v] if not graph.is_const(x)} for v in wanted if graph.ops[v] in CHEAP}
+    pinned: set[int] = set()  # what is computed again reads these
+    for v in sorted(sources, reverse=True):
+        if v not in pinned and sources[v] <= kept - {v}:
+            kept.discard(v)
+            pinned |= sources[v]
+    groups = _groups({v: needs - kept for v, needs in sources.items() if v in kept and v not in pinned})
+    for group in groups:
+        while True:  # without a member that alone brings in two or more numbers
+            users: dict[int, list[int]] = {}
+            for v, needs in group.items():
+                for x in needs:
+                    users.setdefault(x, []).append(v)
+            dear = [v for v, needs in group.items() if sum(len(users[x]) == 1 for x in needs) > 1]
+            if not dear:
+                break
+            del group[dear[0]]
+        if len(group) > len(users):
+            found = {x for v in group for x in sources[v]}
+            if not found & set(group):
+                kept = kept - set(group) | found
+    return kept
+
+
+def _groups(needs: dict[int, set[int]]) -> list[dict[int, set[int]]]:
+    """Parts that share no need."""
+    groups: list[tuple[dict[int, set[int]], set[int]]] = []
+    for v, wanted in needs.items():
+        joined, apart = ({v: wanted}, set(wanted)), []
+        for group in groups:
+            if group[1] & joined[1]:
+                joined = ({**joined[0], **group[0]}, joined[1] | group[1])
+            else:
+                apart.append(group)
+        groups = [*apart, joined]
+    return [group for group, _ in groups]
