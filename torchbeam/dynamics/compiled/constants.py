@@ -7,6 +7,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from ...core.leaves import Tree, leaf, map_leaves, own_leaves
@@ -103,6 +104,14 @@ class Constants:
         place = model.space.place if isinstance(model.space, Plane) else None
         elements = replace(self.elements, C=model.tangent_stiffness(dt.detach()), eigenstrain=own)
         return replace(self.nodes, dead=dead), elements, Common(dt, t, loads, inputs, place, support)
+
+
+    def moving_loads(self, t: Tensor, inputs: Inputs) -> Tensor:
+        """Loads (..., N+1, w) that depend on the motion, of the beam undeformed and at rest."""
+        position, turn = self.still.position, torch.zeros_like(self.still.position[..., :self.model.space.spin])
+        nodes = self.still._replace(velocity=torch.zeros_like(position), spin=turn, acceleration=torch.zeros_like(position),
+                                    angular_acceleration=turn)
+        return external(self.model, nodes, t, inputs, self.model.loads[0])
 
 
 def _resolved(load: Any, t: Tensor, inputs: Inputs, model: Model) -> Any:

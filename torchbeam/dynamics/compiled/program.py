@@ -84,7 +84,8 @@ class Program:
         layout, row = Layout(), "held row" if self.held else "row"
         layout.record("node", NODES, inputs("node"))
         layout.record("element", ELEMENTS, inputs("element"))
-        layout.record("common", ONE, [*inputs("common"), *((name, 1) for name in ("total", "longest", "exact", "tolerance", "least"))])
+        constants = ("total", "longest", "exact", "tolerance", "least")
+        layout.record("common", ONE, [*inputs("common"), *((name, 1) for name in constants)])
         layout.record("state", NODES, outputs("finish 0", *NODE))
         layout.record("unknown", NODES, outputs("predictor 0"))
         for name in ("stress", "start_stress"):

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from ...core.leaves import functions, wants_gradient
+from ...core.validation import concrete
 from ...nodal.balance import same_law
 from ...nodal.model import Model
 from ...scene.effects import Inputs
@@ -24,11 +26,15 @@ OUTPUTS = {**{name: ("state", name) for name in NODE}, "stress": ("start_stress"
 
 
 class Steps(NamedTuple):
-    """After each of K steps: the state, whose t is that of the start (K, ...), status (K, ...) and iterations (K, ...)."""
+    """After each of K steps: fields of the state (K, ...), status (K, ...) and iterations (K, ...)."""
 
-    state: State
+    fields: dict[str, Tensor]
     status: Tensor
     iterations: Tensor
+
+    def after(self, start: State, k: int) -> State:
+        """The state after step k, in the space's coordinates, with the start's t and status."""
+        return replace(start, **{name: x[k] for name, x in self.fields.items()})
 
 
 class CompiledStep:
@@ -44,6 +50,7 @@ class CompiledStep:
         # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
         self.dims = max(1, *(x.ndim - axes for tree in trees for x, axes in flattened(tree)))
         loads = model.loads[0]
+        self.functions = any(one.axes is None for one in functions(loads))
         acting = [tuple(k for k, load in enumerate(loads) if load.node is None or load.node % (N + 1) == j)
                   for j in range(N + 1)]
         hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
@@ -60,7 +67,7 @@ class CompiledStep:
             "support_nodes": [*self.supports, 0]}.items()}
 
     def __call__(self, start: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, tolerance: float, least: float,
-                 limit: int, lanes: int | None = None) -> Steps:
+                 limit: int, lanes: int | None = None) -> Steps | None:
         """K steps from `start`, in the space's coordinates.
 
         dt, t   (K) or (K, ...) s: lengths of the steps, and their middles
@@ -69,7 +76,7 @@ class CompiledStep:
         least   cosine of half the largest angle that a node may have turned by at mid step
 
         A sample's status is 0 while it goes well, and for one that does not move; its iterations in a step that it does not
-        make are 0.
+        make are 0. None where derivatives are recorded, or samples mapped over: torch alone can do these.
         """
         model, K, like, axes = self.model, dt.shape[0], self.model.length, moving.ndim
         dims = max(axes, self.dims)
@@ -78,6 +85,10 @@ class CompiledStep:
                   for name, x in inputs.items()}
         trees = self.constants.at(dt, t, inputs)
         fields = dict(zip(("node", "element", "common"), map(flattened, trees), strict=True))
+        written = [] if not self.functions else [(self.constants.moving_loads(t, inputs), 2)]  # what these hold is unknown
+        held = (x for part in (*fields.values(), flattened(start), written) for x, _ in part)
+        if any(wants_gradient(x) or x is not concrete(x) for x in held):
+            return None
         shapes = (x.shape[:x.ndim - axes] for tree in fields.values() for x, axes in tree)
         batch = torch.broadcast_shapes(moving.shape, start.batch_shape, *(shape[len(shape) > dims:] for shape in shapes))
         own_batch = batch[dims - axes:] if batch[:dims - axes].numel() == 1 else batch
@@ -114,7 +125,7 @@ class CompiledStep:
         self.program.run(lanes)(_integers(ctypes.addressof(arrays[name]) if name in arrays else numbers[name] for name in ARGS))
         found = {name: x.reshape(K, *own_batch, *x.shape[2:]) for name, x in found.items()}
         status, iterations = (found.pop(name).long() for name in ("status", "iterations"))
-        return Steps(replace(start, **found), status, iterations)
+        return Steps(found, status, iterations)
 
 
 def _integers(values: Iterable[int]) -> Any:
