@@ -92,8 +92,9 @@ class Driver:
         with code.loop(0, N) as e:
             self._call("before element", lambda f: self._of_element(f, e))
             self._copy_to(self.at("stress", e), self.at("start_stress", e), self.layout.records["stress"].size)
-        code.call("opposite", self.at("sample", 0, "over"), self.at("sample", 0, "moving"))
-        for name in ("done", "before", "iterations"):
+        for name in ("over", "done"):
+            code.call("opposite", self.at("sample", 0, name), self.at("sample", 0, "moving"))
+        for name in ("before", "iterations"):
             self._fill(self.at("sample", 0, name), 1)
         self._fill(self.at("move", 0), self.layout.records["move"].size)
         self._fill(self.at("move", code.add(N, 2)), self.layout.records["move"].size)
