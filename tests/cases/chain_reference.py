@@ -55,7 +55,8 @@ class Chain:
             given |= {f"left.{name}": x for name, x in left.items()} | {f"right.{name}": x for name, x in right.items()}
             held = bool((self.free[max(j - 1, 0):j + 2] == 0).any())
             if held:
-                given |= {"free_before": self.free[max(j - 1, 0)], "free_here": self.free[j], "free_after": self.free[min(j + 1, N)]}
+                near = self.free[max(j - 1, 0)], self.free[j], self.free[min(j + 1, N)]
+                given |= dict(zip(("free_before", "free_here", "free_after"), near, strict=True))
             rows.append(local.row(held, ahead=ahead, y=y, **given))
             ahead, y = rows[j]["ahead"], rows[j]["y"]
             for found in (rows[j], *elements[j:]):
@@ -69,7 +70,8 @@ class Chain:
                      for at in model.constraints.nodes]
         self.stress = [local.stress(stress, found["gap"], found["E"], moves[e + 1], moves[e + 2], **self.element[e])["stress"]
                        for e, (stress, found) in enumerate(zip(self.stress, elements, strict=True))]
-        self.unknown = [local.update(kind, moves[j + 1], **self.node[j], **self.unknown[j]) for j, kind in enumerate(self.kinds)]
+        self.unknown = [local.update(kind, moves[j + 1], **self.node[j], **self.unknown[j])
+                        for j, kind in enumerate(self.kinds)]
         zero, one = torch.zeros(()), torch.ones(())
         size = local.judge(**sums, total=model.length.sum(), longest=model.length.amax(), exact=one, tolerance=one, before=zero,
                            over=zero, done=zero, status=zero, iterations=zero)["before"]
@@ -81,7 +83,8 @@ class Chain:
 
     def finish(self):
         """Fields of the nodes at the end, and the work done."""
-        found = [self.local.finish(kind, **node, **x) for kind, node, x in zip(self.kinds, self.node, self.unknown, strict=True)]
+        found = [self.local.finish(kind, **node, **x)
+                 for kind, node, x in zip(self.kinds, self.node, self.unknown, strict=True)]
         return {name: torch.stack([x[name] for x in found]) for name in NODE} | {"work": sum(x["work"] for x in found)}
 
 

@@ -8,7 +8,6 @@ import torch
 import torchbeam as tb
 from torchbeam.state.state import set_node
 
-
 STIFFNESS = dict(EA=2e3, GA=(8e2, 6e2), GJ=2.0, EI=(3.0, 2.0), mass=0.5, inertia=(1e-3, 2e-3))
 
 

@@ -22,6 +22,7 @@ from ...core.leaves import leaf
 from ...core.status import BROKEN, DIVERGED, SUCCESS
 from ...math.block_tridiagonal import eliminated
 from ...nodal.balance import dstress, mixed, restrained_forces, scaled
+from ...nodal.constitutive_law import times
 from ...nodal.constraints import Constraints
 from ...nodal.coordinates.linearised import Small
 from ...nodal.coordinates.planar import Plane
@@ -92,8 +93,7 @@ class LocalModel(Model):
 
 @dataclass(frozen=True)
 class LocalFunctions:
-    """Of a model's nodes and elements; the trees say which fields exist, their values do not matter.
-    """
+    """Of a model's nodes and elements; the trees say which fields exist, their values do not matter."""
 
     model: Model
     nodes: NodeConstants
@@ -158,7 +158,7 @@ class LocalFunctions:
         found = {"D": tangent.D, "balance": balance, "asked": asked, **({"inertia": inertia} if coupled else {})}
         found = {f"{side}.{name}": value[k] for name, value in found.items() for k, side in enumerate("ij")}
         return found | {
-            "U": tangent.U[0], "L": tangent.L[0], "gap": element.gap[0], "E": tangent.E[0],
+            "U": tangent.U[0], "L": tangent.L[0], "gap": element.gap[0], "E": tangent.E[0], "hB": tangent.hB[0],
             "force": forces[..., :p].amax(), "moment": forces[..., p:].amax(), "left_strain": element.gap.abs().amax(),
             "strain": felt.amax()}
 
@@ -204,6 +204,44 @@ class LocalFunctions:
     def reaction(self, rows: Tensor, asked: Tensor, free: Tensor, before: Tensor, here: Tensor, after: Tensor) -> Fields:
         """The balance (w) of a support after the moves of the node before, of its own and of the next."""
         return {"reaction": (1 - free) * (asked + (rows @ torch.cat((before, here, after))[:, None])[:, 0])}
+
+    # Functions of the adjoint
+
+    def solution(self, position: Tensor, rotation: Tensor, after_position: Tensor, after_rotation: Tensor) -> Fields:
+        """u and m of a step between two states of a node."""
+        space = self.model.space
+        turn = space.multiply(space.inverse(rotation), after_rotation)
+        return {"u": (after_position - position) / 2, "m": space.sqrt(turn)}
+
+    def pushed(self, gap: Tensor, hB: Tensor, **fields: Tensor) -> Fields:
+        """What an element's strain gap asks of its nodes (w)."""
+        C = filled(self.elements, lambda k: fields[f"element.{k}"][None]).C
+        found = self.model.space.to_nodes((hB[None].mT @ times(C, gap[None, :, None]))[..., 0])
+        return {"i": found[0], "j": found[1]}
+
+    def transposed_row(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
+        """A row of the elimination of the transposed matrix, see `row`, for what moves are asked for (w); where supports are
+        near, also for what their balances are (`push_` before, here, after).
+        """
+        D = fields["own.D"] + fields["left.D"] + fields["right.D"]
+        below, above = fields["left.U"].mT, fields["right.L"].mT
+        if held:
+            before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
+            pushes = (fields[f"push_{name}"] for name in ("before", "here", "after"))
+            right = right + sum((block @ push[:, None])[:, 0] for block, push in zip((below, D.mT, above), pushes, strict=True))
+            right = right * free
+            D = D * free[:, None] * free + torch.diag_embed(1 - free)
+            below, above = below * free[:, None] * before, above * free[:, None] * after
+        ahead, y = eliminated(D.mT, above, right[:, None], below, fields["ahead"], fields["y"][:, None])
+        return {"ahead": ahead, "y": y[:, 0]}
+
+    def push(self, reaction_bar: Tensor, free: Tensor) -> Fields:
+        """What the cotangent of a reaction is to the balance of its node (w)."""
+        return {"push": (1 - free) * reaction_bar}
+
+    def balance_bar(self, move: Tensor, push: Tensor, free: Tensor) -> Fields:
+        """Cotangent of a node's balance (w), from the solution of the transposed rows."""
+        return {"balance_bar": push - free * move}
 
     # Functions of a sample
 

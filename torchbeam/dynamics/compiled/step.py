@@ -17,7 +17,7 @@ from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...state.state import State
 from .constants import Constants, flattened
-from .driver import ARGS
+from .driver import Driver
 from .local_functions import NODE, LocalFunctions, NodeKind
 from .program import program_of
 
@@ -94,7 +94,7 @@ class CompiledStep:
         own_batch = batch[dims - axes:] if batch[:dims - axes].numel() == 1 else batch
         call = _Table(self, batch)
         for record, tree in fields.items():
-            for name, k, _ in self.program.given(record):
+            for name, k in self.program.given(record):
                 call.add(record, name, *tree[k], rows=record != "common")
         exact = same_law(trees[1].C, model.law.C)
         for name, x in dict(total=like.sum((-1, -2)), longest=like.amax((-1, -2)), exact=exact,
@@ -122,7 +122,7 @@ class CompiledStep:
                    "memory": memory.data_ptr(), "supports": len(self.supports), "limit": limit, "first_group": 0,
                    "end_group": -(-B // lanes)}
         arrays = {"inputs": inputs_table, "outputs": outputs_table, **self.static}
-        self.program.run(lanes)(_integers(ctypes.addressof(arrays[name]) if name in arrays else numbers[name] for name in ARGS))
+        self.program.run(lanes)(_integers(ctypes.addressof(arrays[name]) if name in arrays else numbers[name] for name in Driver.ARGS))
         found = {name: x.reshape(K, *own_batch, *x.shape[2:]) for name, x in found.items()}
         status, iterations = (found.pop(name).long() for name in ("status", "iterations"))
         return Steps(found, status, iterations)
@@ -134,7 +134,7 @@ def _integers(values: Iterable[int]) -> Any:
 
 
 class _Table:
-    """Which tensors a call reads or writes, see `driver.ENTRY`; it keeps them."""
+    """Which tensors a call reads or writes, see `chain_code.ENTRY`; it keeps them."""
 
     def __init__(self, step: CompiledStep, batch: torch.Size) -> None:
         self.step, self.batch = step, batch
