@@ -53,8 +53,9 @@ class Stepper:
     iterations at most this many in a Newton solve (12 where its step can still be made in parts)
     halvings   a failed step is made again in 2, 4, ... 2^halvings parts
     engine     "eager": torch operations. "compiled": native code for many samples at once on the CPU (llvmlite, the extra
-               `fast`), the same answers up to rounding; what is differentiated, and the parts of a failed step, are made
-               eagerly. "auto": eager, for the time being
+               `fast`), the same answers up to rounding, and gradients (reverse mode); compiled at the first step. Made eagerly
+               there: forward mode, torch.func, gradients where strains are impossible or next to, some of the parts of a failed
+               step. "auto": eager, for the time being
 
     Raises ValueError for an unknown method, a step that is not positive, a scene that the nodal form does not take, or that
     the engine does not.

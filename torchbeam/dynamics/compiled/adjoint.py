@@ -64,9 +64,11 @@ class AdjointProgram(NativeProgram):
         w, k, layout = self.w, self.k, Layout()
         state = [(name, prod(self.shapes[name])) for name in NODE]
         for kind, rows in (("node", NODES), ("element", ELEMENTS), ("common", ONE)):
-            fields = self.constants(kind)
-            layout.record(kind, rows, fields)
-            layout.record(f"{kind}_bar", rows, [(name, size) for name, size in fields if name in self.wanted])
+            outputs = (one for name in self.functions for one in self.outputs(name))  # a derivative need not read what it is by
+            found = {name: size for out, size in outputs
+                     if (name := out.removeprefix("i.").removeprefix("j.").removesuffix("_bar")).startswith(f"{kind}.")}
+            layout.record(kind, rows, self.constants(kind))
+            layout.record(f"{kind}_bar", rows, sorted(found.items()))
         for name in ("state", "state_bar", "state_grad", "start_bar"):
             layout.record(name, NODES, state)
         layout.record("after", NODES, [(f"after_{name}", size) for name, size in state[:2]])

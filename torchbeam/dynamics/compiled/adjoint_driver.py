@@ -22,8 +22,9 @@ class AdjointDriver(ChainCode):
     def _group(self, first: str) -> None:
         code, N = self.code, self.args["elements"]
         last = code.sub(self.args["steps"], 1)
-        for record, count in (("state_bar", code.add(N, 1)), ("stress_bar", N), ("node_bar", code.add(N, 1)), ("element_bar", N),
-                              ("common_bar", 1), *((("reaction_bar", self.args["supports"]),) if self.held else ())):
+        nodes, supports = code.add(N, 1), ((("reaction_bar", self.args["supports"]),) if self.held else ())
+        for record, count in (("state_bar", nodes), ("stress_bar", N), *supports, ("node_bar", nodes), ("element_bar", N),
+                              ("common_bar", 1)):
             with code.loop(0, count) as k:
                 self._fill(self.at(record, k), self.layout.records[record].size)
         self._fill(self.at("sample", 0, "work_bar"), 1)
@@ -128,10 +129,9 @@ class AdjointDriver(ChainCode):
                 self._call(f"block {k}", lambda f: self.at("at_node", 0, f[2:]) if f[0] == ">" else self._of_node(f, j))
         last, left, right, behind = self._sides(j)
         with code.when(code.new(f"xor i1 {last}, true")):
-            places = {"i.D": ("right", self.at("right"), "D"), "L": ("right", self.at("right"), "L"), "j.D": ("left", behind, "D"),
-                      "U": ("left", behind, "U")}
-            self._call("blocks", lambda f: self._inside(*(
-                (places[f[2:]][0], places[f[2:]][1], places[f[2:]][2]))) if f[0] == ">" else self._of_element(f, j))
+            places = {"i.D": ("right", self.at("right"), "D"), "L": ("right", self.at("right"), "L"),
+                      "j.D": ("left", behind, "D"), "U": ("left", behind, "U")}
+            self._call("blocks", lambda f: self._inside(*places[f[2:]]) if f[0] == ">" else self._of_element(f, j))
         near = self._near(j) if self.held else {}
         if self.held:
             near |= {f"push_{name}": self.at("push", code.add(j, k)) for k, name in enumerate(("before", "here", "after"))}

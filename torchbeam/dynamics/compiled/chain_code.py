@@ -202,8 +202,8 @@ class ChainCode:
         """Numbers between tensors and memory, as a table says. What does not change from step to step is moved at the first
         alone; lanes beyond the samples have the last one's numbers, and are not scattered.
         """
-        code, scalar, W = Code(name, ["ptr %table", "i64 %count", "ptr %memory", "i64 %first", "i64 %samples", "i64 %step",
-                                        "i64 %begin"]), self.lanes.scalar, self.lanes.count
+        code = Code(name, ["ptr %table", "i64 %count", "ptr %memory", "i64 %first", "i64 %samples", "i64 %step", "i64 %begin"])
+        scalar, W = self.lanes.scalar, self.lanes.count
         with code.loop(0, "%count") as k:
             entry = code.at("%table", code.mul(k, len(ENTRY)))
             numbers = (code.load(code.at(entry, i)) for i in range(len(ENTRY)))

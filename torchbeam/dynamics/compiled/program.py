@@ -121,6 +121,13 @@ def program_of(local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -
     return PROGRAMS[key]
 
 
+def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str]) -> AdjointProgram:
+    """The adjoint of a program, for these constants."""
+    if wanted not in program.adjoints:
+        program.adjoints[wanted] = AdjointProgram(local, program.kinds, program.held, wanted)
+    return program.adjoints[wanted]
+
+
 def structure(local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> tuple:
     """What the program of a step depends on; never the values of tensors, nor how many elements there are."""
     model = local.model

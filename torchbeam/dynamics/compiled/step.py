@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
-from ...core.leaves import functions, wants_gradient
+from ...core.leaves import detached, functions, wants_gradient
 from ...core.validation import concrete
 from ...nodal.balance import same_law
 from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...state.state import State
+from .call import Call, Field
 from .constants import Constants, flattened
-from .driver import Driver
 from .local_functions import NODE, LocalFunctions, NodeKind
-from .program import program_of
+from .program import adjoint_of, program_of
 
-OUTPUTS = {**{name: ("state", name) for name in NODE}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
-           "work": ("sample", "work"), "status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
+STATE = {**{name: ("state", name) for name in NODE}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
+         "work": ("sample", "work")}
+NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
 
 
 class Steps(NamedTuple):
@@ -54,21 +55,13 @@ class CompiledStep:
         acting = [tuple(k for k, load in enumerate(loads) if load.node is None or load.node % (N + 1) == j)
                   for j in range(N + 1)]
         hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
-        acting = [NodeKind(loads, hinges.get(j)) for j, loads in enumerate(acting)]
-        kinds = tuple(dict.fromkeys(acting))
-        self.supports = model.constraints.nodes
-        self.program = program_of(LocalFunctions(model, *trees), kinds, bool(self.supports))
-        self.bases, self.size = self.program.layout.bases(N, len(self.supports))
-        self.base = dict(zip(self.program.layout.records, self.bases, strict=True))
-        support_of = [self.supports.index(j) if j in self.supports else -1 for j in range(N + 1)]
-        near = [int(any(support_of[i] >= 0 for i in range(max(j - 1, 0), min(j + 2, N + 1)))) for j in range(N + 1)]
-        self.static = {name: _integers(x) for name, x in {
-            "bases": self.bases, "kinds": [kinds.index(x) for x in acting], "held": near, "support_of": support_of,
-            "support_nodes": [*self.supports, 0]}.items()}
+        self.kinds = [NodeKind(loads, hinges.get(j)) for j, loads in enumerate(acting)]
+        kinds = tuple(dict.fromkeys(self.kinds))
+        self.program = program_of(LocalFunctions(model, *trees), kinds, bool(model.constraints.nodes))
 
     def __call__(self, start: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, tolerance: float, least: float,
                  limit: int, lanes: int | None = None) -> Steps | None:
-        """K steps from `start`, in the space's coordinates.
+        """K steps from `start`, in the space's coordinates; differentiable once, backwards.
 
         dt, t   (K) or (K, ...) s: lengths of the steps, and their middles
         inputs  by name, (..., size) held over all steps; or (K, ..., size), with as many axes between as `moving`
@@ -76,93 +69,133 @@ class CompiledStep:
         least   cosine of half the largest angle that a node may have turned by at mid step
 
         A sample's status is 0 while it goes well, and for one that does not move; its iterations in a step that it does not
-        make are 0. None where derivatives are recorded, or samples mapped over: torch alone can do these.
+        make are 0. None where torch alone can do it: forward mode, samples mapped over, functions of the motion that hold what
+        carries gradient, and gradients where strains are impossible, or next to.
         """
-        model, K, like, axes = self.model, dt.shape[0], self.model.length, moving.ndim
+        model, K, axes = self.model, dt.shape[0], moving.ndim
         dims = max(axes, self.dims)
         dt, t = (x.reshape(K, *(1,) * (dims + 1 - x.ndim), *x.shape[1:]) for x in (dt, t))
         inputs = {name: x.reshape(K, *(1,) * (dims + 2 - x.ndim), *x.shape[1:]) if x.ndim > axes + 1 else x
                   for name, x in inputs.items()}
         trees = self.constants.at(dt, t, inputs)
-        fields = dict(zip(("node", "element", "common"), map(flattened, trees), strict=True))
-        written = [] if not self.functions else [(self.constants.moving_loads(t, inputs), 2)]  # what these hold is unknown
-        held = (x for part in (*fields.values(), flattened(start), written) for x, _ in part)
-        if any(wants_gradient(x) or x is not concrete(x) for x in held):
+        given = dict(zip(("node", "element", "common"), map(flattened, trees), strict=True))
+        state = {name: getattr(start, name) for name in STATE}
+        held = [*(x for tree in given.values() for x, _ in tree), *state.values()]
+        if any(x is not concrete(x) or torch.autograd.forward_ad.unpack_dual(x).tangent is not None for x in held):
             return None
-        shapes = (x.shape[:x.ndim - axes] for tree in fields.values() for x, axes in tree)
-        batch = torch.broadcast_shapes(moving.shape, start.batch_shape, *(shape[len(shape) > dims:] for shape in shapes))
-        own_batch = batch[dims - axes:] if batch[:dims - axes].numel() == 1 else batch
-        call = _Table(self, batch)
-        for record, tree in fields.items():
-            for name, k in self.program.given(record):
-                call.add(record, name, *tree[k], rows=record != "common")
+        if self.functions and wants_gradient(self.constants.moving_loads(t, inputs)):
+            return None
         exact = same_law(trees[1].C, model.law.C)
-        for name, x in dict(total=like.sum((-1, -2)), longest=like.amax((-1, -2)), exact=exact,
-                            tolerance=like.new_tensor(tolerance), least=like.new_tensor(least)).items():
-            call.add("common", name, x, 0)
-        for name, x in dict(moving=moving, work=start.work, last_status=like.new_zeros(())).items():
-            call.add("sample", name, x, 0)
-        for name in (*NODE, "stress"):
-            call.add(*OUTPUTS[name], getattr(start, name), 2, rows=True)
-        if self.supports:
-            call.add("free", "free", model.constraints.moving, 2, rows=True)
-            call.add("support", "last", start.reaction, 2, rows=True)
-        inputs_table, count = call.table()
-        B = batch.numel()
-        own = {name: tuple(getattr(start, name).shape[-2:]) for name in (*NODE, "stress", "reaction")}
-        found = {name: torch.empty(K, B, *own.get(name, ()), dtype=like.dtype) for name in OUTPUTS}
-        out = _Table(self, torch.Size((B,)))
-        for name, place in OUTPUTS.items():
-            if found[name].shape[2:].numel():
-                out.add(*place, found[name], found[name].ndim - 2, rows=name in own)
-        outputs_table, output_count = out.table()
-        lanes = lanes or (1 if B == 1 else self.program.lanes())
-        memory = torch.zeros(self.size * lanes, dtype=like.dtype)
-        numbers = {"input_count": count, "output_count": output_count, "samples": B, "steps": K, "elements": model.count,
-                   "memory": memory.data_ptr(), "supports": len(self.supports), "limit": limit, "first_group": 0,
-                   "end_group": -(-B // lanes)}
-        arrays = {"inputs": inputs_table, "outputs": outputs_table, **self.static}
-        self.program.run(lanes)(_integers(ctypes.addressof(arrays[name]) if name in arrays else numbers[name] for name in Driver.ARGS))
-        found = {name: x.reshape(K, *own_batch, *x.shape[2:]) for name, x in found.items()}
-        status, iterations = (found.pop(name).long() for name in ("status", "iterations"))
-        return Steps(found, status, iterations)
+        differentiated = wants_gradient(*held)
+        if differentiated and not exact.all():
+            return None
+        shapes = (x.shape[:x.ndim - n] for tree in given.values() for x, n in tree)
+        batch = torch.broadcast_shapes(moving.shape, start.batch_shape, *(shape[len(shape) > dims:] for shape in shapes))
+        call = Call(self.program, model, self.kinds, batch, K, lanes)
+        with torch.no_grad():
+            made = {name: call.empty(*(() if name == "work" else x.shape[-2:])) for name, x in state.items()}
+            numbers = {name: call.empty() for name in NUMBERS}
+            like, one = model.length, model.length.new_tensor
+            numbers_given = {"total": like.sum((-1, -2)), "longest": like.amax((-1, -2)), "exact": exact,
+                             "tolerance": one(tolerance), "least": one(least)}
+            fields = [*_constants(given), Field("free", "free", model.constraints.moving, 2),
+                      *(Field("common", name, x, 0) for name, x in numbers_given.items()),
+                      Field("sample", "moving", moving, 0), Field("sample", "last_status", one(0.0), 0),
+                      *(Field(*STATE[name], x, 0 if name == "work" else 2) for name, x in state.items())]
+            out = [Field(*(STATE | NUMBERS)[name], x, x.ndim - 2, flat=True) for name, x in (made | numbers).items()]
+            call.run(limit, inputs=fields, outputs=out)
+        if differentiated:
+            good = (numbers["status"] == 0) & moving.expand(batch).reshape(-1)
+            adjoint = _Adjoint(self, call, trees, good)
+            made = dict(zip(made, _Differentiated.apply(adjoint, tuple(made.values()), *held), strict=True))
+        own = batch[dims - axes:] if batch[:dims - axes].numel() == 1 else batch
+        made, numbers = ({name: x.reshape(K, *own, *x.shape[2:]) for name, x in part.items()} for part in (made, numbers))
+        return Steps(made, *(x.long() for x in numbers.values()))
 
 
-def _integers(values: Iterable[int]) -> Any:
-    values = tuple(values)
-    return (ctypes.c_int64 * len(values))(*values)
+def _constants(given: dict[str, list[tuple[Tensor, int]]]) -> Iterator[Field]:
+    for record, tree in given.items():
+        for k, (x, axes) in enumerate(tree):
+            yield Field(record, f"{record}.{k}", x, axes)
 
 
-class _Table:
-    """Which tensors a call reads or writes, see `chain_code.ENTRY`; it keeps them."""
+class _Adjoint:
+    """What the cotangents of K steps of a call are found from: the trees of constants, and which samples moved (K, B)."""
 
-    def __init__(self, step: CompiledStep, batch: torch.Size) -> None:
-        self.step, self.batch = step, batch
-        self.rows: list[int] = []
-        self.kept: list[Tensor] = []
+    def __init__(self, step: CompiledStep, call: Call, trees: tuple[Any, ...], good: Tensor) -> None:
+        self.step, self.call, self.good = step, call, good
+        self.trees = tuple(map(detached, trees))
+        self.fields = [Field(one.record, one.name, one.value, one.axes) for one in _constants(
+            dict(zip(("node", "element", "common"), map(flattened, self.trees), strict=True)))]
 
-    def add(self, record: str, field: str, x: Tensor, axes: int, rows: bool = False) -> None:
-        """A tensor with `axes` own axes, of which the first are rows; before those of the batch it may have one of steps."""
-        layout = self.step.program.layout
-        one = layout.records[record]
-        first, components = one.fields[field]
-        lead, own = x.shape[:x.ndim - axes], x.shape[x.ndim - axes:]
-        stepwise = len(lead) > len(self.batch)
-        steps, lead = (lead[0], lead[1:]) if stepwise else (1, lead)
-        count, samples = own[0] if rows else 1, lead.numel()
-        if x.dtype != self.step.model.length.dtype:
-            x = x.to(self.step.model.length.dtype)
-        if 1 < samples < self.batch.numel():
-            x = x.reshape(steps, *lead, *own).expand(steps, *self.batch, *own)
-            samples = self.batch.numel()
-        x = x.reshape(steps, samples, count, components)
-        if components > 1 and x.stride(-1) != 1:
-            x = x.contiguous()
-        self.kept.append(x)
-        step, sample, row = (0 if n == 1 else stride for n, stride in zip(x.shape, x.stride()[:3], strict=False))
-        every = layout.rows(one, self.step.model.count, len(self.step.supports))
-        self.rows += (x.data_ptr(), sample, step, row, every, components, self.step.base[record] + first, one.size)
+    def cotangents(self, start: list[Tensor], made: tuple[Tensor, ...], grads: tuple[Tensor | None, ...], wanted: list[bool]
+                   ) -> list[Tensor | None]:
+        """Of the constants that are wanted, and of the start, from those of the states after each step."""
+        step, model, (K, B) = self.step, self.step.model, self.good.shape
+        names = frozenset(one.name for one, asked in zip(self.fields, wanted, strict=False) if asked)
+        program = adjoint_of(step.program, LocalFunctions(model, *self.trees), names)
+        call = Call(program, model, step.kinds, self.call.batch, K, self.call.lanes)
+        inputs = [*self.fields, Field("free", "free", model.constraints.moving, 2),
+                  Field("sample", "good", self.good, 0, flat=True)]
+        outputs, stepwise, found = [], [], {}
+        for name, x, after, grad in zip(STATE, start, made, grads, strict=True):
+            own = after.shape[2:]
+            grad = after.new_zeros(own) if grad is None else grad.contiguous()
+            record, field = {"stress": ("stress", "stress"), "reaction": ("reaction", "reaction"),
+                             "work": ("sample", "work")}.get(name, ("state", name))
+            if name in NODE:
+                first = x.expand(*self.call.batch, *own).reshape(1, B, *own)
+                inputs.append(Field("state", name, torch.cat((first, after[:-1])), 2, flat=True))
+                inputs.append(Field("after", f"after_{name}", after, 2, flat=True))
+            elif name == "stress":
+                inputs.append(Field("stress", "stress", after, 2, flat=True))
+            found[name] = after.new_zeros(B, *own)
+            if name == "work":
+                inputs.append(Field("sample", "work_grad", grad, 0, flat=True))
+                outputs.append(Field("sample", "work_bar", found[name], 0, flat=True))
+            else:
+                inputs.append(Field(f"{record}_grad", field, grad, 2, flat=True))
+                outputs.append(Field(f"{record}_bar", field, found[name], 2, flat=True))
+        dims, layout = len(self.call.batch), program.layout
+        for one in self.fields:
+            record = layout.records[f"{one.record}_bar"]
+            if one.name not in record.fields:
+                continue
+            rows = one.record != "common"
+            every = (layout.rows(record, model.count, len(call.supports)),) * rows
+            steps = one.value.ndim - one.axes > dims
+            found[one.name] = call.empty(*every, *one.value.shape[one.value.ndim - one.axes + rows:], steps=steps)
+            field = Field(record.name, one.name, found[one.name], one.axes, flat=True)
+            (stepwise if steps else outputs).append(field)
+        call.run(inputs=inputs, outputs=outputs, stepwises=stepwise)
 
-    def table(self) -> tuple[Any, int]:
-        """Its integers, and the number of its rows."""
-        return _integers(self.rows), len(self.kept)
+        def of(name: str, x: Tensor, asked: bool) -> Tensor | None:
+            if not asked or name not in found:
+                return None
+            lead = found[name].shape[:1] if x.ndim and found[name].shape[:2] == (K, B) and self._steps(name) else ()
+            own = found[name].shape[len(lead) + 1:]
+            return found[name].reshape(*lead, *self.call.batch, *own).sum_to_size(x.shape)
+
+        every = [*((one.name, one.value) for one in self.fields), *zip(STATE, start, strict=True)]
+        return [of(*one, asked) for one, asked in zip(every, wanted, strict=True)]
+
+    def _steps(self, name: str) -> bool:
+        """Whether a constant has a value of its own in each step."""
+        return any(one.name == name and one.value.ndim - one.axes > len(self.call.batch) for one in self.fields)
+
+
+class _Differentiated(torch.autograd.Function):
+    """The states after steps that were made, as functions of the constants and the start."""
+
+    @staticmethod
+    def forward(ctx: Any, adjoint: _Adjoint, made: tuple[Tensor, ...], *held: Tensor) -> tuple[Tensor, ...]:
+        ctx.adjoint = adjoint
+        ctx.save_for_backward(*held[-len(STATE):], *made)
+        return made
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
+        saved = ctx.saved_tensors
+        found = ctx.adjoint.cotangents([*saved[:len(STATE)]], saved[len(STATE):], grads, ctx.needs_input_grad[2:])
+        return None, None, *found
