@@ -1,4 +1,4 @@
-"""Vector environment: Gymnasium's interface to episodes of a task (reset, step, seeds, autoreset, conversion)."""
+"""Vector environment: Gymnasium's interface to episodes of a task (reset, step, autoreset)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import gymnasium
 import numpy as np
 import torch
 from gymnasium.spaces import Box
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
@@ -20,9 +19,11 @@ import torchbeam as tb
 
 from .config import BeamEnvConfig, check_whole
 from .episodes import Episodes
+from .output import converted
 from .plant import Plant
 from .rendering import Renderer
 from .simulation import Simulation
+from .streams import Streams
 from .task import Task
 
 OUTPUTS = ("numpy", "torch")
@@ -86,8 +87,7 @@ class BeamVectorEnv(VectorEnv):
         self.single_observation_space, self.single_action_space = Box(-high, high), Box(-1, 1, (self.task.actions,))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.streams: list[np.random.Generator] = []
-        self.seeds: list[int] = []
+        self.streams = Streams(num_envs)
         self.episodes: Episodes | None = None
 
     @classmethod
@@ -120,12 +120,12 @@ class BeamVectorEnv(VectorEnv):
         options = dict(options or {})
         mask = self._mask(options)
         options = self.simulation.options(options)
-        self._seed(seed, mask)
+        self.streams.seed(seed, mask)
         with self._gradient():
             self.episodes = self._renew(self.episodes, mask, **options)
             info = self._info(self.episodes, self.episodes.failed, torch.zeros_like(mask), mask, mask)
         self._shown(mask)
-        return self._out(self.episodes.observation), self._out_info(info)
+        return self._out(self.episodes.observation), self._out(info)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict]:
         """One control interval. Actions (n, a) are clipped to [-1, 1]; a row that is not finite counts as zeros."""
@@ -148,7 +148,7 @@ class BeamVectorEnv(VectorEnv):
         self.episodes = after
         self._shown(fresh)
         return (self._out(after.observation), self._out(reward, np.float64), self._out(terminated), self._out(truncated),
-                self._out_info(info))
+                self._out(info))
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """By "rgb_array" a picture of each sub-env, (height, width, 3) uint8; by "human" a window shows `tiled`, and None."""
@@ -172,13 +172,13 @@ class BeamVectorEnv(VectorEnv):
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:
         """The generators of the sub-envs."""
-        if not self.streams:
-            self._seed(None, np.ones(self.num_envs, dtype=bool))
-        return tuple(self.streams)
+        if not self.streams.generators:
+            self.streams.seed(None, np.ones(self.num_envs, dtype=bool))
+        return tuple(self.streams.generators)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:
-        return tuple(self.seeds)
+        return tuple(self.streams.seeds)
 
     # What it is made of
 
@@ -237,7 +237,7 @@ class BeamVectorEnv(VectorEnv):
     # Inside
 
     def _renew(self, episodes: Episodes | None, mask: Tensor, **options: Any) -> Episodes:
-        return self.simulation.renew(episodes, mask, self.streams, **options)
+        return self.simulation.renew(episodes, mask, self.streams.generators, **options)
 
     def _mask(self, options: dict[str, Any]) -> Tensor:
         for name in options:
@@ -270,19 +270,6 @@ class BeamVectorEnv(VectorEnv):
         params = self.simulation.parameters_of(now)
         return {**info, "params": params, "_params": begun} if params else info
 
-    def _seed(self, seed: Any, mask: Any) -> None:
-        one = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
-        each = [None if seed is None else int(seed) + i for i in range(self.num_envs)] if seed is None or one else seed
-        if not isinstance(each, (Sequence, np.ndarray)) or isinstance(each, str) or any(not _is_seed(s) for s in each):
-            raise ValueError(f"seed = {seed!r} was given; a whole number from 0, one for each sub-env, or None is wanted")
-        if len(each) != self.num_envs:
-            raise ValueError(f"{len(each)} seeds were given; {self.num_envs} are wanted, one for each sub-env")
-        if not self.streams:
-            self.streams, self.seeds = map(list, zip(*(seeding.np_random() for _ in each), strict=True))
-        for i, own in enumerate(each):
-            if own is not None and mask[i]:
-                self.streams[i], self.seeds[i] = seeding.np_random(int(own))
-
     def _running(self) -> Episodes:
         if self.episodes is None:
             raise gymnasium.error.ResetNeeded("step or state was asked for before reset(); call reset() first")
@@ -305,17 +292,5 @@ class BeamVectorEnv(VectorEnv):
     def _gradient(self) -> torch.autograd.grad_mode.set_grad_enabled:
         return torch.set_grad_enabled(self.output == "torch" and torch.is_grad_enabled())
 
-    def _out(self, value: Tensor, dtype: Any = np.float32) -> Any:
-        if self.output == "torch":
-            return value
-        array = (value.detach() if value.requires_grad else value).cpu().numpy()
-        return array.astype(dtype) if array.dtype.kind == "f" else array.copy()
-
-    def _out_info(self, info: dict[str, Any]) -> dict[str, Any]:
-        if self.output == "torch":
-            return info
-        return {name: self._out_info(x) if isinstance(x, dict) else self._out(x) for name, x in info.items()}
-
-
-def _is_seed(seed: Any) -> bool:
-    return seed is None or (isinstance(seed, (int, np.integer)) and not isinstance(seed, bool) and seed >= 0)
+    def _out(self, value: Any, dtype: Any = np.float32) -> Any:
+        return converted(value, self.output, dtype)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, replace
 
 from torch import Tensor
 
 from torchbeam import State
+from torchbeam.core.batch_subset import BatchSubset
+from torchbeam.core.leaves import Tree, detached, leaf
 
 from .plant import Plant
 
 
 @dataclass(frozen=True)
-class Episodes:
+class Episodes(Tree):
     """State of n episodes; everything that `set_state` needs to go on from here.
 
     plant        the beams and their parameters
@@ -32,19 +34,19 @@ class Episodes:
     """
 
     plant: Plant
-    member: Tensor
+    member: Tensor = leaf(0)
     start: State
     beam: State
-    goal: Tensor
-    key: Tensor
-    acting: Tensor
-    pending: Tensor
-    steps: Tensor
-    terminated: Tensor
-    truncated: Tensor
-    observation: Tensor
-    target: Tensor | None = None
-    measures: dict[str, Tensor] = field(default_factory=dict)
+    goal: Tensor = leaf(1)
+    key: Tensor = leaf(0)
+    acting: Tensor = leaf(1)
+    pending: Tensor = leaf(2)
+    steps: Tensor = leaf(0)
+    terminated: Tensor = leaf(0)
+    truncated: Tensor = leaf(0)
+    observation: Tensor = leaf(1)
+    target: Tensor | None = leaf(2, default=None)
+    measures: dict[str, Tensor] = leaf(0, kw_only=True)
 
     @property
     def done(self) -> Tensor:
@@ -57,6 +59,9 @@ class Episodes:
 
     def detach(self) -> Episodes:
         """The same out of the graph; the plant stays in it."""
-        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("plant", "measures")}
-        return Episodes(self.plant, **{name: None if x is None else x.detach() for name, x in own.items()},
-                        measures={name: x.detach() for name, x in self.measures.items()})
+        return replace(detached(self), plant=self.plant)
+
+    def merge(self, few: BatchSubset, part: Episodes, plants: bool) -> Episodes:
+        """With the sub-envs `few` those of `part`; with `plants`, their plants too, else all have that of these."""
+        merged = few.merge(replace(self, plant=None), replace(part, plant=None))
+        return replace(merged, plant=self.plant.merge(few, part.plant) if plants else self.plant)

@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 from torchbeam import Beam, ExplicitStepper, Scene, Section, Stepper
-from torchbeam.core.leaves import own_leaves
+from torchbeam.core.batch_subset import BatchSubset
+from torchbeam.core.leaves import Tree, leaf, own_leaves
 from torchbeam.dynamics.stepper import METHODS as IMPLICIT_METHODS
 
 HALVINGS = 2  # a failed step is made again in 2 and 4 parts; more would cost the whole batch more than the episode is worth
@@ -19,15 +20,19 @@ EXPLICIT = ("rtol", "atol", "options", "adjoint", "project", "solver")  # what t
 
 
 @dataclass(frozen=True)
-class Plant:
+class Plant(Tree):
     """params: name -> () or, where it varies, (n,);  stepper: what advances the beam that they give."""
 
-    params: dict[str, Tensor]
+    params: dict[str, Tensor] = leaf(0)
     stepper: Stepper | ExplicitStepper
 
     @property
     def scene(self) -> Scene:
         return self.stepper.scene
+
+    def merge(self, few: BatchSubset, part: Plant) -> Plant:
+        """With the sub-envs `few` those of `part`."""
+        return Plant(few.merge(self, part).params, self.stepper.merge(few, part.stepper))
 
 
 def aluminium_strip(dtype: torch.dtype = torch.float64) -> Section:

@@ -10,12 +10,12 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
+from torchbeam.core.batch_subset import BatchSubset
 
 from .episodes import Episodes
 from .noise import normal
 from .parameters import Parameters
 from .plant import Plant, stepper
-from .rows import replaced
 from .sensors import Observer
 from .task import Task
 
@@ -101,10 +101,12 @@ class Simulation:
         zero = torch.zeros(len(rows), dtype=torch.long, device=rows.device)
         idle = self.high.new_zeros(len(rows), self.task.actions)
         now = Episodes(plant, rows, start, self.task.initial_state(first, goal), goal, key, idle,
-                       idle[:, None].expand(-1, self.config.delay, -1), zero, zero.bool(), zero.bool(), idle)
+                       idle[:, None].expand(-1, self.config.delay, -1), zero, zero.bool(), zero.bool(), idle, measures={})
         now = self._told(now)
         now = replace(now, observation=self._observation(now))
-        return now if episodes is None else replaced(episodes, now, rows, self.count)
+        if len(rows) == self.count:
+            return now
+        return episodes.merge(BatchSubset(rows, self.count), now, plants=bool(self.varying))
 
     def sensors(self, episodes: Episodes | None) -> tb.sensors.Stack:
         """The sensors of these episodes, or of the usual start where there are none."""

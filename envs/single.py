@@ -57,7 +57,7 @@ class SingleEnv(gymnasium.Env):
 
     @np_random.setter
     def np_random(self, value: np.random.Generator) -> None:
-        self.one.streams = [value]
+        self.one.streams.generators = [value]
 
 
 def _first(info: dict) -> dict:

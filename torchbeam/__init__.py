@@ -9,8 +9,9 @@ from .dynamics.explicit import ExplicitStepper
 from .dynamics.simulate import simulate
 from .dynamics.stepper import Stepper
 from .linear.critical import Critical, critical_load
+from .linear.linear_model import Linear
 from .linear.modes import Modes, modes
-from .linear.state_space import Linear, linearize
+from .linear.state_space import linearize
 from .mixed.block import BlockRate, block_rate
 from .mixed.consistent import consistent_state
 from .mixed.state import MixedState

@@ -102,6 +102,16 @@ def results_folder(parser: argparse.ArgumentParser, path: str | Path) -> Path:
         parser.error(f"--out: {error}")
 
 
+def study(argv: Sequence[str] | None, name: str, description: str, quick: str) -> tuple[argparse.Namespace, Path]:
+    """Options of a command that writes NAME.csv, NAME.md and NAME.json, --out and --quick, and the folder for its results."""
+    parser = argparse.ArgumentParser(prog=f"python -m torchbeam {name}", description=(
+        f"{description} Writes {name}.csv, {name}.md and {name}.json (with machine and versions)."))
+    parser.add_argument("--out", type=Path, default=Path("out") / name, help="folder for the results (default: %(default)s)")
+    parser.add_argument("--quick", action="store_true", help=quick)
+    given = parser.parse_args(argv)
+    return given, results_folder(parser, given.out)
+
+
 @contextmanager
 def threads(count: int) -> Iterator[None]:
     """So many threads of torch, and as many as before afterwards."""

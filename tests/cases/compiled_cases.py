@@ -83,8 +83,9 @@ def native(function, inputs, dtype=torch.float64, cache=None, loaded=None):
     if not loaded:
         module = Module(lanes, dtype)
         module.define("traced", function)
-        loaded["library"] = Library(module.text(), cache)
+        loaded |= {"library": Library(module.text(), cache), "lanes": lanes}
     library = loaded["library"]
+    assert loaded["lanes"] == lanes  # it writes as many, whatever room there is
     records = [inputs[name].to(dtype).reshape(lanes, -1).T.contiguous() for name in function.inputs]
     found = {name: torch.full((len(out.nodes), lanes), torch.nan, dtype=dtype) for name, out in function.outputs.items()}
     sizes = [prod(record.shape[:1]) for record in (*records, *found.values())]

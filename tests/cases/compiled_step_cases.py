@@ -6,7 +6,7 @@ import nodal_cases
 import torch
 
 import torchbeam as tb
-from torchbeam.state.state import set_node
+from torchbeam.state.supported_nodes import set_node
 
 STIFFNESS = dict(EA=2e3, GA=(8e2, 6e2), GJ=2.0, EI=(3.0, 2.0), mass=0.5, inertia=(1e-3, 2e-3))
 
@@ -97,7 +97,7 @@ def moving(scene, batch=(), size=1.0, seed=3):
     start = space.to_reduced(stepper.rest(batch))
     velocity, spin = (size * torch.randn_like(x) for x in (start.velocity, start.spin))
     for at, axis in constraints.hinges:
-        spin = set_node(spin, at, space.about(start.rotation, spin, axis, at))
+        spin = set_node(spin, at, space.of_nodes(at).about(start.rotation[..., at, :], spin[..., at, :], axis))
     return space.to_public(replace(start, velocity=constraints.slide * velocity, spin=constraints.turn * spin,
                                    stress=0.1 * torch.randn_like(start.stress)))
 

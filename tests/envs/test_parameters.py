@@ -1,5 +1,6 @@
 """What changes with the episode (parameters, goals), what is seen of the beam (sensors, noise), and motion in a plane."""
 
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -243,3 +244,19 @@ def test_other_precision_and_method(dtype, method):
         np.testing.assert_allclose(a[0], b[0], atol=1e-3)
         assert not a[2].any()
     assert env.state.steps.tolist() == [0, 1, 1]
+
+
+def test_an_episode_that_failed_is_reset_alone():
+    """Where parameters vary: the stepper of all remembers a failure, that of the fresh episode has none."""
+    env = TipReachVectorEnv(3, autoreset_mode="Disabled", output="torch", randomize={"mass": (0.8, 1.2)}, **SMALL)
+    env.reset(seed=0)
+    now, masses = env.state, env.state.plant.params["mass"]
+    far = now.beam.velocity.index_fill(0, torch.tensor([1]), 1e20)
+    env.set_state(replace(now, beam=replace(now.beam, velocity=far)))
+    info = env.step(torch.zeros(3, 2))[4]
+    assert info["solver_failed"].tolist() == [False, True, False] and env.state.plant.stepper.failures
+    env.reset(options={"reset_mask": [False, True, False]})
+    fresh = env.state.plant
+    assert not fresh.stepper.failures and (fresh.params["mass"] != masses).tolist() == [False, True, False]
+    torch.testing.assert_close(fresh.scene.beam.mass[:, 0, 0, 0], env.task.usual.mass[0, 0, 0] * fresh.params["mass"])
+    assert not env.step(torch.zeros(3, 2))[4]["solver_failed"].any()

@@ -185,9 +185,10 @@ def test_energy_grows_by_the_power_of_what_acts(name):
     _, (gained, strain_rate) = torch.func.jvp(energies, (T, y), (torch.ones_like(T), y_rate))
     nodes = rates.unpack(T, y)[0]
     net, _ = rates.balance(T, nodes)
-    found, omega = rates.accelerations(T, nodes, rates.unpack(T, y)[1], net)[0], model.frame(T)[1]
+    found, frame = rates.accelerations(T, nodes, rates.unpack(T, y)[1], net)[0], model.frame(T)
     if nodes.acceleration is not None:  # what an added mass is multiplied by, of free nodes too
-        found = found if omega is None else found + torch.linalg.cross(*torch.broadcast_tensors(omega, nodes.velocity[1:]))
+        if frame.turns:
+            found = found + torch.linalg.cross(*torch.broadcast_tensors(frame.omega, nodes.velocity[1:]))
         nodes = nodes._replace(acceleration=torch.cat((nodes.acceleration[:1], found)))
     loads = external(model, nodes, T, {})
     motion = torch.cat((nodes.velocity, nodes.spin), -1)

@@ -142,3 +142,44 @@ def test_a_tensor_that_it_does_not_declare_is_refused_where_the_class_is_written
         @dataclass(frozen=True)
         class Forgetful(Load):
             strength: Tensor
+
+
+@dataclass(frozen=True)
+class Tie(Load):
+    """A spring to a point without a length of its own, as `Spring` is one; it answers what is asked of a stiffness."""
+
+    stiffness: Value = leaf(0)
+    anchor: Value = leaf(1)
+    node: int = -1
+
+    depends = frozenset({POSITION})
+    conservative = True
+
+    def wrench(self, site, t, inputs):
+        return self.stiffness[..., None] * (self.anchor - site.position), None
+
+    def in_free_vibration(self):
+        return self
+
+
+def test_what_is_asked_of_a_stiffness_it_answers_itself():
+    """Frequencies with it are those with a `Spring`, it holds a free beam, and its point may not leave the plane."""
+    for options in (dict(), dict(supports=())):
+        both = (Tie(3.0, (1.0, 0, 0)), tb.Spring(-1, 3.0, (1.0, 0, 0)))
+        lines = [tb.describe(scene(e, **options)).lines["frequencies"] for e in both]
+        without = tb.describe(scene(tb.Gravity((0.0, 0, 0)), **options)).lines["frequencies"]
+        assert lines[0] == lines[1] != without
+    for made, name in ((Tie(0.0, (1.0, 0.1, 0)), "Tie"), (tb.Spring(-1, 0.0, (1.0, 0.1, 0)), "Spring")):  # slack: no wrench
+        with pytest.raises(ValueError, match=f"a {name} to a point out of the plane 'xz'"):
+            tb.Stepper(scene(made, plane="xz"), 0.05)
+
+
+def test_an_effect_acts_along_the_beam_unless_it_says_at_which_node():
+    assert tb.Damping(0.1).node is None and tb.Gravity((0.0, 0, 0)).node is None
+    assert tb.PointLoad(2, force=(0.0, 0, 1)).node == 2
+    with pytest.raises(ValueError, match="which is not an effect"):
+        scene(type("Alien", (), {"kind": "load"})())
+    with pytest.raises(TypeError, match=r"Unsaid\.node is a field without a value"):
+        @dataclass(frozen=True)
+        class Unsaid(Load):
+            node: int

@@ -24,6 +24,7 @@ def lag(r, R, v, w, t, z):
 
 
 F32, F64 = torch.float32, torch.float64
+HALF = torch.ones(1, dtype=torch.float16)
 
 
 def stiffness(**changed):
@@ -290,8 +291,14 @@ CASES = {
     "a point mass above the triangle": (lambda: tb.PointMass(1.0, inertia=(1.0, 1.0, 3.0)), "above the sum of the two others"),
     "a section above the triangle": (lambda: tb.Section(torch.eye(6), matrix((3, 3, 3.0))), "above the sum of the two others"),
     "left-handed frames": (lambda: tb.Beam.from_nodes([[0.0, 0, 0], [1, 0, 0]], SECTION,
-        torch.diag(torch.tensor([1.0, -1, 1]))[None]), "left-handed frames were given"),
-    "a left-handed reference": (lambda: tb.sensors.NodeRotation(0, torch.diag(torch.tensor([1.0, -1, 1]))), "left-handed axes"),
+        torch.diag(torch.tensor([1.0, -1, 1]))[None]), "frames with left-handed axes were given"),
+    "a left-handed reference": (lambda: tb.sensors.NodeRotation(0, torch.diag(torch.tensor([1.0, -1, 1]))),
+        "reference with left-handed axes were given"),
+    "a user's load of another dtype": (lambda: tb.Scene(BEAM, [tb.Load(lambda *x, c: (c, None), values={"c": HALF})]),
+        r"^Load of dtype torch\.float16"),
+    "an acceleration on a pin that is shaken": (lambda: tb.sensors.NodeAcceleration(-1, tb.Scene(BEAM, supports=[tb.Support(
+        0, rotation="", displacement=lambda t: torch.stack((t, 0 * t, 0 * t)))])),
+        "a support that is no clamp, of a beam whose root or frame moves, was given to NodeAcceleration"),
     "an arc of more than a turn": (lambda: tb.Beam.arc(1.0, 6.3, 2, SECTION), "angle = 6.3 was given; an arc of up to 2 pi"),
     # functions, and what they return
     "added mass in a flow by a function": (lambda: tb.Drag(1.0, 0.1, flow=lambda x, t: x, added_mass=1.0),

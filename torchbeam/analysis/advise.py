@@ -163,7 +163,7 @@ def _changes(scene: Scene, consider: tuple[Effect, ...]) -> Iterator[tuple[str, 
 
 def _names(effects: tuple[Effect, ...]) -> list[str]:
     """Names of the effects' classes; numbered where one occurs again."""
-    kinds = [type(e).__name__ for e in effects]
+    kinds = [e.called for e in effects]
     return [kind if kinds.count(kind) == 1 else f"{kind} {kinds[:k + 1].count(kind)}" for k, kind in enumerate(kinds)]
 
 

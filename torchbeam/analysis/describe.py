@@ -14,11 +14,11 @@ from ..core.leaves import constant, map_leaves
 from ..dynamics.stepper import METHODS, Stepper
 from ..linear.modes import modes
 from ..mixed.model import MixedModel
-from ..nodal.coordinates.planar import PLANES, Plane
+from ..nodal.coordinates.planar import PLANES
 from ..nodal.coordinates.selection import only_numbers
 from ..nodal.discretise import discretise
 from ..nodal.rates import Rates
-from ..scene.effects import Along, Drag, Input, PerElement, RootSpring, Spring
+from ..scene.effects import POSITION, Along, Effect, Input, PerElement
 from ..scene.scene import Scene
 from ..scene.section import notes
 from ..scene.supports import AXES, Support
@@ -62,7 +62,7 @@ def describe(scene: Scene) -> Description:
     """
     model = discretise(scene)
     space = model.space
-    plane = space.name if isinstance(space, Plane) else None
+    plane = space.plane
     planes = () if plane or scene.small else tuple(name for name in PLANES if _fits(scene, name))
     free = model.constraints.count
     states, refusals = _forms(scene, free)
@@ -117,12 +117,12 @@ def _beam(scene: Scene) -> Iterator[str]:
         yield "; ".join(known)
 
 
-def _effect(effect: Any, nodes: int) -> str:
-    node = getattr(effect, "node", None)
+def _effect(effect: Effect, nodes: int) -> str:
+    node = effect.node
     at = "" if effect.kind in ("strain", "eigenstrain") else " along the beam" if node is None else f" at node {node % nodes}"
     said = [f"{f.name} = {_value(v)}" if v is not True else f.name for f in fields(effect)
             if f.name != "node" and _named(v := getattr(effect, f.name), f.default)]
-    return f"{type(effect).__name__}{at}" + (f": {', '.join(said)}" if said else "")
+    return f"{effect.called}{at}" + (f": {', '.join(said)}" if said else "")
 
 
 def _named(value: Any, default: Any) -> bool:
@@ -196,13 +196,13 @@ def _space(scene: Scene, plane: str | None, planes: tuple[str, ...]) -> str:
 
 def _frequencies(scene: Scene) -> tuple[str, ...]:
     """Of the beam with its masses, springs and added mass, without loads, at rest; in double precision, whatever it has."""
-    springs = [e for e in scene.loads if isinstance(e, (Spring, RootSpring)) and constant(e)]
+    kept = [e for e in (load.in_free_vibration() for load in scene.loads) if e is not None and constant(e)]
+    springs = [e for e in kept if POSITION in e.depends]
     if not (scene.supports or springs):
         return ("free: none of a rigid motion",)
-    held = None if any(e.frees_root for e in springs if isinstance(e, RootSpring)) else tuple(
+    held = None if any(e.frees_root for e in kept) else tuple(
         replace(s, displacement=None, turn=None) for s in scene.supports)
-    fluids = [replace(e, flow=None) for e in scene.loads if isinstance(e, Drag) and e.carries]
-    bare = _double(replace(scene, effects=(*scene.bodies, *springs, *fluids), frame=None, root=None, supports=held))
+    bare = _double(replace(scene, effects=(*scene.bodies, *kept), frame=None, root=None, supports=held))
     try:
         model = discretise(bare)
         count, loose = unheld(model, bare.beam.nodes.new_zeros(()), {}, (0,) * len(bare.batch_shape))

@@ -1,4 +1,4 @@
-"""Fingerprints of functions and values: equal where code, constants and all that a function finds around it are equal."""
+"""Fingerprints: digests of functions and values, equal where code, constants and all that a function finds around it are."""
 
 from __future__ import annotations
 
@@ -32,11 +32,12 @@ NOT_OF_A_CLASS = {"__module__", "__doc__", "__dict__", "__weakref__", "__slotnam
 
 
 class NoFingerprint(ValueError):
-    """A value of which it cannot be said whether it has changed."""
+    """Error: a value of which it cannot be said whether it has changed."""
 
 
 def fingerprint(value: Any) -> tuple[dict[str, str], dict[str, str]]:
-    """Parts of a value, name -> digest, and versions of the packages it uses, name -> version.
+    """Fingerprint of a value: its parts, name -> digest (SHA-256, hexadecimal), and versions of the packages it uses, name ->
+    version.
 
     Of a function the parts are its code with its defaults, each variable that it closes over, and each global that it names;
     functions among these have parts of their own. Of anything else there is one part, "": its type and content.
@@ -66,7 +67,7 @@ def fingerprint(value: Any) -> tuple[dict[str, str], dict[str, str]]:
 
 
 class _Walk:
-    """Through a value, to a digest; `versions` of the packages met on the way."""
+    """Traversal of values, to their digests; `versions` of the packages met on the way."""
 
     def __init__(self) -> None:
         self.versions: dict[str, str] = {}
@@ -74,6 +75,7 @@ class _Walk:
         self.known: dict[int, tuple[str, Any]] = {}  # digests by id, with the value so that no id is used again
 
     def digest(self, value: Any) -> str:
+        """Digest of a value's type and content. Raises NoFingerprint."""
         value = _unwrapped(value)
         if id(value) in self.open:
             return f"circle {len(self.open) - self.open[id(value)]}"
@@ -91,7 +93,7 @@ class _Walk:
             del self.open[id(value)]
 
     def content(self, value: Any) -> Iterator[str | bytes]:
-        """Text and bytes that say what a value is."""
+        """Text and bytes that say what a value is. Raises NoFingerprint."""
         yield type(value).__qualname__
         if isinstance(value, PLAIN) and not isinstance(value, enum.Enum):
             yield repr(value)
@@ -136,7 +138,7 @@ class _Walk:
 
     def state(self, value: Any) -> Iterator[str | bytes]:
         """Content of an object: the fields of a dataclass; else what it has, less what it keeps for a second use; else what
-        pickle would keep.
+        pickle would keep. Raises NoFingerprint.
         """
         if is_dataclass(value):
             has = {field.name: getattr(value, field.name, None) for field in fields(value)}
@@ -162,11 +164,12 @@ class _Walk:
             yield from (name, self.digest(has[name]))
 
     def digest_of_code(self, function: types.FunctionType) -> str:
-        """Of code and defaults, without what is around them."""
+        """Digest of a function's code and defaults, without what is around them."""
         self.versions["python"] = PYTHON
         return self.digest([function.__code__, function.__defaults__, function.__kwdefaults__])
 
     def code(self, code: types.CodeType) -> Iterator[str | bytes]:
+        """Text and bytes that say what compiled code does; no docstring, names of files or line numbers."""
         yield code.co_code
         yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars, code.co_argcount,
                     code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags))
@@ -195,7 +198,7 @@ class _Walk:
                     pass
 
     def named(self, name: str, value: Any, names: list[str], depth: int = 0) -> Iterator[tuple[str, Any]]:
-        """The value; of a module that is not installed, what of it the code names."""
+        """Name and value; of a module that is not installed, those of what the code names in it."""
         if not isinstance(value, types.ModuleType) or self.package(value) is not None or depth > 8:
             yield name, value
             return
@@ -226,7 +229,7 @@ class _Walk:
 
 
 def _unwrapped(value: Any) -> Any:
-    """The function in a cache, a static or class method, or a weak reference."""
+    """Function in a cache, a static or class method, or object of a weak reference; any other value as it is."""
     while True:
         if isinstance(value, functools._lru_cache_wrapper):
             value = value.__wrapped__
@@ -241,12 +244,12 @@ def _unwrapped(value: Any) -> Any:
 
 
 def _loaded(code: types.CodeType) -> set[int]:
-    """Constants that the code loads."""
+    """Indices of the constants that the code loads."""
     return {step.arg for step in dis.get_instructions(code) if step.opcode in dis.hasconst}
 
 
 def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
-    """The code, and the code of functions within it."""
+    """Code, and the code of functions within it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
@@ -261,4 +264,5 @@ def _kept_for_later(kind: type, name: str) -> bool:
 
 
 def _names(slots: Any) -> tuple[str, ...]:
+    """Names of `__slots__`, which may be one."""
     return (slots,) if isinstance(slots, str) else tuple(slots)

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..core.validation import Value, as_tensor, common_dtype, count, finite, positive
+from ..core.arguments import count
+from ..core.validation import Value, as_tensor, common_dtype, finite, positive
 from ..solvers.least_squares import CONVERGED, STUCK, UNFINISHED, OtherShape, Region, descend, search
 
 Model = Callable[[Tensor], Tensor]  # theta (N, p) -> y (N, ...)

@@ -14,8 +14,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import count
 from ..core.files import NotWritten
-from ..core.validation import count, precision
+from ..core.validation import precision
 from .chunks import Chunk, ChunkFolder
 
 Function = Callable[[Tensor], Any]  # theta (N, p) -> y (N, ...), or (y, status (N,))

@@ -41,6 +41,11 @@ def seconds(runs: Sequence[Callable[[], Any]], repeats: int) -> list[float]:
     return best
 
 
+def repeated(state: Any, batch: int) -> Any:
+    """A state without batch axes as a batch (batch,) of itself; as it is for one."""
+    return state if batch == 1 else state.map(lambda x: x.expand(batch, *x.shape))
+
+
 def change(answer: Tensor, reference: Tensor) -> float:
     """RMS of the difference over the RMS of what the reference has moved from its first instant (or of itself, where it did
     not move); time is the first axis.

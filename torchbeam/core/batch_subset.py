@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import FunctionType, MethodType
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from .validation import concrete
 
 LEAST = 64  # samples in a batch from which on a smaller one is faster (measured: even at 32, N = 8, one core)
 SHARE = 0.8  # of them: where more are left, nobody is left out
+PLAIN = (bool, int, float, complex, str)  # what is compared by its value
 
 
 class NotSeparable(Exception):
@@ -48,6 +50,12 @@ class BatchSubset:
         """The tree with these samples replaced by those of `part`. Out of place; gradients of both survive."""
         return map_leaves(self._replaced, tree, part)
 
+    def merge(self, tree: Any, part: Any) -> Any:
+        """`scatter`, where `part` was made for these samples by itself: what has no batch axis in either is everybody's and
+        stays the tree's. Raises ValueError for a function that is not the same in both, for its values are unknown.
+        """
+        return map_leaves(self._merged, tree, part)
+
     def take(self, x: Tensor, axes: int) -> Tensor:
         """`gather` of one tensor with `axes` axes of its own."""
         axis = x.ndim - axes - 1
@@ -76,3 +84,23 @@ class BatchSubset:
 
     def _replaced(self, value: Any, axes: int | None, part: Any) -> Any:
         return self.put(value, part, axes) if isinstance(value, Tensor) else value
+
+    def _merged(self, value: Any, axes: int | None, part: Any) -> Any:
+        if isinstance(value, Tensor):
+            return value if max(value.ndim, part.ndim) <= axes else self.put(value, part, axes)
+        if callable(value) and not _same(value, part):
+            raise ValueError("a function that holds other things for some samples than for the rest of a batch was given; "
+                             "declared values are wanted (a load's `values`, a history)")
+        return value
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Whether two functions, or things that they hold, are one, or are made alike."""
+    if a is b or type(a) is not type(b):
+        return a is b
+    if isinstance(a, Tensor):
+        return a.shape == b.shape and bool((a == b).all())
+    if isinstance(a, FunctionType):
+        held = [(*(f.__defaults__ or ()), *(cell.cell_contents for cell in f.__closure__ or ())) for f in (a, b)]
+        return a.__code__ is b.__code__ and all(map(_same, *held))
+    return isinstance(a, (MethodType, *PLAIN)) and a == b

@@ -21,7 +21,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, Field, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -49,10 +49,20 @@ class Tree:
     """A dataclass whose tensors are declared as leaves. Raises TypeError, when the class is defined, for a field that is
     annotated as a tensor and not declared, and for a cached property that would mix up what is computed with derivatives and
     without (`cached` keeps them apart).
+
+    Two trees are equal where they are one object: whether tensors are alike is for torch to say (`torch.equal`, of shape and
+    dtype as well).
+
+    called  what sentences call the class: its name, unless it says another
     """
+
+    called: ClassVar[str]
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        cls.called = vars(cls).get("called", cls.__name__)
+        if "__eq__" not in vars(cls):  # else a dataclass compares tensors, whose answer is a tensor
+            cls.__eq__, cls.__hash__ = object.__eq__, object.__hash__
         for name, value in vars(cls).items():
             if isinstance(value, cached_property) and not isinstance(value, cached):
                 raise TypeError(f"{cls.__name__}.{name} is a functools.cached_property; torchbeam.core.derivatives.cached is "

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import warnings
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from ..core.arguments import choice, duration, instance, mask
+from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
 from ..core.status import FAILED
-from ..core.validation import choice, duration, instance, mask, shown
+from ..core.validation import shown
 from ..mixed.consistent import consistent_state
 from ..mixed.state import MixedState
 from ..scene.scene import Scene
@@ -53,6 +56,12 @@ class ExplicitStepper:
                 for name, size in self.scene.inputs.items()}
         still = torch.zeros(*shape, self.scene.beam.count, 3, dtype=self.scene.dtype, device=self.scene.device)
         return consistent_state(self.scene, u=still, form=self.form, inputs=zero)
+
+    def merge(self, few: BatchSubset, part: ExplicitStepper) -> ExplicitStepper:
+        """As `Stepper.merge`."""
+        merged = copy(self)
+        merged.scene = few.merge(self.scene, part.scene)
+        return merged
 
     def __call__(self, state: State | MixedState, *, active: Tensor | None = None, **inputs: Any) -> State | MixedState:
         """The state one interval later; `active`, a failing sample and its status as in `Stepper`."""

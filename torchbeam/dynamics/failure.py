@@ -14,6 +14,7 @@ from torch import Tensor
 from ..core.derivatives import no_derivatives
 from ..core.validation import concrete
 from ..nodal.loads import external
+from ..scene.effects import Effect
 from ..solvers.newton import newton
 from .midpoint import MidpointProblem
 
@@ -127,7 +128,7 @@ def _level(*parts: Tensor) -> tuple[Tensor, ...]:
     return tuple(x.expand(*shape, x.shape[-1]) for x in parts)
 
 
-def _name(effect: Any) -> str:
-    node = getattr(effect, "node", None)
+def _name(effect: Effect) -> str:
+    node = effect.node
     where = "" if node is None else " on the tip" if node == -1 else f" on node {node}"
-    return type(effect).__name__ + where
+    return effect.called + where

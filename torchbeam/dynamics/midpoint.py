@@ -30,17 +30,18 @@ from ..core.leaves import Tree, leaf
 from ..nodal import loads as external
 from ..nodal.assembly import ends
 from ..nodal.balance import Linearisation, Residual, largest, restrained_forces, size_of_strain
-from ..nodal.loads import MotionJacobian, Nodes
+from ..nodal.frame import FixedFrame
+from ..nodal.inertia import InertiaForces
+from ..nodal.loads import Nodes
+from ..nodal.mass import Blocks
 from ..nodal.model import Model
 from ..scene.effects import Inputs
-from ..state.state import State, set_node
+from ..state.state import State
+from ..state.supported_nodes import set_node
 from .energy_projection import conserved
-from .step_element import ElementBalance, MidpointElement
-from .step_kinematics import MidpointMotion, StepKinematics
-from .support_motion import SupportMotion, support_motions
-
-SPINS = frozenset({"spin", "angular_acceleration"})
-MOTIONS = frozenset({"velocity", "acceleration", *SPINS})
+from .step_element import ElementBalance, Ends, MidpointElement
+from .step_kinematics import MidpointMotion, MidpointTangent, StepKinematics
+from .support_motion import SupportMotions, support_motions
 
 
 class MidpointUnknowns(NamedTuple):
@@ -67,6 +68,8 @@ class MidpointProblem(Tree):
     inputs: Inputs = leaf(1)
     conserve: bool = False
 
+    UNKNOWNS = MidpointUnknowns
+    TANGENT = MidpointTangent
     INSTANT = 0.5  # of the step: when loads are taken
     PART = 0.5  # of the step's rotation: what the unknown m holds
 
@@ -81,212 +84,161 @@ class MidpointProblem(Tree):
         return self.model.tangent_stiffness(self.dt.detach())
 
     @cached
-    def strain(self) -> Tensor:
-        return self.model.strain(self.model.kinematics(self.start.position, self.start.rotation))
-
-    @cached
     def eigenstrain(self) -> Tensor | float:
         """What the beam bends by itself."""
         return self.model.eigenstrain(self.t, self.inputs)
 
     @cached
-    def frame(self) -> tuple[Tensor | None, Tensor | None]:
-        """v, omega of frame a at mid step."""
+    def frame(self) -> FixedFrame:
+        """Frame a at mid step."""
         return self.model.frame(self.t)
 
     @cached
-    def frame_end(self) -> Tensor | None:
-        """The frame's orientation at the end."""
-        if self.start.frame is None:
-            return None
-        space = self.model.space
-        return space.multiply(self.start.frame, space.exponential(self.frame[1][..., 0, :] * self.dt[..., None]))
-
-    @cached
-    def support_motions(self) -> tuple[SupportMotion, ...]:
+    def support_motions(self) -> SupportMotions:
         """The supports that move, in frame a or with it."""
         return support_motions(self.model, self.start, self.t + (1 - self.INSTANT) * self.dt, self.PART)
 
     @cached
     def motion(self) -> MidpointMotion:
         """The nodes over the step."""
-        return MidpointMotion(self.model.inertia, self.start, self.h, self.frame, self.support_motions)
+        return MidpointMotion(self.model.inertia, self.start, self.h, self.frame, self.support_motions.clamps)
 
     @cached
     def element(self) -> MidpointElement:
         """The elements over the step."""
-        model = self.model
-        return MidpointElement(model.space, model.law, model.length, self.h, model.reference, self.strain, self.eigenstrain)
+        return MidpointElement(*self._elements)
+
+    @cached
+    def _elements(self) -> tuple[Any, ...]:
+        """Fields of `StepElement`."""
+        model, start = self.model, Ends.of(self.start.position, self.start.rotation)
+        return model.space, model.law, model.length, self.h, model.reference, start, self.eigenstrain
 
     def apply_supports(self, x: MidpointUnknowns) -> MidpointUnknowns:
         """x with the supports where they have to be."""
         u, m = x.u, x.m
-        for one in self.support_motions:
-            if one.u is not None:
-                u = set_node(u, one.node, torch.where(one.position, one.u, u[..., one.node, :]))
-                m = set_node(m, one.node, one.m) if one.rotation else m
+        for one in self.support_motions.poses:
+            u = set_node(u, one.node, torch.where(one.position, one.u, u[..., one.node, :]))
+            m = set_node(m, one.node, one.m) if one.rotation else m
         space = self.model.space
         for at, axis in self.model.constraints.hinges:
             before = self.start.rotation[..., at, :]
-            turned = space.hinged(space.multiply(before, m[..., at, :]), before, axis, at)
+            turned = space.of_nodes(at).hinged(space.multiply(before, m[..., at, :]), before, axis)
             m = set_node(m, at, space.multiply(space.inverse(before), turned))
         return x._replace(u=u, m=m)
 
     def about_hinges(self, spin: Tensor, rotation: Tensor) -> Tensor:
         """spin (..., N+1, s), section axes, of which hinges leave what is about their axis."""
         for at, axis in self.model.constraints.hinges:
-            spin = set_node(spin, at, self.model.space.about(rotation, spin, axis, at))
+            kept = self.model.space.of_nodes(at).about(rotation[..., at, :], spin[..., at, :], axis)
+            spin = set_node(spin, at, kept)
         return spin
 
     @cached
     def _dead(self) -> Tensor | float:
-        nodes = Nodes(self.start.position, self.start.rotation, None, None, self._frame_middle, self.start.internal, self.dt)
+        start = self.start
+        nodes = Nodes(start.position, start.rotation, frame=self._frame_middle, internal=start.internal, dt=self.dt)
         return external.external(self.model, nodes, self.t, self.inputs, self.model.loads[1])
 
     @cached
     def _frame_middle(self) -> Tensor | None:
-        if self.start.frame is None:
-            return None
-        space = self.model.space
-        return space.multiply(self.start.frame, space.exponential(self.frame[1][..., 0, :] * self.dt[..., None] / 2))
+        return self.frame.orientation(self.start.frame, self.dt / 2)
 
     def predictor(self) -> MidpointUnknowns:
         """Constant velocity, and the stress of the step before."""
-        space, start = self.model.space, self.start
-        v, omega = self.frame
-        velocity, spin = start.velocity, start.spin
-        if v is not None:
-            velocity = velocity - v
-        if omega is not None:
-            velocity = velocity - (space.skew(omega) @ start.position[..., None])[..., 0]
-            spin = spin - space.to_section(start.rotation, omega)
-        if self.support_motions:  # what is held does not move in frame a, whatever the mean of its velocities
+        start, frame = self.start, self.frame
+        velocity = frame.relative_velocity(start.velocity, start.position)
+        spin = frame.relative_spin(start.spin, start.rotation)
+        if self.support_motions.nodes:  # what is held does not move in frame a, whatever the mean of its velocities
             velocity, spin = self.model.constraints.slide * velocity, self.model.constraints.turn * spin
-        return self.apply_supports(MidpointUnknowns(velocity * self.h / 2, space.cayley(spin * self.h / 2), start.stress))
+        m = self.model.space.cayley(spin * self.h / 2)
+        return self.apply_supports(MidpointUnknowns(velocity * self.h / 2, m, start.stress))
 
     def rest_guess(self) -> MidpointUnknowns:
         """Standing still: what a failed sample is differentiated at."""
         u = torch.zeros_like(self.start.position)
-        return MidpointUnknowns(u, self.model.space.identity(u), torch.zeros_like(self.start.stress))
+        return self.UNKNOWNS(u, self.model.space.identity(u), torch.zeros_like(self.start.stress))
 
     def update(self, x: MidpointUnknowns, move: Tensor, dstress: Tensor) -> MidpointUnknowns:
         """x after a move of the mid-step configuration; a spin s in frame a turns R_n R(m) from the left."""
         space = self.model.space
         turn = space.to_section(self.start.rotation, move[..., space.position:])
-        return MidpointUnknowns(x.u + move[..., :space.position], space.multiply(space.cayley(turn), x.m), x.stress + dstress)
+        return self.UNKNOWNS(x.u + move[..., :space.position], space.multiply(space.cayley(turn), x.m), x.stress + dstress)
 
-    def nodes(self, x: MidpointUnknowns, way: StepKinematics) -> Nodes:
-        """What loads see: the middle of the step, velocities its mean."""
-        spin = self.model.space.to_frame(way.q, way.theta) / self.h
-        return Nodes(self.start.position + x.u, way.q, way.velocity, spin, self._frame_middle, self.start.internal, self.dt,
-                     *(self.motion.accelerations(way, self._angular) if self.model.adds_mass else ()))
+    def nodes(self, way: StepKinematics) -> Nodes:
+        """What loads see."""
+        nodes = self.motion.nodes(way, self.model.read)
+        return nodes._replace(frame=self._frame_middle, internal=self.start.internal, dt=self.dt)
 
     def seen(self, x: MidpointUnknowns) -> Nodes:
-        """`nodes` of the unknowns alone."""
+        """`nodes` of the unknowns."""
         x = self.apply_supports(x)
-        return self.nodes(x, self.motion.kinematics(x.u, x.m))
+        return self.nodes(self.motion.kinematics(x.u, x.m))
 
-    def external(self, x: MidpointUnknowns, way: StepKinematics) -> Tensor | float:
+    def external(self, way: StepKinematics) -> Tensor | float:
         """Loads at the nodes (..., N+1, w)."""
-        moving = self.model.loads[0]
-        if not moving:
-            return self._dead
-        return self._dead + external.external(self.model, self.nodes(x, way), self.t, self.inputs, moving)
+        model, moving = self.model, self.model.loads[0]
+        return self._dead + external.external(model, self.nodes(way), self.t, self.inputs, moving) if moving else self._dead
 
-    def node_balance(self, x: MidpointUnknowns) -> tuple[StepKinematics, Tensor, Tensor, Tensor | float]:
-        """Motion of the nodes at x, their inertia forces (..., N+1, w), R_{n+1} J Omega_{n+1}, and the loads (..., N+1, w). Of
-        each node alone, but for the half-consistent mass of an element, which knows its two nodes.
-        """
+    def node_balance(self, x: MidpointUnknowns) -> tuple[StepKinematics, InertiaForces, Tensor | float]:
+        """Motion of the nodes, what it asks of them, and loads; each node's own, but for the mass that neighbours share."""
         way = self.motion.kinematics(x.u, x.m)
-        inertia, turning = self.motion.balance(way)
-        return way, inertia, turning, self.external(x, way)
+        return way, self.motion.balance(way), self.external(way)
 
-    def node_tangent(self, x: MidpointUnknowns, way: StepKinematics, turning: Tensor
-                     ) -> tuple[Tensor, Tensor | None, Tensor]:
-        """Derivative of inertia less loads by (dr_mid, spin of R_mid): at a node (..., N+1, w, w) and between neighbours, see
-        `Inertia.tangent`; and half the spin of R_{n+1} by the spin of R_mid (..., N+1, s, s).
-        """
-        space, motion = self.model.space, self.motion
-        R = space.spin_matrix(way.q)
-        half = space.mean_rotation(R, motion.R)
-        R_end = by_theta = None
-        if self.model.inertia.inertia is not None or SPINS & self._read:
-            R_end, by_theta = motion.theta_by_spin(way, R)
-        diagonal, coupling = motion.tangent(way, turning, half, R_end, by_theta)
+    def node_tangent(self, way: StepKinematics, inertia: InertiaForces) -> tuple[MidpointTangent, Blocks]:
+        """Derivatives of the motion, and those of inertia less loads, see `mass`, by the nodes' moves."""
+        nodes = self.TANGENT(self.motion, way)
+        D, *between = nodes.inertia(inertia)
         if self.model.loads[0]:
-            diagonal = diagonal - self.load_tangent(x, way, R, R_end, half, by_theta)
-        return diagonal, coupling, half
+            D = D - self.load_tangent(nodes)
+        return nodes, (D, *between)
 
     def element_balance(self, x: MidpointUnknowns, way: StepKinematics) -> ElementBalance:
-        """The elements at x, whose nodes move so."""
-        middle = *ends(self.start.position + x.u), *ends(way.q)
-        end = *ends(self.start.position + 2 * x.u), *ends(way.q_end)
-        return self.element.balance(middle, end, x.stress)
+        """The elements, whose nodes move so."""
+        return self.element.balance(x.stress, *(Ends.of(*pose) for pose in way.poses))
 
-    def residual(self, x: MidpointUnknowns) -> tuple[Residual, StepKinematics, Any, Any, Tensor]:
-        """The balance at x; with it what follows from x, the elements at mid step and at the end, and R_{n+1} J Omega_{n+1}."""
-        model, space, h = self.model, self.model.space, self.model.length
+    def residual(self, x: MidpointUnknowns) -> tuple[Residual, StepKinematics, ElementBalance, InertiaForces]:
+        """The balance at x; with it what the nodes and the elements do there."""
+        model, h = self.model, self.model.length
         x = self.apply_supports(x)
-        way, inertia, turning, load = self.node_balance(x)
+        way, inertia, load = self.node_balance(x)
         element = self.element_balance(x, way)
-        nodes = inertia + space.to_nodes(element.forces) - load
-        restrained = restrained_forces(model, element.middle, self.eigenstrain, h)
-        sizes = largest(space.position, h, element.forces, load, inertia, restrained)
+        nodes = inertia.wrench + model.space.to_nodes(element.forces) - load
+        restrained = restrained_forces(model, element.acting, self.eigenstrain, h)
+        sizes = largest(model.space.position, h, element.forces, load, inertia.wrench, restrained)
         sizes = *sizes, size_of_strain(element.felt, self.eigenstrain)
-        return Residual(model.constraints, nodes, element.gap, *sizes), way, element.middle, element.end, turning
+        return Residual(model.constraints, nodes, element.gap, *sizes), way, element, inertia
 
-    def linearise(self, x: MidpointUnknowns, way: StepKinematics, middle: Any, end: Any, turning: Tensor) -> Linearisation:
-        """The tangent by (dr_mid, spin of R_mid): R_{n+1} follows with spin (I + R_mid R_n^T) spin_mid."""
-        diagonal, coupling, half = self.node_tangent(x, way, turning)
-        element = self.element.tangent(middle, end, x.stress, *ends(half, 2))
-        return Linearisation.condense(self.model, element.stiffness, diagonal, element.hB, self.C, element.E, coupling)
+    def linearise(self, x: MidpointUnknowns, way: StepKinematics, element: ElementBalance, inertia: InertiaForces
+                  ) -> Linearisation:
+        """The tangent by the nodes' moves, see `TANGENT`."""
+        nodes, blocks = self.node_tangent(way, inertia)
+        tangent = self.element.tangent(element, x.stress, lambda: ends(nodes.half, 2))
+        return Linearisation.condense(self.model, tangent.stiffness, blocks, tangent.hB, self.C, tangent.E)
 
-    def load_tangent(self, x: MidpointUnknowns, way: StepKinematics, R: Tensor, R_end: Tensor | None, half: Tensor,
-                     by_theta: Tensor | None) -> Tensor | float:
-        """Derivative of `external` by (dr_mid, spin of R_mid), (..., N+1, w, w); R of R_mid, R_end, half and by_theta as in
-        `MidpointMotion.tangent`.
-        """
-        space, motion, omega, by = self.model.space, self.motion, self.frame[1], None
-        if self._read:
-            eye = torch.eye(space.position, dtype=R.dtype, device=R.device)
-            velocity = 2 / motion.dt * eye if omega is None else 2 / motion.dt * eye + space.skew(omega)
-            spin = R @ by_theta - space.spin_skew(space.to_frame(way.q, way.theta)) if SPINS & self._read else half
-            accelerations = (motion.accelerations_by(way, self._angular, R_end, half, by_theta)
-                             if self.model.adds_mass else ())
-            by = MotionJacobian(velocity, spin / motion.dt, *accelerations)
-        return external.tangent(self.model, self.nodes(x, way), self.t, self.inputs, self.model.loads[0], by)
-
-    @property
-    def _angular(self) -> bool:
-        return "angular_acceleration" in self.model.read
-
-    @cached
-    def _read(self) -> frozenset[str]:
-        """Motions that loads read."""
-        return self.model.read & MOTIONS
+    def load_tangent(self, nodes: MidpointTangent) -> Tensor | float:
+        """Derivative of `external` by the nodes' moves, (..., N+1, w, w)."""
+        model = self.model
+        by = external.motion_jacobian(nodes, model.read)
+        return external.tangent(model, self.nodes(nodes.way), self.t, self.inputs, model.loads[0], by)
 
     def finish(self, x: MidpointUnknowns, reaction: Tensor) -> State:
         """The state at the end of the step."""
         model, start, space = self.model, self.start, self.model.space
         x = self.apply_supports(x)
         way = self.motion.kinematics(x.u, x.m)
-        spin = self.motion.spin_end(way)
-        velocity, _ = self.motion.velocity_end(way, spin)
-        load = self.external(x, way)
+        spin, velocity = way.spin_end, way.velocity_end
+        load = self.external(way)
         work, turn = start.work, space.to_frame(way.q, way.theta)
         if not isinstance(load, float):
             work = work + (load * torch.cat((self.h * way.velocity, turn), -1)).sum((-1, -2))
-        for k, one in enumerate(self.support_motions):
-            made = torch.cat((self.dt[..., None] * way.velocity[..., one.node, :], turn[..., one.node, :]), -1)
+        for k, node in enumerate(self.support_motions.nodes):
+            made = torch.cat((self.dt[..., None] * way.velocity[..., node, :], turn[..., node, :]), -1)
             work = work + (reaction[..., k, :] * made).sum(-1)
-        if not self.support_motions:  # what stands still has no velocity, whatever rounding has left
+        if not self.support_motions.nodes:  # what stands still has no velocity, whatever rounding has left
             velocity, spin = model.constraints.slide * velocity, self.about_hinges(model.constraints.turn * spin, way.q_end)
         after = replace(
-            start, position=start.position + 2 * x.u, rotation=way.q_end, velocity=velocity, spin=spin, stress=x.stress,
-            reaction=reaction, work=work, t=start.t + self.dt, frame=self.frame_end,
-            internal=self._internal(self.nodes(x, way)))
+            start, position=way.position_end, rotation=way.q_end, velocity=velocity, spin=spin, stress=x.stress,
+            reaction=reaction, work=work, t=start.t + self.dt, frame=self.frame.orientation(start.frame, self.dt),
+            internal=external.advanced(model, self.nodes(way), self.t, self.inputs))
         return conserved(self.model, start, after, self.dt, self.eigenstrain) if self.conserve else after
-
-    def _internal(self, nodes: Nodes) -> Tensor | None:
-        """The user loads' own states at the end."""
-        return None if self.start.internal is None else external.advanced(self.model, nodes, self.t, self.inputs)

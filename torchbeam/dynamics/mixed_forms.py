@@ -8,8 +8,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, choice
 from ..core.status import FAILED
-from ..core.validation import Value, as_tensor, boolean, choice, increasing
+from ..core.validation import Value, as_tensor, increasing
 from ..mixed import minimal
 from ..mixed.algebra import mv
 from ..mixed.consistent import at_rest, complete, consistent, drift, observe, rescaled

@@ -11,11 +11,12 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint as recompute
 
+from ..core.arguments import boolean, choice, instance, keywords, step_size
+from ..core.arguments import function as check_function
+from ..core.arguments import options as check_options
 from ..core.functions_of_time import within_dual_numbers
 from ..core.status import FAILED, STATUS
-from ..core.validation import as_tensor, boolean, choice, concrete, increasing, instance, keywords, shown, step_size
-from ..core.validation import function as check_function
-from ..core.validation import options as check_options
+from ..core.validation import as_tensor, concrete, increasing, shown
 from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene.effects import inputs_at
@@ -55,7 +56,8 @@ def simulate(
                  step=        s; each output interval is split into ceil(interval/step) equal steps. Default: the shortest
                               interval or 1/200 of the whole, whichever is less
                  checkpoint=  keep the graph at sqrt(steps) instants and compute the rest again in backward: long horizons
-                              then fit in memory, for one more forward
+                              then fit in memory, for one more forward. Nothing under torch.autograd.forward_ad, whose
+                              derivatives go forward with the steps: they are right, and need no memory of the past
                  progress=    called with (steps done, steps in all) after each step
                  lumped=, conserve=, tolerance=, iterations=, halvings=, engine=    see `Stepper`
              "generalized_alpha" with the same but conserve=, and rho_inf=
@@ -138,7 +140,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
         return (*(x for s in (*wanted, state) for x in vars(s).values()), *counted)
 
     state, size = states[0], len(vars(states[0]))
-    checkpoint = checkpoint and not within_dual_numbers()  # which go forward alone, and keep no graph
+    checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     length = math.isqrt(len(plan)) if checkpoint else len(plan)
     for first in range(0, len(plan), length):
         part = plan[first:first + length]

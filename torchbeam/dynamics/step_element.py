@@ -1,10 +1,13 @@
-"""Elements over one midpoint step: forces at mid step, mean strain, and their tangent. Local: nothing here knows the chain.
+"""Elements over one implicit step: forces, the strain that stress answers to, and their tangent. Local: nothing here knows the
+chain. The midpoint step has forces at mid step and a mean strain, generalized alpha both at the end:
 
-    n, m_i, m_j = h B_mid^T [F; M]        gap = (strain_n + strain_{n+1})/2 + rate (strain_{n+1} - strain_n)/dt - S [F; M]
+    n, m_i, m_j = h B_mid^T [F; M]      gap = (strain_n + strain_{n+1})/2 + rate (strain_{n+1} - strain_n)/dt - S [F; M]
+    n, m_i, m_j = h B_{n+1}^T [F; M]    gap = strain_{n+1} + rate (strain rate)_{n+1} - S [F; M]
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -13,14 +16,32 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
+from ..nodal.assembly import ends
 from ..nodal.constitutive_law import ElasticLaw
 from ..nodal.coordinates.spatial import Space
+from .alpha_kinematics import GeneralizedAlpha
+
+
+class Ends(NamedTuple):
+    """Positions and rotations of the two nodes, (..., N, ...)."""
+
+    r_i: Tensor
+    r_j: Tensor
+    q_i: Tensor
+    q_j: Tensor
+
+    @classmethod
+    def of(cls, position: Tensor, rotation: Tensor) -> Ends:
+        """From those of all nodes."""
+        return cls(*ends(position), *ends(rotation))
 
 
 class ElementBalance(NamedTuple):
-    """middle, end: kinematics at mid step and at the end; forces (..., N, p + 2 s); felt strain and gap (..., N, k)."""
+    """acting, end: kinematics where the forces are taken, and at the end; forces (..., N, p + 2 s); felt strain and gap
+    (..., N, k).
+    """
 
-    middle: Any
+    acting: Any
     end: Any
     forces: Tensor
     felt: Tensor
@@ -28,8 +49,8 @@ class ElementBalance(NamedTuple):
 
 
 class ElementTangent(NamedTuple):
-    """stiffness (..., N, p + 2 s, p + 2 s) at fixed stress; hB and E (..., N, k, p + 2 s): h times the strain operator at mid
-    step, and the derivative of the gap by the moves of mid step.
+    """stiffness (..., N, p + 2 s, p + 2 s) at fixed stress; hB and E (..., N, k, p + 2 s): h times the strain operator where
+    the forces are taken, and the derivative of the gap by the moves.
     """
 
     stiffness: Tensor
@@ -38,9 +59,9 @@ class ElementTangent(NamedTuple):
 
 
 @dataclass(frozen=True)
-class MidpointElement(Tree):
-    """Any number of elements, one too: length (..., N, 1) m, h (..., 1, 1) s the step, reference and strain (..., N, k) of the
-    undeformed beam and at the start, eigenstrain (..., N or 1, k) or 0.0.
+class StepElement(Tree):
+    """Any number of elements, one too: length (..., N, 1) m, h (..., 1, 1) s the step, reference (..., N, k) strain of the
+    undeformed beam, start the nodes then, eigenstrain (..., N or 1, k) or 0.0.
     """
 
     space: Space
@@ -48,26 +69,72 @@ class MidpointElement(Tree):
     length: Tensor = leaf(2)
     h: Tensor = leaf(2)
     reference: Tensor = leaf(2)
-    strain: Tensor = leaf(2)
+    start: Ends = leaf(2)
     eigenstrain: Tensor | float = leaf(2)
+
+    @cached
+    def strain(self) -> Tensor:
+        """(..., N, k) at the start."""
+        return self._kinematics(self.start)[1]
+
+    def _kinematics(self, nodes: Ends) -> tuple[Any, Tensor]:
+        """With the strain."""
+        kin = self.space.kinematics(*nodes, self.length)
+        return kin, self.space.strains(kin, self.length, self.reference)
+
+    def _balance(self, acting: Any, end: Any, strain: Tensor, rate: Callable[[], Tensor], stress: Tensor) -> ElementBalance:
+        felt = self.law.felt(strain - self.eigenstrain, rate)
+        return ElementBalance(acting, end, self.space.forces(acting, stress, self.length), felt, self.law.gap(felt, stress))
+
+    def _tangent(self, acting: Any, stress: Tensor, B: Tensor, E: Tensor) -> ElementTangent:
+        return ElementTangent(self.space.geometric_stiffness(acting, stress, self.length), self.length[..., None] * B, E)
+
+
+@dataclass(frozen=True)
+class MidpointElement(StepElement):
+    """Over a midpoint step."""
 
     @cached
     def rate(self) -> Tensor:
         """2/dt: rate of the strain by its mean."""
         return 2 / self.h[..., None]
 
-    def balance(self, middle: tuple[Tensor, ...], end: tuple[Tensor, ...], stress: Tensor) -> ElementBalance:
-        """middle, end: positions and rotations (r_i, r_j, q_i, q_j) of the two nodes then; stress (..., N, k)."""
-        space, law = self.space, self.law
-        middle, end = (space.kinematics(*nodes, self.length) for nodes in (middle, end))
-        after = space.strains(end, self.length, self.reference)
-        felt = law.felt((self.strain + after) / 2 - self.eigenstrain, lambda: (after - self.strain) / self.h)
-        return ElementBalance(middle, end, space.forces(middle, stress, self.length), felt, law.gap(felt, stress))
+    def balance(self, stress: Tensor, middle: Ends, end: Ends) -> ElementBalance:
+        """stress (..., N, k); nodes at mid step and at the end."""
+        acting = self.space.kinematics(*middle, self.length)
+        end, after = self._kinematics(end)
+        return self._balance(acting, end, (self.strain + after) / 2, lambda: (after - self.strain) / self.h, stress)
 
-    def tangent(self, middle: Any, end: Any, stress: Tensor, half_i: Tensor, half_j: Tensor) -> ElementTangent:
-        """half_i, half_j (..., N, s, s): half the spin of a node's rotation at the end by its spin at mid step."""
+    def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, Tensor]]) -> ElementTangent:
+        """half() (..., N, s, s) of the nodes i and j: half the spin of a rotation at the end by its spin at mid step."""
         space, p, s = self.space, self.space.position, self.space.spin
-        by_r, by_i, by_j = space.strain_operator(end, self.length).split((p, s, s), -1)
+        half_i, half_j = half()
+        by_r, by_i, by_j = space.strain_operator(found.end, self.length).split((p, s, s), -1)
         E = self.law.felt_by(torch.cat((by_r, by_i @ half_i, by_j @ half_j), -1), self.rate)
-        hB = self.length[..., None] * space.strain_operator(middle, self.length)
-        return ElementTangent(space.geometric_stiffness(middle, stress, self.length), hB, E)
+        return self._tangent(found.acting, stress, space.strain_operator(found.acting, self.length), E)
+
+
+@dataclass(frozen=True)
+class EndElement(StepElement):
+    """Over a step of generalized alpha. straining (..., N, 2 k): strain rate at the start, and its algorithmic counterpart."""
+
+    straining: Tensor = leaf(2)
+    method: GeneralizedAlpha
+
+    def rates(self, strain: Tensor) -> tuple[Tensor, Tensor]:
+        """(..., N, k) at the end, of the strain there: its rate, and the algorithmic one."""
+        method = self.method
+        _, before = self.straining.chunk(2, -1)
+        d = ((strain - self.strain) / self.h - (1 - method.gamma) * before) / method.gamma
+        return method.true(d, self.straining), d
+
+    def balance(self, stress: Tensor, end: Ends) -> ElementBalance:
+        """stress (..., N, k); nodes at the end."""
+        kin, strain = self._kinematics(end)
+        return self._balance(kin, kin, strain, lambda: self.rates(strain)[0], stress)
+
+    def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, Tensor]]) -> ElementTangent:
+        """By the move of the end: `half` is not asked for."""
+        B = self.space.strain_operator(found.end, self.length)
+        E = self.law.felt_by(B, self.method.ratio / self.method.gamma / self.h[..., None])
+        return self._tangent(found.acting, stress, B, E)

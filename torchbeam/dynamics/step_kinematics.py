@@ -1,7 +1,6 @@
-"""Nodal kinematics and inertia forces of one midpoint step, and their tangent; the equations are those of `midpoint` and
-`inertia`.
+"""Nodal kinematics and inertia forces of one midpoint step; the equations are those of `midpoint` and `inertia`.
 
-Local: a node needs no other, but for the half-consistent mass (`inertia.exchange`).
+Local: a node needs no other, but for the half-consistent mass (`mass.exchange`).
 """
 
 from __future__ import annotations
@@ -14,37 +13,51 @@ import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
-from ..nodal.inertia import Inertia, Momenta
-from ..state.state import State, set_node
-from .support_motion import SupportMotion
+from ..nodal.frame import FixedFrame
+from ..nodal.inertia import Inertia, InertiaForces, Momenta
+from ..nodal.lever import NoLever
+from ..nodal.loads import Nodes
+from ..nodal.mass import Blocks
+from ..scene.effects import INERTIAL
+from ..state.state import State
+from ..state.supported_nodes import set_node
+from .support_motion import ClampMotion
 
 
 class StepKinematics(NamedTuple):
-    """Motion of the nodes over a step, from its unknowns: rotations at mid step and at the end; theta (absolute) and theta
-    relative to frame a, section axes; mean velocities of node and centre of mass, absolute, frame a; lever e- (None without
-    offset).
+    """Motion of the nodes over a step, from its unknowns. Mid step: position, rotation q, mean velocity of node and centre of
+    mass (absolute, frame a), theta (absolute, section axes) and lever e-. End: position, rotation, lever, spin (section axes),
+    velocity of node and centre.
     """
 
+    position: Tensor
     q: Tensor
-    q_end: Tensor
-    theta: Tensor
-    relative: Tensor
     velocity: Tensor
     centre: Tensor
-    lever: Tensor | None
+    theta: Tensor
+    lever: NoLever
+    position_end: Tensor
+    q_end: Tensor
+    lever_end: NoLever
+    spin_end: Tensor
+    velocity_end: Tensor
+    centre_end: Tensor
+
+    @property
+    def poses(self) -> tuple[tuple[Tensor, Tensor], ...]:
+        """Position and rotation at mid step and at the end."""
+        return (self.position, self.q), (self.position_end, self.q_end)
 
 
 @dataclass(frozen=True)
 class MidpointMotion:
-    """Nodes from `start` over h (..., 1, 1) s, any number of them; frame: v and omega of frame a at mid step, None = at rest;
-    support_motions: of the supports that move.
-    """
+    """Nodes from `start` over h (..., 1, 1) s, any number of them; frame a at mid step; clamps that move."""
 
     inertia: Inertia
     start: State
     h: Tensor
-    frame: tuple[Tensor | None, Tensor | None]
-    support_motions: tuple[SupportMotion, ...]
+    frame: FixedFrame
+    clamps: tuple[ClampMotion, ...]
 
     @cached
     def momenta(self) -> Momenta:
@@ -52,100 +65,14 @@ class MidpointMotion:
         return self.inertia.momenta(self.start.rotation, self.centre_velocity, self.start.spin)
 
     @cached
-    def lever(self) -> Tensor:
+    def lever(self) -> NoLever:
         """R_n e."""
-        return self.inertia.lever(self.start.rotation)
+        return self.inertia.offset.turned(self.start.rotation)
 
     @cached
     def centre_velocity(self) -> Tensor:
-        return self.inertia.centre_velocity(self.start.rotation, self.start.velocity, self.start.spin)
-
-    def kinematics(self, u: Tensor, m: Tensor) -> StepKinematics:
-        """Over u (..., N+1, p) m and the rotation m, both to mid step."""
-        space, start, (v, omega) = self.inertia.space, self.start, self.frame
-        q = space.multiply(start.rotation, m)
-        q_end = space.normalize(space.multiply(q, m))
-        turn = space.multiply(m, m)
-        relative = theta = space.theta(turn)
-        if omega is not None:
-            carried = space.multiply(space.cayley(omega * self.h), space.multiply(start.rotation, turn))
-            theta = space.theta(space.multiply(space.inverse(start.rotation), carried))
-        velocity, middle, arm = 2 / self.h * u, start.position + u, None
-        centre = velocity
-        if self.inertia.offset is not None:
-            arm = (self.lever + self.inertia.lever(q_end)) / 2
-            centre = velocity + (space.lever_matrix(arm) @ space.to_frame(q, relative)[..., None])[..., 0] / self.h
-        if v is not None:
-            velocity, centre = velocity + v, centre + v
-        if omega is not None:
-            turning = space.skew(omega)
-            velocity = velocity + (turning @ middle[..., None])[..., 0]
-            centre = centre + (turning @ (middle if arm is None else middle + arm)[..., None])[..., 0]
-        return StepKinematics(q, q_end, theta, relative, velocity, centre, arm)
-
-    def spin_end(self, way: StepKinematics) -> Tensor:
-        """Omega_{n+1}, section axes."""
-        spin = 2 / self.h * way.theta - self.start.spin
-        for one in self.support_motions:
-            spin = spin if one.spin is None else set_node(spin, one.node, one.spin)
-        return spin
-
-    def velocity_end(self, way: StepKinematics, spin: Tensor) -> tuple[Tensor, Tensor]:
-        """v_{n+1} and v_c,{n+1}, frame a."""
-        inertia = self.inertia
-        centre = 2 * way.centre - self.centre_velocity
-        velocity = centre
-        if inertia.offset is not None:
-            velocity = centre - inertia.centre_velocity(way.q_end, torch.zeros_like(centre), spin)
-        for one in self.support_motions:
-            if one.velocity is not None:
-                velocity = set_node(velocity, one.node, one.velocity)
-                centre = inertia.centre_velocity(way.q_end, velocity, spin)
-        return velocity, centre
-
-    def accelerations(self, way: StepKinematics, angular: bool) -> tuple[Tensor, Tensor | None]:
-        """Acceleration and, where it is asked for, angular acceleration, means over the step, absolute, frame a."""
-        space, omega, start, end = self.inertia.space, self.frame[1], self.start, self.spin_end(way)
-
-        def mean(before: Tensor, after: Tensor, skew: Callable[[Tensor], Tensor]) -> Tensor:
-            rate = (after - before) / self.h
-            return rate if omega is None else rate + (skew(omega) @ (after + before)[..., None])[..., 0] / 2
-
-        turn = None
-        if angular:
-            turn = mean(space.to_frame(start.rotation, start.spin), space.to_frame(way.q_end, end), space.spin_skew)
-        return mean(start.velocity, self.velocity_end(way, end)[0], space.skew), turn
-
-    def accelerations_by(self, way: StepKinematics, angular: bool, R_end: Tensor | None, half: Tensor,
-                         by_theta: Tensor | None) -> tuple[Tensor, Tensor | None]:
-        """Derivatives of `accelerations` by the move, see `MotionJacobian`; the other arguments as in `tangent`."""
-        space, inertia, omega, rate = self.inertia.space, self.inertia, self.frame[1], 1 / self.dt
-        if not angular and inertia.offset is None:
-            return self.Z, None
-        spin = space.to_frame(way.q_end, self.spin_end(way))
-        by_spin = R_end @ (2 * rate * by_theta) - space.spin_skew(spin) @ (2 * half)  # of R_{n+1} Omega_{n+1}
-        turn = rate * by_spin if omega is None else rate * by_spin + space.spin_skew(omega) @ by_spin / 2
-        if inertia.offset is None:
-            return self.Z, turn
-        moved = space.lever_matrix(inertia.lever(way.q_end)) @ half  # half of what the spin moves R_{n+1} e by
-        turned = space.lever_matrix(inertia.lever(way.q_end)) @ by_spin
-        if space.turns:
-            turned = turned + 2 * space.skew(spin) @ moved
-        by = rate * turned if omega is None else rate * turned + space.skew(omega) @ turned / 2
-        by = self.Z @ moved - by
-        return torch.cat((self.Z.expand(*by.shape[:-1], space.position), by), -1), turn
-
-    def balance(self, way: StepKinematics) -> tuple[Tensor, Tensor]:
-        """Force and moment of inertia at the nodes (..., N+1, w), by differences and means over the step, and R_{n+1} J
-        Omega_{n+1}.
-        """
-        spin = self.spin_end(way)
-        _, centre = self.velocity_end(way, spin)
-        before, after = self.momenta, self.inertia.momenta(way.q_end, centre, spin)
-        rates = Momenta(*((b - a) / self.h for a, b in zip(before, after, strict=True)))
-        forces = self.inertia.balance(
-            rates, lambda: Momenta(*((a + b) / 2 for a, b in zip(before, after, strict=True))), way.lever, self.frame[1])
-        return forces, after.angular
+        start = self.start
+        return self.lever.velocity(start.velocity, lambda: self.inertia.space.to_frame(start.rotation, start.spin))
 
     @cached
     def R(self) -> Tensor:
@@ -158,36 +85,159 @@ class MidpointMotion:
         return self.h[..., None]
 
     @cached
-    def Z(self) -> Tensor:
-        """Derivative of an inertia force per mass by the centre's move: (2/dt + ~omega)^2."""
-        dt, omega, space = self.dt, self.frame[1], self.inertia.space
-        eye = torch.eye(space.position, dtype=dt.dtype, device=dt.device)
-        if omega is None:
-            return 4 / dt**2 * eye
-        rate = 2 / dt * eye + space.skew(omega)
-        return rate @ rate
+    def rate(self) -> Tensor:
+        """2/dt (..., 1, 1, 1) 1/s."""
+        return 2 / self.dt
 
     @cached
-    def _masses(self) -> tuple[Tensor, Tensor | None]:
+    def V(self) -> Tensor:
+        """Derivative of the mean velocity by the move: 2/dt + ~omega."""
+        eye = torch.eye(self.inertia.space.position, dtype=self.h.dtype, device=self.h.device)
+        return self.frame.rate_by(self.rate * eye, lambda: eye)
+
+    @cached
+    def Z(self) -> Tensor:
+        """Derivative of an inertia force per mass by the centre's move: (2/dt + ~omega)^2."""
+        return self.frame.rate_by(self.rate * self.V, lambda: self.V)
+
+    @cached
+    def masses(self) -> Blocks:
+        """M Z."""
         return self.inertia.blocks(self.Z)
 
-    def theta_by_spin(self, way: StepKinematics, R: Tensor) -> tuple[Tensor, Tensor]:
-        """R_{n+1} of spins, and d(Theta) by the spin of R_mid, R there, (..., N+1, s, s)."""
-        R_end = self.inertia.space.spin_matrix(way.q_end)
-        return R_end, self.inertia.space.theta_by_turn(way.theta) @ (R_end + R).mT
+    def kinematics(self, u: Tensor, m: Tensor) -> StepKinematics:
+        """Over u (..., N+1, p) m and the rotation m, both to mid step."""
+        space, start, frame, h = self.inertia.space, self.start, self.frame, self.h
+        q, turn = space.multiply(start.rotation, m), space.multiply(m, m)
+        q_end = space.normalize(space.multiply(q, m))
+        relative = space.theta(turn)
+        theta = frame.theta(relative, start.rotation, turn, h)
+        lever_end = self.inertia.offset.turned(q_end)
+        lever = self.lever.mean(lever_end)
+        position = start.position + u
+        velocity = frame.velocity(2 / h * u, position)
+        centre = lever.velocity(velocity, lambda: frame.spin(space.to_frame(q, relative) / h))
+        spin_end, centre_end = 2 / h * theta - start.spin, 2 * centre - self.centre_velocity
+        for clamp in self.clamps:
+            spin_end = set_node(spin_end, clamp.node, clamp.spin)
 
-    def tangent(self, way: StepKinematics, turning: Tensor, half: Tensor, R_end: Tensor | None, by_theta: Tensor | None
-                ) -> tuple[Tensor, Tensor | None]:
-        """Derivative of `balance`, see `Inertia.tangent`, by (dr_mid, spin of R_mid); turning is R_{n+1} J Omega_{n+1}, half
-        (I + R_mid R_n^T)/2, and what `theta_by_spin` gives is read where there is rotary inertia.
-        """
-        inertia, space, dt, omega = self.inertia, self.inertia.space, self.dt, self.frame[1]
-        angular = force = moved = None
-        if inertia.inertia is not None:
-            by_spin = inertia.angular_tangent(R_end, 2 / dt * by_theta, turning, 2 * half)
-            angular = by_spin / dt if omega is None else by_spin / dt + space.spin_skew(omega) @ by_spin / 2
-        if way.lever is None:
-            return inertia.tangent(self._masses, angular, force, moved)
-        moved = space.lever_matrix(inertia.lever(way.q_end)) @ half
-        force = self.balance(way)[0][..., :space.position]
-        return inertia.tangent(inertia.blocks(self.Z, way.lever, moved), angular, force, moved)
+        def turning() -> Tensor:
+            return space.to_frame(q_end, spin_end)
+
+        velocity_end = lever_end.velocity(centre_end, lambda: -turning())
+        for clamp in self.clamps:
+            velocity_end = set_node(velocity_end, clamp.node, clamp.velocity)
+            centre_end = lever_end.velocity(velocity_end, turning)
+        return StepKinematics(position, q, velocity, centre, theta, lever, start.position + 2 * u, q_end, lever_end, spin_end,
+                              velocity_end, centre_end)
+
+    def balance(self, way: StepKinematics) -> InertiaForces:
+        """By differences and means over the step."""
+        before, after = self.momenta, self.inertia.momenta(way.q_end, way.centre_end, way.spin_end)
+        force = self._rate(self.frame.rate, before.linear, after.linear)
+        moment = self.inertia.rotary.present_or(
+            after.angular, lambda: self._rate(self.frame.spin_rate, before.angular, after.angular))
+        return InertiaForces(way.lever.wrench(force, moment), after.angular)
+
+    def nodes(self, way: StepKinematics, read: frozenset[str]) -> Nodes:
+        """What loads see: the middle of the step, velocities and, of those that they read, accelerations its mean."""
+        spin = self.inertia.space.to_frame(way.q, way.theta) / self.h
+        accelerations = {name: getattr(self, name)(way) for name in INERTIAL if name in read}
+        return Nodes(way.position, way.q, way.velocity, spin, **accelerations)
+
+    def acceleration(self, way: StepKinematics) -> Tensor:
+        """Mean over the step, absolute, frame a."""
+        return self._rate(self.frame.rate, self.start.velocity, way.velocity_end)
+
+    def angular_acceleration(self, way: StepKinematics) -> Tensor:
+        """The same of spins."""
+        to_frame, start = self.inertia.space.to_frame, self.start
+        return self._rate(self.frame.spin_rate, to_frame(start.rotation, start.spin), to_frame(way.q_end, way.spin_end))
+
+    def _rate(self, rate: Callable[..., Tensor], before: Tensor, after: Tensor) -> Tensor:
+        """The rate by a frame's `rate` of a vector over the step: by its difference and its mean."""
+        return rate((after - before) / self.h, lambda: (after + before) / 2)
+
+
+@dataclass(frozen=True)
+class MidpointTangent:
+    """Derivatives of the motion `way` by the move (dr_mid, spin of R_mid), each made where it is asked for; those of what loads
+    see have its names. R_{n+1} follows with the spin (I + R_mid R_n^T) spin_mid.
+    """
+
+    motion: MidpointMotion
+    way: StepKinematics
+
+    @cached
+    def R(self) -> Tensor:
+        """R_mid of spins."""
+        return self.motion.inertia.space.spin_matrix(self.way.q)
+
+    @cached
+    def R_end(self) -> Tensor:
+        return self.motion.inertia.space.spin_matrix(self.way.q_end)
+
+    @cached
+    def half(self) -> Tensor:
+        """(I + R_mid R_n^T)/2: half the spin of R_{n+1}."""
+        return self.motion.inertia.space.mean_rotation(self.R, self.motion.R)
+
+    @cached
+    def theta(self) -> Tensor:
+        """d(Theta), section axes, (..., N+1, s, s)."""
+        return self.motion.inertia.space.theta_by_turn(self.way.theta) @ (self.R_end + self.R).mT
+
+    @cached
+    def lever_end(self) -> Tensor:
+        """Half of d(R_{n+1} e), (..., N+1, p, s)."""
+        return self.way.lever_end.A @ self.half
+
+    @cached
+    def spin_end(self) -> Tensor:
+        """d(R_{n+1} Omega_{n+1})."""
+        space = self.motion.inertia.space
+        return self.R_end @ (self.motion.rate * self.theta) - space.spin_skew(self._spin_end) @ (2 * self.half)
+
+    @cached
+    def _spin_end(self) -> Tensor:
+        return self.motion.inertia.space.to_frame(self.way.q_end, self.way.spin_end)
+
+    def inertia(self, forces: InertiaForces) -> Blocks:
+        """Of `MidpointMotion.balance`."""
+        motion, rotary = self.motion, self.motion.inertia.rotary
+
+        def angular() -> Tensor:
+            by = rotary.momentum_by(self.R_end, motion.rate * self.theta, forces.angular, 2 * self.half)
+            return self._rate(motion.frame.spin_rate_by, by)
+
+        masses = self.way.lever.tangent(motion.masses, lambda: self.lever_end, lambda: forces.wrench)
+        return rotary.blocks(masses, angular)
+
+    @cached
+    def velocity(self) -> Tensor:
+        return self.motion.V
+
+    @cached
+    def spin(self) -> Tensor:
+        space, way = self.motion.inertia.space, self.way
+        return (self.R @ self.theta - space.spin_skew(space.to_frame(way.q, way.theta))) / self.motion.dt
+
+    @cached
+    def acceleration(self) -> Tensor:
+        motion, way, space = self.motion, self.way, self.motion.inertia.space
+
+        def by_spin() -> Tensor:
+            turned = way.lever_end.A @ self.spin_end
+            if space.turns:
+                turned = turned + 2 * space.skew(self._spin_end) @ self.lever_end
+            return motion.Z @ self.lever_end - self._rate(motion.frame.rate_by, turned)
+
+        return way.lever.acceleration_by(motion.Z, by_spin)
+
+    @cached
+    def angular_acceleration(self) -> Tensor:
+        return self._rate(self.motion.frame.spin_rate_by, self.spin_end)
+
+    def _rate(self, rate: Callable[..., Tensor], by: Tensor) -> Tensor:
+        """Derivative of a rate over the step, `by` being that of the vector at the end."""
+        return rate(by / self.motion.dt, lambda: by / 2)

@@ -11,11 +11,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, choice, count, duration, mask, step_size
+from ..core.arguments import tolerance as check_tolerance
 from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.functions_of_time import shared
 from ..core.status import DIVERGED, SUCCESS
-from ..core.validation import boolean, broadcast, choice, concrete, count, duration, mask, positive, real, shown, step_size
-from ..core.validation import tolerance as check_tolerance
+from ..core.validation import broadcast, concrete, positive, real, shown
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -25,7 +26,7 @@ from ..solvers.newton import LIMIT, TOLERANCE, newton
 from ..state.start import on_supports
 from ..state.state import State, check_state, of_mesh, rest, with_optional_fields
 from .compiled.coverage import compiled_step
-from .compiled.step import Steps
+from .compiled.step import CompiledStep, Steps
 from .failure import Failure
 from .generalized_alpha import AlphaState, GeneralizedAlphaProblem
 from .midpoint import MidpointProblem
@@ -82,7 +83,7 @@ class Stepper:
         if conserve and scene.has_prescribed_motion:
             raise ValueError("conserve with a frame or support that moves was given; what holds the beam still is wanted")
         if self.method is GeneralizedAlphaProblem:
-            unfit = {"a moving frame": scene.frame is not None, "a mass off its node": self.model.inertia.offset is not None,
+            unfit = {"a moving frame": scene.frame is not None, "a mass off its node": self.model.inertia.offset.present,
                      "a load with internal states": self.model.internal_states > 0}
             for what, given in unfit.items():
                 if given:
@@ -243,10 +244,20 @@ class Stepper:
         trial.method = trial._step = MidpointProblem
         after = trial(state, dt=dt, **inputs)
         enter = self.model.space.to_reduced
-        before, end = (MidpointProblem(self.model, enter(s), dt, dt, {}).strain for s in (state, after))
+        before, end = (MidpointProblem(self.model, enter(s), dt, dt, {}).element.strain for s in (state, after))
         rise = end - before
         return AlphaState.between(state, *self.model.space.motion(after.velocity - state.velocity, after.spin - state.spin),
                                   rise, dt)
+
+    def merge(self, few: BatchSubset, part: Stepper) -> Stepper:
+        """This stepper, with the samples `few` of its batch those of `part`: a stepper that was made for them by itself, of the
+        same mesh and options. Raises ValueError as `BatchSubset.merge`.
+        """
+        merged = copy(self)
+        merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))
+        merged.compiled = None if self.compiled is None else CompiledStep(merged.model)
+        merged.iterations, merged.failures = None, {}
+        return merged
 
     def _attempt(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, last: bool
                  ) -> tuple[State, Tensor, Tensor]:

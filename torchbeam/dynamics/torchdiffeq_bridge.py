@@ -14,9 +14,10 @@ from torchdiffeq import odeint, odeint_adjoint
 from torchdiffeq._impl.odeint import SOLVERS  # torchdiffeq's own table of names; it has no public one
 from torchdiffeq._impl.solvers import AdaptiveStepsizeODESolver
 
+from ..core.arguments import boolean, tolerance
+from ..core.arguments import options as check_options
 from ..core.status import FAILED
-from ..core.validation import boolean, broadcast, increasing, tolerance
-from ..core.validation import options as check_options
+from ..core.validation import broadcast, increasing
 
 METHODS = tuple(SOLVERS)
 ADAPTIVE = tuple(name for name, solver in SOLVERS.items() if issubclass(solver, AdaptiveStepsizeODESolver))

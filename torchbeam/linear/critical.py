@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, number
+from ..core.arguments import count as check_count
+from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
-from ..core.validation import boolean, number
-from ..core.validation import count as check_count
-from ..core.validation import tolerance as check_tolerance
 from ..math.dense import solve_unchecked
 from ..math.quadratic_eigen import inverse_spectrum, slow_first, upright
 from ..nodal.discretise import discretise

@@ -12,15 +12,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import choice, instant
+from ..core.arguments import count as check_count
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
-from ..core.validation import choice, instant
-from ..core.validation import count as check_count
 from ..math.quadratic_eigen import DENSE, attach, slowest, slowest_of_chain, upright
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
+from ..scene.prescribed_motion import turning
 from ..scene.scene import Scene
-from ..state.state import State, check_state, turning
+from ..state.state import State, check_state
 from ..statics.equilibrium import equilibrium
 from .system_matrices import Blocks, augmented, chains, dense, moves
 
@@ -96,8 +97,8 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     if count > free:
         raise ValueError(f"count = {count} was given; {scene.beam.count} elements have at most {free} modes")
     M, D, K, lags = chains(model, state, instant("t", t, scene.beam.nodes), scene.tensors(inputs))
-    derivatives = wants_gradient(*(x for blocks in (M, D, K, lags) if blocks is not None for x in blocks))
-    symmetric = D is None and lags is None and all(load.conservative for load in scene.loads) and not turning(scene)
+    derivatives = wants_gradient(*(x for blocks in (M, D, K, lags or ()) for x in blocks))
+    symmetric = not D and lags is None and all(load.conservative for load in scene.loads) and not turning(scene)
     pairs = None
     if symmetric and free > max(DENSE, 4 * count):
         with no_derivatives():
@@ -106,7 +107,7 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
                 unknown = model.constraints.moving[model.constraints.first:].flatten()
                 pairs = pairs._replace(right=pairs.right[..., unknown])
     if pairs is None or derivatives or normalize == "mass":
-        M, D, K = augmented(model, *(None if blocks is None else dense(model, *blocks) for blocks in (M, D, K)), lags)
+        M, D, K = augmented(model, *(dense(model, *blocks) if blocks else None for blocks in (M, D, K)), lags)
     if pairs is None:
         with no_derivatives():
             pairs = slowest(M, D, K, count, symmetric, derivatives, lags is not None)
@@ -120,10 +121,9 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
 
 def _held(model: Model, blocks: Blocks, own: float) -> tuple[Tensor, Tensor]:
     """Diagonal and upper blocks of the nodes with unknowns, `own` on the diagonal of constrained unknowns."""
-    at, to, back = blocks
-    at = at.expand(*at.shape[:-3], model.count + 1, *at.shape[-2:])
-    to, back = (torch.zeros_like(at[..., 1:, :, :]) if x is None else x.expand(*x.shape[:-3], model.count, *x.shape[-2:])
-                for x in (to, back))
+    at, *between = (x.expand(*x.shape[:-3], n, *x.shape[-2:]) for x, n in zip(
+        blocks, (model.count + 1, model.count, model.count), strict=False))
+    to, back = between or (torch.zeros_like(at[..., 1:, :, :]),) * 2
     at, _, to = model.constraints.matrix(at, back, to)
     if model.constraints.free is not None and own != 1:
         at = at - (1 - own) * torch.diag_embed(1 - model.constraints.free)

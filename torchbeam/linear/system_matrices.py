@@ -20,13 +20,11 @@ from torch import Tensor
 
 from ..nodal import loads as external
 from ..nodal.constitutive_law import times
-from ..nodal.loads import Lags, MotionJacobian
+from ..nodal.loads import Lags
+from ..nodal.mass import Blocks, add
 from ..nodal.model import Model
-from ..scene.effects import INERTIAL
 from ..state.state import State
 from ..statics.steady import Configuration, SteadyProblem
-
-Blocks = tuple[Tensor, Tensor | None, Tensor | None]  # (..., N+1, w, w) of the nodes, (..., N, w, w) to the next and back
 
 
 def matrices(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -> tuple[Tensor, Tensor | None, Tensor]:
@@ -34,7 +32,7 @@ def matrices(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -
     internal states of loads.
     """
     M, D, K, lagging = chains(model, state, t, inputs)
-    return augmented(model, *(None if blocks is None else dense(model, *blocks) for blocks in (M, D, K)), lagging)
+    return augmented(model, *(dense(model, *blocks) if blocks else None for blocks in (M, D, K)), lagging)
 
 
 def augmented(model: Model, M: Tensor, D: Tensor | None, K: Tensor, lagging: Lags | None
@@ -57,47 +55,36 @@ def augmented(model: Model, M: Tensor, D: Tensor | None, K: Tensor, lagging: Lag
 
 
 def chains(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
-           ) -> tuple[Blocks, Blocks | None, Blocks, Lags | None]:
-    """The same as block tridiagonal chains of all nodes, and what loads with internal states add."""
-    space, inertia = model.space, model.inertia
+           ) -> tuple[Blocks, Blocks, Blocks, Lags | None]:
+    """The same as block tridiagonal chains of all nodes, see `mass` (D empty without damping or rotation), and what loads with
+    internal states add.
+    """
+    space = model.space
     state = space.to_reduced(state)
     x = Configuration(state.position, state.rotation, state.stress)
     problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
     if model.internal_states:
         problem = problem.holding(x, state.internal)
-    omega = problem.frame[1]
     kin = model.kinematics(x.position, x.rotation)
     B = space.strain_operator(kin, model.length)
     hB = (model.length[..., None] * B).mT
     K = space.to_blocks(space.geometric_stiffness(kin, x.stress, model.length) + hB @ times(model.law.C, B))
-    D = space.to_blocks(hB @ model.law.damping_by(B)) if model.law.damped else None
-
-    M = _blocks(inertia.matrix(x.rotation))
-    if omega is not None:
-        lever = problem.lever(x)
-        moved, angular = None if lever is None else space.lever_matrix(lever), None
-        if inertia.inertia is not None:
-            J, turning = inertia.about_centre(x.rotation), space.spin_skew(omega)
-            angular = J @ turning + turning @ J - space.spin_skew(problem.momenta(x).angular)
-        K = _sum(K, _blocks(problem.inertia_tangent(x)))
-        gyroscopic = _blocks(inertia.tangent(inertia.blocks(2 * space.skew(omega), lever, moved), angular, None, None))
-        D = gyroscopic if D is None else _sum(D, gyroscopic)
+    D = space.to_blocks(hB @ model.law.damping_by(B)) if model.law.damped else ()
+    M = model.inertia.matrix(x.rotation, model.inertia.offset.turned(x.rotation))
+    K, D = add(K, problem.motion.tangent(*x[:2])), add(D, problem.motion.gyroscopic(*x[:2]))
     moving, lagging = model.loads[0], None
     if moving or model.internal_states:
-        nodes = problem.nodes(x)
-        eye, spins = (torch.eye(n, dtype=B.dtype, device=B.device) for n in (space.position, space.spin))
-        turning = torch.zeros_like(eye) if omega is None else space.skew(omega)
-        still = MotionJacobian(turning, torch.zeros_like(spins), turning @ turning)
+        nodes, frame = problem.nodes(x), problem.frame
+        still = frame.steady_jacobian()
+        eyes = (torch.eye(n, dtype=B.dtype, device=B.device)[None] for n in (space.position, space.spin))
+        moved = frame.moving_jacobian(*eyes)
         if model.adds_mass:
-            M = _add(M, external.added_mass(model, nodes, t, inputs))
+            M = add(M, (external.added_mass(model, nodes, t, inputs),))
         at = external.tangent(model, nodes, t, inputs, moving, still)
-        K = _add(K, -at)
-        angular = None if omega is None else space.spin_skew(omega)
-        moved = MotionJacobian(turning + eye, spins, turning @ turning + 2 * turning, angular)
+        K = add(K, (-at,))
         lagging = external.lags(model, nodes, t, inputs, still, moved)
-        if model.read & ({"velocity", "spin"} if omega is None else {"velocity", "spin", *INERTIAL}):
-            drag = at - external.tangent(model, nodes, t, inputs, moving, moved)
-            D = (drag, None, None) if D is None else _add(D, drag)
+        if model.read.intersection(moved):
+            D = add(D, (at - external.tangent(model, nodes, t, inputs, moving, moved),))
     return M, D, K, lagging
 
 
@@ -114,31 +101,13 @@ def moves(model: Model, free: Tensor) -> Tensor:
     return whole @ to
 
 
-def dense(model: Model, diagonal: Tensor, upper: Tensor | None = None, lower: Tensor | None = None) -> Tensor:
-    """(..., n, n) of the free moves, from blocks of all nodes."""
+def dense(model: Model, *blocks: Tensor) -> Tensor:
+    """(..., n, n) of the free moves, from blocks of all nodes, one at least."""
     nodes, w = model.count + 1, model.space.unknowns
-    blocks = [diagonal] if upper is None else [diagonal, upper, lower]
     shape = torch.broadcast_shapes(*(x.shape[:-3] for x in blocks))
-    A = diagonal.new_zeros(*shape, nodes, w, nodes, w)
-    at = torch.arange(nodes, device=diagonal.device)
-    diagonal = diagonal.expand(*shape, nodes, w, w)
-    A[..., at, :, at, :] = diagonal.movedim(-3, 0)
-    if upper is not None:
-        upper, lower = (x.expand(*shape, nodes - 1, w, w) for x in (upper, lower))
-        A[..., at[:-1], :, at[1:], :] = upper.movedim(-3, 0)
-        A[..., at[1:], :, at[:-1], :] = lower.movedim(-3, 0)
+    A = blocks[0].new_zeros(*shape, nodes, w, nodes, w)
+    at = torch.arange(nodes, device=A.device)
+    for block, row, column in zip(blocks, (at, at[:-1], at[1:]), (at, at[1:], at[:-1]), strict=False):
+        A[..., row, :, column, :] = block.expand(*shape, len(row), w, w).movedim(-3, 0)
     free = model.constraints.moving.flatten().nonzero()[:, 0]
     return A.flatten(-4, -3).flatten(-2).index_select(-1, free).index_select(-2, free)
-
-
-def _blocks(pair: tuple[Tensor, Tensor | None]) -> Blocks:
-    at, between = pair
-    return (at, None, None) if between is None else (at, between[..., 0, :, :], between[..., -1, :, :])
-
-
-def _add(blocks: Blocks, diagonal: Tensor) -> Blocks:
-    return blocks[0] + diagonal, *blocks[1:]
-
-
-def _sum(a: Blocks, b: Blocks) -> Blocks:
-    return tuple(x if y is None else y if x is None else x + y for x, y in zip(a, b, strict=True))

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..core.arguments import instance, instant
 from ..core.derivatives import cached
 from ..core.summary import counted, kind, lines, span
-from ..core.validation import instance, instant
 from ..scene.scene import Scene
 from .model import MixedModel
 from .rates import Terms, block_rows, block_system, solve_scaled, sweep, terms

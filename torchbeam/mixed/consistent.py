@@ -5,7 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..core.validation import Value, as_tensor, choice, finite, instance, instant
+from ..core.arguments import choice, instance, instant
+from ..core.validation import Value, as_tensor, finite
 from ..math import wiener_milenkovic as rot
 from ..scene.scene import Scene
 from .algebra import cross, crossing, halves, mv, rotation_nodes

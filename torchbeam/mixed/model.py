@@ -24,7 +24,7 @@ from ..scene.effects import (
     inputs_at,
     value_at,
 )
-from ..scene.prescribed_motion import PrescribedMotion
+from ..scene.prescribed_motion import PrescribedMotion, turning
 from ..scene.scene import Scene, merge_inputs
 from ..scene.section import STRAINS
 from .algebra import mv
@@ -94,9 +94,9 @@ class MixedModel:
             Mass_inverse=torch.linalg.inv(beam.mass),
             inputs={**held, **moving},
             changing=tuple(e for e in self.scene.loads
-                           if e.moves(beam) or any(_changes(one.value, moving) for one in own_leaves(e))),
-            turning=any(e.node is not None and ROTATION in e.depends_on(beam) for e in self.scene.loads),
-            shifting=any(e.node is not None and POSITION in e.depends_on(beam) for e in self.scene.loads),
+                           if e.depends_on(beam.offset) or any(_changes(one.value, moving) for one in own_leaves(e))),
+            turning=any(e.node is not None and ROTATION in e.depends_on(beam.offset) for e in self.scene.loads),
+            shifting=any(e.node is not None and POSITION in e.depends_on(beam.offset) for e in self.scene.loads),
         )
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -143,7 +143,7 @@ class MixedModel:
         for effect in self.scene.loads if effects is None else effects:
             node = effect.node
             if node is None:
-                reads = effect.depends_on(self.scene.beam)
+                reads = effect.depends_on(self.scene.beam.offset)
                 site = LoadPoint(at.R, self.Mass, s=self.s, elements=N,
                             position=self.middle + at.u if POSITION in reads else None,
                             velocity=mv(at.R, at.V) if VELOCITY in reads else None,
@@ -179,10 +179,10 @@ def _refuse(scene: Scene, form: str) -> None:
     for effect in scene.effects:
         load = effect.kind == "load"
         more = (effect.frees_root or effect.internal) if load else effect.kind != "strain"
-        if more or (load and effect.node is not None and effect.depends_on(beam) & {VELOCITY, SPIN}):
-            raise ValueError(f"{type(effect).__name__} was given for form={form!r}, which has no place for it; form='nodal' "
+        if more or (load and effect.node is not None and effect.depends_on(beam.offset) & {VELOCITY, SPIN}):
+            raise ValueError(f"{effect.called} was given for form={form!r}, which has no place for it; form='nodal' "
                              "takes it")
-    if any(effect.depends_on(beam).intersection(INERTIAL) for effect in scene.loads):
+    if any(effect.depends_on(beam.offset).intersection(INERTIAL) for effect in scene.loads):
         raise ValueError(f"added mass was given for form={form!r}, whose loads know no acceleration; form='nodal' takes it")
     held = [(s.node, s.clamp) for s in scene.supports]
     if held != [(0, True)]:
@@ -204,9 +204,8 @@ def _refuse(scene: Scene, form: str) -> None:
             "Damping makes F and M depend on V and Omega, for which the rows f_F and f_M of the block rate form have no "
             "room; form='minimal' takes it, and so does the nodal form"
         )
-    turns = scene.frame is not None and scene.frame.angular_velocity is not None
-    inertial = [type(e).__name__ for e in scene.loads if e.wants_axes]
-    if turns and inertial:
+    inertial = [e.called for e in scene.loads if e.wants_axes]
+    if turning(scene) and inertial:
         raise ValueError(f"{inertial[0]} in a frame with an angular velocity needs the frame's orientation, which the mixed "
                          "forms do not carry; give the motion as RootMotion instead")
 
@@ -224,7 +223,7 @@ def check_times(model: MixedModel, t: Tensor) -> None:
         moving = {n: v for n, v in model.inputs.items() if callable(v)}
         functions += [(f"the input {n!r}", lambda now, n=n, v=v: tuple(inputs_at({n: v}, now, zero).values()))
                       for n, v in moving.items()]
-        functions += [(type(e).__name__, lambda now, e=e: model.loads(now, rest, (e,))) for e in model.changing
+        functions += [(e.called, lambda now, e=e: model.loads(now, rest, (e,))) for e in model.changing
                       if any(_changes(one.value, moving) for one in own_leaves(e))]
     clamp = model.scene.supports[0]
     functions += [(f"the root's {name}", lambda now, v=v: (value_at(v, now, {}, zero),))

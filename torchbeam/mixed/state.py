@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import leaf
-from ..state.state import Instant, Point
+from ..state.instant import Instant, Point
 
 
 class Fields(NamedTuple):

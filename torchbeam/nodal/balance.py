@@ -24,6 +24,7 @@ from ..math.block_tridiagonal import ChainSolve, block_tridiagonal, recorded
 from .constitutive_law import times
 from .constraints import Constraints
 from .coordinates.spatial import Space
+from .mass import Blocks, add
 from .model import Model
 
 
@@ -73,15 +74,9 @@ class Linearisation(NamedTuple):
     law: Tensor  # S^-1 as the law has it, which C may differ from
 
     @classmethod
-    def condense(cls, model: Model, rest: Tensor, diagonal: Tensor | float, hB: Tensor, C: Tensor, E: Tensor,
-                 coupling: Tensor | None = None) -> Linearisation:
-        """rest (..., N, p + 2 s, p + 2 s) of elements at fixed stress; diagonal (..., N+1, w, w) of nodes; coupling
-        (..., N, 1 or 2, w, w) from a node to the next and back: what is left of the mass matrix.
-        """
-        D, U, L = model.space.to_blocks(rest + hB.mT @ times(C, E))
-        D = D + diagonal
-        if coupling is not None:
-            U, L = U + coupling[..., 0, :, :], L + coupling[..., -1, :, :]
+    def condense(cls, model: Model, rest: Tensor, nodes: Blocks, hB: Tensor, C: Tensor, E: Tensor) -> Linearisation:
+        """rest (..., N, p + 2 s, p + 2 s) of elements at fixed stress; nodes: what these, and the mass they share, add."""
+        D, U, L = add(model.space.to_blocks(rest + hB.mT @ times(C, E)), nodes)
         constraints = model.constraints
         return cls(model.space, constraints, *constraints.matrix(D, L, U), constraints.rows(D, L, U), hB, C, E, model.law.C)
 

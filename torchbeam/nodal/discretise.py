@@ -8,9 +8,8 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, instance
 from ..core.leaves import constant
-from ..core.validation import boolean, instance
-from ..scene.effects import Spring
 from ..scene.scene import Scene
 from .assembly import ends
 from .constitutive_law import law_of
@@ -46,7 +45,7 @@ def discretise(scene: Scene, lumped: bool = False) -> Model:
         law=law_of(scene, space),
         section_mass=section_mass, tributary_length=share,
     )
-    if isinstance(space, Plane):
+    if space.plane is not None:
         check_plane(model, discretise(replace(scene, plane=None), lumped))
     return model
 
@@ -70,14 +69,14 @@ def check_plane(model: Model, whole: Model) -> None:
     for load in scene.loads:
         if constant(load):
             wrench = external(whole, Nodes(beam.nodes, beam.frames, still, still), t, {}, (load,))
-            _refuse(space, type(load).__name__, wrench, space.embed(space.project(wrench)))
-        if isinstance(load, Spring) and isinstance(load.to, Tensor):  # slack at rest, it pulls nowhere
-            to = load.to - beam.nodes[..., load.node, :]
-            _refuse(space, "a Spring to a point", to, space.project_vector(to) @ space.basis[:, :2].mT)
+            _refuse(space, load.called, wrench, space.embed(space.project(wrench)))
+        if isinstance(load.anchor, Tensor):  # slack at rest, a spring pulls nowhere
+            to = load.anchor - beam.nodes[..., load.node, :]
+            _refuse(space, f"a {load.called} to a point", to, space.project_vector(to) @ space.basis[:, :2].mT)
     for effect in scene.eigenstrains:
         if constant(effect):
             own = effect.eigenstrain(t, {}, model.length, model.count)
-            _refuse(space, type(effect).__name__, own, space.embed_strain(space.project_strain(own)))
+            _refuse(space, effect.called, own, space.embed_strain(space.project_strain(own)))
     for body in scene.bodies:
         if body.offset is not None:
             _refuse(space, "PointMass", body.offset, space.project_offset(body.offset) @ space.section[:, :2].mT)

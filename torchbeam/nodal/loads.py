@@ -23,6 +23,7 @@ from ..scene.effects.load_point import (
     derivatives,
     together,
 )
+from .coordinates.spatial import Space
 from .model import Model
 
 ANGULAR = (ROTATION, SPIN, ANGULAR_ACCELERATION)
@@ -50,20 +51,26 @@ class Nodes(NamedTuple):
     acceleration: Tensor | None = None
     angular_acceleration: Tensor | None = None
 
+    def of(self, node: int, reads: frozenset[str]) -> Nodes:
+        """Of one, (..., *): its rotation, and what a load reads."""
+        known = {name: getattr(self, name) for name in AT_NODES if name == ROTATION or name in reads}
+        return self._replace(**{name: x[..., node, :] for name, x in known.items() if x is not None})
+
 
 STEADY = 1e9  # s: so long a step takes internal states to where they rest
 
 
-class MotionJacobian(NamedTuple):
-    """Derivatives by the move (displacement, spin) that the tangent is taken by, frame a: of the velocity by the displacement
-    (..., N+1, p, p), of the spin by the spin (..., N+1, s, s), of the acceleration by the displacement, or by both
-    (..., N+1, p, p or w), of the angular acceleration by the spin (..., N+1, s, s); None = the acceleration stays.
-    """
+# Derivatives by the move (displacement, spin) that the tangent is taken by, frame a, of the motions that it changes: "velocity"
+# (..., N+1 or 1, p, p) by the displacement, "spin" (..., N+1, s, s) by the spin, "acceleration" (..., N+1, p, p or w) by the
+# displacement, or by both, "angular_acceleration" (..., N+1, s, s) by the spin.
+MotionJacobian = dict[str, Tensor]
+STAYS: MotionJacobian = {}
+CHANGING = (VELOCITY, SPIN, ACCELERATION, ANGULAR_ACCELERATION)
 
-    velocity: Tensor
-    spin: Tensor
-    acceleration: Tensor | None = None
-    angular_acceleration: Tensor | None = None
+
+def motion_jacobian(derivatives: Any, read: frozenset[str]) -> MotionJacobian:
+    """Of the motions that loads read, from an object that knows the derivatives by name."""
+    return {name: getattr(derivatives, name) for name in CHANGING if name in read}
 
 
 def external(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[Any, ...] | None = None) -> Tensor | float:
@@ -71,79 +78,102 @@ def external(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple
     is none.
     """
     total = 0.0
-    for load, site in _sites(model, nodes, t, model.scene.loads if loads is None else loads):
-        total = total + model.space.project(_spread(model, load, load.wrench(site, t, inputs)))
+    for load, point in _points(model, nodes, t, model.scene.loads if loads is None else loads):
+        total = total + _spread(model, load, wrench(model.space, load, point, t, inputs), 1)
     return total
 
 
-def tangent(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[Any, ...], by: MotionJacobian | None = None
+def tangent(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[Any, ...], by: MotionJacobian = STAYS
             ) -> Tensor | float:
-    """Derivative of `external` by the nodes' moves, (..., N+1, w, w); 0.0 where there is none. Without `by`, velocity, spin
-    and acceleration stay as they are.
-    """
+    """Derivative of `external` by the nodes' moves, (..., N+1, w, w); 0.0 where there is none."""
     total = 0.0
-    for load, site in _sites(model, nodes, t, loads):
-        for name, block in load.tangent(site, t, inputs).items():
-            if _moved(model, name, by):
-                total = total + _chained(model, name, _placed(model, load, name, block), by)
+    for load, point in _points(model, nodes, t, loads):
+        found = wrench_tangent(model.space, load, point, t, inputs, _of_node(load, by))
+        total = total if isinstance(found, float) else total + _spread(model, load, found, 2)
     return total
-
-
-def _moved(model: Model, name: str, by: MotionJacobian | None) -> bool:
-    """Whether what loads see by that name changes with the nodes' moves."""
-    if name in MotionJacobian._fields:
-        return by is not None and getattr(by, name) is not None
-    return name != ROTATION or model.space.turns
-
-
-def _chained(model: Model, name: str, block: Tensor, by: MotionJacobian | None) -> Tensor:
-    """A derivative (..., m, w) by the motion `name` as one by the moves."""
-    p, moved = model.space.position, getattr(by, name, None)
-    if moved is None:
-        return block
-    if name in ANGULAR:
-        return pad(block[..., p:] @ moved, (p, 0))
-    block = block[..., :p] @ moved
-    return pad(block, (0, model.space.unknowns - block.shape[-1]))
 
 
 def added_mass(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor | float:
     """Mass (..., N+1, w, w) that loads add by their derivative by the accelerations; 0.0 where there is none."""
     total, loads = 0.0, tuple(load for load in model.scene.loads if model.depends_on(load).intersection(INERTIAL))
-    for load, site in _sites(model, nodes, t, loads):
-        found = load.tangent(site, t, inputs)
-        for name in INERTIAL:
-            if name in found:
-                total = total - _placed(model, load, name, found[name])
+    for load, point in _points(model, nodes, t, loads):
+        blocks = load.tangent(point, t, inputs)
+        mass = sum(_block(model.space, name, blocks[name]) for name in INERTIAL if name in blocks)
+        total = total - _spread(model, load, mass, 2)
     return total
 
 
-def _placed(model: Model, load: Any, name: str, block: Tensor) -> Tensor:
-    """A load's derivative (..., 6, 3) at its sites -> (..., N+1, w, w)."""
-    block = model.space.project_map(pad(block, (3, 0) if name in ANGULAR else (0, 3)))
+# One load on one node, or on any number of them along the beam, each by itself
+
+
+def load_point(space: Space, load: Any, reads: frozenset[str], nodes: Nodes, **place: Any) -> LoadPoint:
+    """Where a load acts that reads these motions: on one node (..., p), or along the beam on nodes (..., n, p); place: fields
+    of `LoadPoint` beside the motion.
+    """
+    public = {POSITION: space.public_position, VELOCITY: space.public_vector, SPIN: space.public_spin,
+              ACCELERATION: space.public_vector, ANGULAR_ACCELERATION: space.public_spin}
+    motion = {name: to(getattr(nodes, name)) for name, to in public.items()
+              if name in reads and getattr(nodes, name) is not None}
+    return LoadPoint(space.axes(nodes.rotation), **motion, **place)
+
+
+def wrench(space: Space, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+    """[force; moment] (..., w), frame a; along the beam (..., n, w) per length."""
+    return space.project(together(load.wrench(point, t, inputs), point.R))
+
+
+def wrench_tangent(space: Space, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs, by: MotionJacobian) -> Tensor | float:
+    """Derivative of `wrench` by the moves of the same nodes, (..., w, w); 0.0 where there is none."""
+    blocks = {name: block for name, block in load.tangent(point, t, inputs).items() if _moved(space, name, by)}
+    return sum((_chained(space, name, _block(space, name, block), by) for name, block in blocks.items()), 0.0)
+
+
+def _of_node(load: Any, by: MotionJacobian) -> MotionJacobian:
+    """Of the node that a load acts on, without an axis of nodes; along the beam as it is."""
     if load.node is None:
-        return model.tributary_length[..., None] * block
-    at, last = load.node % (model.count + 1), model.count
-    return pad(block[..., None, :, :], (0, 0, 0, 0, at, last - at))
+        return by
+    return {name: x[..., load.node if x.shape[-3] > 1 else 0, :, :] for name, x in by.items()}
+
+
+def _moved(space: Space, name: str, by: MotionJacobian) -> bool:
+    """Whether what loads see by that name changes with the nodes' moves."""
+    return name in by or name == POSITION or (name == ROTATION and space.turns)
+
+
+def _chained(space: Space, name: str, block: Tensor, by: MotionJacobian) -> Tensor:
+    """A derivative (..., m, w) by the motion `name` as one by the moves."""
+    p = space.position
+    if name not in by:
+        return block
+    if name in ANGULAR:
+        return pad(block[..., p:] @ by[name], (p, 0))
+    block = block[..., :p] @ by[name]
+    return pad(block, (0, space.unknowns - block.shape[-1]))
+
+
+def _block(space: Space, name: str, block: Tensor) -> Tensor:
+    """A load's derivative (..., 6, 3) by the motion `name`, as (..., w, w)."""
+    return space.project_map(pad(block, (3, 0) if name in ANGULAR else (0, 3)))
 
 
 def internal(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, shape: tuple[int, ...]) -> Tensor | None:
     """Internal states of user loads in equilibrium, (*shape, z); None where there are none."""
-    found = [_flat(load, load.advance(site, site.internal, t, inputs, site.dt))
-             for load, site in _sites(model, nodes, t, _remembering(model))]
+    found = [_flat(load, load.advance(point, point.internal, t, inputs, point.dt))
+             for load, point in _points(model, nodes, t, _remembering(model))]
     return _joined([z.expand(*shape, z.shape[-1]) for z in found]) if found else None
 
 
-def advanced(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor:
+def advanced(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor | None:
     """The same at the end of a step in whose middle the nodes are."""
-    return _joined([_flat(load, 2 * load.advance(site, site.internal, t, inputs, site.dt) - site.internal)
-                    for load, site in _sites(model, nodes, t, _remembering(model))])
+    found = [_flat(load, 2 * load.advance(point, point.internal, t, inputs, point.dt) - point.internal)
+             for load, point in _points(model, nodes, t, _remembering(model))]
+    return _joined(found) if found else None
 
 
 def advanced_rates(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor:
     """Rates (..., z) of the internal states."""
-    return _joined([_flat(load, load.rates(site, site.internal, t, inputs))
-                    for load, site in _sites(model, nodes, t, _remembering(model))])
+    return _joined([_flat(load, load.rates(point, point.internal, t, inputs))
+                    for load, point in _points(model, nodes, t, _remembering(model))])
 
 
 class Lags(NamedTuple):
@@ -163,18 +193,18 @@ def lags(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, still: MotionJac
     derivatives of the nodes' motion by their moves, `moved` those by moves and their rates.
     """
     space, rows = model.space, []
-    for load, site in _sites(model, nodes, t, _remembering(model)):
-        by = load.rates_tangent(site, t, inputs)
-        L = derivatives(lambda at, load=load: together(load.wrench(at, t, inputs), at.R), site, (INTERNAL,))[INTERNAL]
+    for load, point in _points(model, nodes, t, _remembering(model)):
+        by = load.rates_tangent(point, t, inputs)
+        L = derivatives(lambda at, load=load: together(load.wrench(at, t, inputs), at.R), point, (INTERNAL,))[INTERNAL]
         L, G = space.project(L.mT).mT, by.pop(INTERNAL)
         by = {name: space.project(pad(block, (3, 0) if name in ANGULAR else (0, 3))) for name, block in by.items()}
         zero = torch.zeros_like(space.project(G.new_zeros(*G.shape[:-1], 6)))
 
         def total(way: MotionJacobian, by: dict[str, Tensor] = by, zero: Tensor = zero) -> Tensor:
-            return sum((_chained(model, name, block, way) for name, block in by.items() if _moved(model, name, way)), zero)
+            return sum((_chained(space, name, block, way) for name, block in by.items() if _moved(space, name, way)), zero)
 
-        H = total(still)
-        H = H, total(moved) - H, sum((by[name] for name in INERTIAL if name in by), zero)
+        H = total(_of_node(load, still))
+        H = H, total(_of_node(load, moved)) - H, sum((by[name] for name in INERTIAL if name in by), zero)
         if load.node is None:
             eye = torch.eye(model.count + 1, dtype=G.dtype, device=G.device)[:, None, :, None]
             L, G, *H = ((x[..., None, :] * eye).flatten(-4, -3).flatten(-2)
@@ -221,43 +251,29 @@ def internal_slices(model: Model) -> dict[int, slice]:
     return found
 
 
-def _sites(model: Model, nodes: Nodes, t: Tensor, loads: tuple[Any, ...]) -> Iterator[tuple[Any, LoadPoint]]:
-    space, places = model.space, internal_slices(model)
+def _points(model: Model, nodes: Nodes, t: Tensor, loads: tuple[Any, ...]) -> Iterator[tuple[Any, LoadPoint]]:
+    places = internal_slices(model)
     for load in loads:
         reads = model.depends_on(load)
-        mine = places.get(id(load))
-        own = {}
-        if reads:
-            place = nodes if load.node is None else nodes._replace(**{
-                name: x if x is None else x[..., load.node, :] for name, x in nodes._asdict().items() if name in AT_NODES})
-            still = torch.zeros_like(place.position)
-            spin = torch.zeros_like(place.position[..., :space.spin]) if place.spin is None else place.spin
-            moving = space.site(place.position, still if place.velocity is None else place.velocity, spin)
-            own = {name: x for name, x in zip((POSITION, VELOCITY, SPIN), moving, strict=True) if name in reads}
-            if ACCELERATION in reads and place.acceleration is not None:
-                own[ACCELERATION] = space.site(place.position, place.acceleration, spin)[1]
-            if ANGULAR_ACCELERATION in reads and place.angular_acceleration is not None:
-                own[ANGULAR_ACCELERATION] = space.site(place.position, still, place.angular_acceleration)[2]
-        R = space.axes(nodes.rotation, load.node)
-        if mine is not None:
-            z = None if nodes.internal is None else nodes.internal[..., mine]
-            own |= dict(internal=z if z is None or load.node is not None else z.unflatten(-1, (-1, load.internal)), dt=nodes.dt)
         if load.node is None:
-            own |= dict(mass=model.section_mass, s=model.s, elements=model.count)
+            space, at, place = model.space, nodes, dict(mass=model.section_mass, s=model.s, elements=model.count)
+        else:
+            space, at, place = model.space.of_nodes(load.node), nodes.of(load.node, reads), {}
+        if id(load) in places and nodes.internal is not None:
+            z = nodes.internal[..., places[id(load)]]
+            place["internal"] = z if load.node is not None else z.unflatten(-1, (-1, load.internal))
+        if id(load) in places:
+            place["dt"] = nodes.dt
         if nodes.frame is not None:
-            own["axes"] = quat.matrix(space.public_frame(nodes.frame)).mT
+            place["axes"] = quat.matrix(model.space.public_frame(nodes.frame)).mT
         if load.wants_support:
-            own["support"] = model.prescribed_motion.root_pose(t)
-        yield load, LoadPoint(R, **own)
+            place["support"] = model.prescribed_motion.root_pose(t)
+        yield load, load_point(space, load, reads, at, **place)
 
 
-def _spread(model: Model, load: Any, wrench: tuple[Tensor | None, Tensor | None]) -> Tensor:
-    """A load's force and moment at the nodes: (..., N+1, 6)."""
-    force, moment = wrench
-    there = force if force is not None else moment
-    zero = torch.zeros_like(there)
-    both = torch.cat(torch.broadcast_tensors(zero if force is None else force, zero if moment is None else moment), -1)
+def _spread(model: Model, load: Any, x: Tensor, axes: int) -> Tensor:
+    """What a load brings, per length or on its node (..., *), on all nodes (..., N+1, *)."""
     if load.node is None:
-        return model.tributary_length * both
+        return model.tributary_length[(..., *(None,) * (axes - 1))] * x
     at, last = load.node % (model.count + 1), model.count
-    return pad(both[..., None, :], (0, 0, at, last - at))
+    return pad(x.unsqueeze(-1 - axes), (0, 0) * axes + (at, last - at))

@@ -10,14 +10,14 @@ from torch.nn.functional import pad
 
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
-from ..scene.effects import INERTIAL, Gravity, Inputs
-from ..scene.prescribed_motion import PrescribedMotion
+from ..scene.effects import INERTIAL, Inputs
+from ..scene.prescribed_motion import PrescribedMotion, turning
 from ..scene.scene import Scene
-from ..state.state import turning
 from .assembly import ends
 from .constitutive_law import ElasticLaw
 from .constraints import Constraints
 from .coordinates.spatial import Space
+from .frame import FixedFrame, frame_of
 from .inertia import Inertia
 
 
@@ -47,7 +47,7 @@ class Model(Tree):
         """N, the number of elements."""
         return self.scene.beam.count
 
-    @property
+    @cached
     def s(self) -> Tensor:
         """(..., N+1) m, arclength of the nodes."""
         return pad(self.length[..., 0].cumsum(-1), (1, 0))
@@ -66,16 +66,13 @@ class Model(Tree):
     def prescribed_motion(self) -> PrescribedMotion:
         return PrescribedMotion(self.scene)
 
-    def frame(self, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
-        """v (..., 1, p) m/s and omega (..., 1, s) rad/s of frame a; None = at rest."""
-        v, omega = self.prescribed_motion.frame(t)
-        return (None if v is None else self.space.project_vector(v)[..., None, :],
-                None if omega is None else self.space.project_spin(omega)[..., None, :])
+    def frame(self, t: Tensor) -> FixedFrame:
+        """Frame a at time t."""
+        return frame_of(self.space, *self.prescribed_motion.frame(t))
 
     def depends_on(self, load: Any) -> frozenset[str]:
-        """What a load's wrench depends on; an offset point mass makes weight turn, too."""
-        own = load.depends_on(self.scene.beam)
-        return own | {"rotation"} if isinstance(load, Gravity) and self.inertia.offset is not None else own
+        """What a load's wrench depends on."""
+        return load.depends_on(self.inertia.offset.present)
 
     @cached
     def adds_mass(self) -> bool:

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..core.derivatives import cached
 from ..core.functions_of_time import with_rate
 from ..math.block_tridiagonal import broadcast_matrices
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.scene import Scene
-from ..state.state import State, set_node
+from ..state.state import State
+from ..state.supported_nodes import set_node
 from .discretise import discretise
-from .inertia import Momenta
+from .inertia import Inertia
 from .loads import Nodes, added_mass, advanced_rates, external
 from .model import Model
 
@@ -38,8 +40,8 @@ class Rates:
         for supports that move other than a clamp at node 0.
         """
         model = discretise(scene, lumped=True)
-        J = model.inertia.inertia
-        if J is None or (torch.linalg.det(J[..., model.constraints.first:, :, :]) <= 0).any():
+        rotary = cls(model, inputs).free.rotary
+        if not rotary.present or (torch.linalg.det(rotary.J) <= 0).any():
             raise ValueError("a section without rotary inertia was given; an explicit method wants some (the implicit "
                              "method 'midpoint' needs none)")
         if any(scene.beam.rigid):
@@ -49,6 +51,16 @@ class Rates:
             raise ValueError("a support that moves, other than a clamp at node 0, was given; the implicit method 'midpoint' "
                              "takes it")
         return cls(model, inputs)
+
+    @cached
+    def free(self) -> Inertia:
+        """Of the nodes with unknowns."""
+        return self.model.inertia.of_nodes(slice(self.model.constraints.first, None))
+
+    @cached
+    def clamped(self) -> Inertia:
+        """Of node 0."""
+        return self.model.inertia.of_nodes(slice(0, 1))
 
     @property
     def sizes(self) -> list[int]:
@@ -82,7 +94,7 @@ class Rates:
         internal = rest[..., rest.shape[-1] - 1 - z:-1] if z else None
         if model.constraints.first:
             support = model.scene.supports[0]
-            pose = space.pose(*model.prescribed_motion.pose(support, t), 0)
+            pose = space.of_nodes(0).pose(*model.prescribed_motion.pose(support, t))
             if model.scene.has_prescribed_motion:
                 motion = space.motion(*model.prescribed_motion.absolute(support, t))
             else:
@@ -118,21 +130,17 @@ class Rates:
 
     def accelerations(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
         """v' (frame a) and Omega' (section axes) of the nodes with unknowns."""
-        model, space, first = self.model, self.model.space, self.model.constraints.first
-        inertia, omega, p = model.inertia, model.frame(t)[1], space.position
+        model, inertia, space, first = self.model, self.free, self.free.space, self.model.constraints.first
+        frame, p = model.frame(t), space.position
         q, v, spin, net = (x[..., first:, :] for x in (nodes.rotation, nodes.velocity, spin, net))
-        J, m = inertia.inertia[..., first:, :, :], inertia.mass[..., first:, :]
-        bias = torch.zeros_like(v) if omega is None else (space.skew(omega) @ v[..., None])[..., 0]
-        gyroscopic = (space.spin_skew(spin) @ (J @ spin[..., None]))[..., 0]
-        if inertia.offset is None and model.constraints.free is None and not model.adds_mass:
+        gyroscopic = inertia.rotary.gyroscopic(spin)
+        if not inertia.offset.present and model.constraints.free is None and not model.adds_mass:
             torque = space.to_section(q, net[..., p:]) - gyroscopic
-            return net[..., :p] / m - bias, torch.linalg.solve(J, torque[..., None])[..., 0]
-        lever, transport = None, bias
-        if inertia.offset is not None:
-            lever, turning = inertia.lever(nodes.rotation)[..., first:, :], space.skew(space.to_frame(q, spin))
-            bias = bias + (turning @ (turning @ lever[..., None]))[..., 0]
-        known = inertia.balance(Momenta(m * bias, space.to_frame(q, gyroscopic)), Momenta, lever, None)
-        block = inertia.matrix(nodes.rotation)[0][..., first:, :, :]
+            return (frame.rate(net[..., :p] / inertia.mass, lambda: -v),
+                    torch.linalg.solve(inertia.rotary.J, torque[..., None])[..., 0])
+        lever, transport = inertia.offset.turned(q), frame.rate(torch.zeros_like(v), lambda: v)
+        bias = lever.acceleration(transport, lambda: space.to_frame(q, spin))
+        known, (block,) = lever.wrench(inertia.mass * bias, space.to_frame(q, gyroscopic)), inertia.matrix(q, lever)
         if model.adds_mass:
             fluid = added_mass(model, nodes, t, self.inputs)[..., first:, :, :]
             block, known = block + fluid, known + (fluid[..., :p] @ transport[..., None])[..., 0]
@@ -145,28 +153,22 @@ class Rates:
         return found[..., :p], space.to_section(q, found[..., p:])
 
     def __call__(self, t: Tensor, y: Tensor) -> Tensor:
-        model, space, first = self.model, self.model.space, self.model.constraints.first
+        model, space, first = self.model, self.free.space, self.model.constraints.first
         nodes, spin, raw = self.unpack(t, y)
         net, loads = self.balance(t, nodes)
         acceleration, spin_rate = self.accelerations(t, nodes, spin, net)
-        v, omega = model.frame(t)
-        velocity, turn = nodes.velocity[..., first:, :], spin[..., first:, :]
-        if v is not None:
-            velocity = velocity - v
-        if omega is not None:
-            velocity = velocity - (space.skew(omega) @ nodes.position[..., first:, :, None])[..., 0]
-            turn = turn - space.to_section(nodes.rotation[..., first:, :], omega)
+        frame = model.frame(t)
+        known = nodes.position, nodes.rotation, nodes.velocity, spin
+        position, rotation, moving, turning = (x[..., first:, :] for x in known)
+        velocity, turn = frame.relative_velocity(moving, position), frame.relative_spin(turning, rotation)
         parts = [x.flatten(-2) for x in (velocity, space.rotation_rate(raw, turn), acceleration, spin_rate)]
-        if nodes.frame is not None:
-            parts.append(space.rotation_rate(nodes.frame, omega[..., 0, :]))
+        if frame.turns:
+            parts.append(space.rotation_rate(nodes.frame, frame.omega[..., 0, :]))
         power = (loads * torch.cat((nodes.velocity, nodes.spin), -1)).sum((-1, -2))
         if model.adds_mass:
-            a = acceleration if omega is None else acceleration + (
-                space.skew(omega) @ nodes.velocity[..., first:, :, None])[..., 0]
-            alpha = space.to_frame(nodes.rotation[..., first:, :], spin_rate)
+            a, alpha = frame.rate(acceleration, lambda: moving), space.to_frame(rotation, spin_rate)
             fluid = added_mass(model, nodes, t, self.inputs)[..., first:, :, :] @ torch.cat((a, alpha), -1)[..., None]
-            moving = torch.cat((nodes.velocity, nodes.spin), -1)[..., first:, :]
-            power = power - (fluid[..., 0] * moving).sum((-1, -2))
+            power = power - (fluid[..., 0] * torch.cat((moving, nodes.spin[..., first:, :]), -1)).sum((-1, -2))
             found = (torch.cat((known[..., :first, :], free), -2)
                      for known, free in ((nodes.acceleration, a), (nodes.angular_acceleration, alpha)))
             nodes = nodes._replace(**dict(zip(INERTIAL, found, strict=True)))
@@ -184,30 +186,17 @@ class Rates:
         if not found:
             return net[..., :0, :]
         if model.scene.has_prescribed_motion and model.constraints.first:
-            now, rate = with_rate(self._momentum, t)
-            omega, space = model.frame(t)[1], model.space
-            if omega is not None:
-                p = space.position
-                omega = omega[..., 0, :]
-                turned = space.skew(omega) @ now[..., :p, None], space.spin_skew(omega) @ now[..., p:, None]
-                rate = rate + torch.cat(turned, -2)[..., 0]
-            if model.inertia.offset is not None:
-                p = model.space.position
-                lever = self._clamp(t)[-1].mT @ rate[..., :p, None]
-                rate = torch.cat((rate[..., :p], rate[..., p:] + lever[..., 0]), -1)
-            found[0] = found[0] + rate
+            frame, sizes = model.frame(t), (model.space.position, model.space.spin)
+            (P, H), (P_rate, H_rate) = (x.split(sizes, -1) for x in with_rate(self._momentum, t))
+            lever = self.clamped.offset.turned(nodes.rotation[..., :1, :])
+            rate = lever.wrench(frame.rate(P_rate, lambda: P), frame.spin_rate(H_rate, lambda: H))
+            found[0] = found[0] + rate[..., 0, :]
         return torch.stack(torch.broadcast_tensors(*found), -2)
 
     def _momentum(self, t: Tensor) -> Tensor:
-        """[m v_c; R J Omega] (..., w) of a clamp at node 0."""
-        inertia, space = self.model.inertia, self.model.space
-        q, v, spin, arm = self._clamp(t)
-        H = (inertia.inertia[..., 0, :, :] @ spin[..., None])[..., 0]
-        spin, H = (space.to_frame(q, x[..., None, :])[..., 0, :] for x in (spin, H))
-        if arm is not None:
-            v = v + (arm @ spin[..., None])[..., 0]
-        p = inertia.mass[..., 0, :, None] * v[..., None]
-        return torch.cat(broadcast_matrices(p, H[..., None]), -2)[..., 0]
+        """[m v_c; R J Omega] (..., 1, w) of a clamp at node 0."""
+        q, v, spin = self._clamp(t)
+        return torch.cat(broadcast_matrices(*self.clamped.momenta(q, self.clamped.centre_velocity(q, v, spin), spin)), -1)
 
     def _clamp_accelerations(self, t: Tensor) -> tuple[Tensor, Tensor]:
         """Acceleration (..., p) and angular acceleration (..., s) of a clamp at node 0, absolute, frame a."""
@@ -215,17 +204,12 @@ class Rates:
         a, alpha = model.prescribed_motion.acceleration(model.scene.supports[0], t).unbind(-2)
         return model.space.project_vector(a), model.space.project_spin(alpha)
 
-    def _clamp(self, t: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor | None]:
-        """Of a clamp at node 0: rotation (as if that of every node, for spaces whose nodes have axes of their own), velocity,
-        spin (section axes), how a spin moves its centre of mass (..., p, s).
-        """
+    def _clamp(self, t: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Of a clamp at node 0, (..., 1, ...): rotation, velocity, spin (section axes)."""
         model, space = self.model, self.model.space
         support = model.scene.supports[0]
-        _, q = space.pose(*model.prescribed_motion.pose(support, t), 0)
-        q = q[..., None, :].expand(*q.shape[:-1], model.count + 1, q.shape[-1])
-        motion = space.motion(*model.prescribed_motion.absolute(support, t))
-        arm = None if model.inertia.offset is None else space.lever_matrix(model.inertia.lever(q)[..., 0, :])
-        return q, *motion, arm
+        _, q = space.of_nodes(0).pose(*model.prescribed_motion.pose(support, t))
+        return tuple(x[..., None, :] for x in (q, *space.motion(*model.prescribed_motion.absolute(support, t))))
 
     def state(self, t: Tensor, y: Tensor, status: Tensor) -> State:
         """The state at time t; stress and reaction are those of the instant."""

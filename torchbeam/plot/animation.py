@@ -19,13 +19,14 @@ from .shapes import POINTS, TRIAD, _curve, _even, _nodes, _prepared
 
 def animate(solution: Solution, path: str | Path, ax: Axes | None = None, *, plane: str | None = None, fps: float = 25.0,
             speed: float = 1.0, trail: bool = True, frames: bool = False, dpi: int = 100) -> Path:
-    """A motion as an animated picture: the path it was written to.
+    """Animation of a motion, written to a file: the path of that.
 
+    solution  `Solution` with any batch axes
     path    ends in .gif (Pillow) or .mp4 (an ffmpeg program, or the one that comes with the package imageio-ffmpeg)
     ax      to draw on: what is there already stays; None = new ones
     plane   as in `shape`;  frames: with the section axes of the tip;  trail: the path of the tip
-    fps     pictures a second; each shows the output instant next to its time, so output instants should be as dense
-    speed   of the film: 0.1 is ten times slower than the motion
+    fps     1/s, pictures a second; each shows the output instant next to its time, so output instants should be as dense
+    dpi     dots an inch;  speed  of the film: 0.1 is ten times slower than the motion
 
     All samples of a batch move together, each in its own colour. The file's folder is made where it is missing.
 
@@ -52,8 +53,13 @@ def animate(solution: Solution, path: str | Path, ax: Axes | None = None, *, pla
 
 @dataclass(frozen=True)
 class _Film:
-    """Moving artists of the picture: curves (time, samples, points, 2 or 3), tips (time, samples, 2 or 3), and axes of the tip
-    of the first sample (time, 3, 2, 2 or 3), each with its lines.
+    """Moving artists of a picture, and what they show.
+
+    t       (time,) s
+    curves  (time, samples, points, 2 or 3) m, frame a: axes of the beams, drawn by `lines`
+    tips    (time, samples, 2 or 3) m, frame a: their last nodes, drawn by `trails`
+    axes    (time, 3, 2, 2 or 3) m, frame a: section axes of the first sample's tip, from and to, drawn by `triad`
+    clock   the title, which says the time
     """
 
     ax: Axes
@@ -68,6 +74,7 @@ class _Film:
 
     @classmethod
     def of(cls, solution: Solution, ax: Axes | None, plane: str | None, trail: bool, frames: bool) -> _Film:
+        """Film of a solution, before its first picture; axes with room for the whole motion. Raises ValueError as `shape`."""
         position, turn = _nodes(solution.state)
         times, (nodes, _) = len(solution.t), position.shape[-2:]
         ax, seen = _prepared(ax, plane, position)
@@ -99,7 +106,7 @@ class _Film:
         )
 
     def show(self, k: int) -> None:
-        """Output instant k."""
+        """Picture of the output instant k."""
         for i, line in enumerate(self.lines):
             _put(line, self.curves[k, i])
         for i, line in enumerate(self.trails):
@@ -110,7 +117,9 @@ class _Film:
 
 
 def _writer(path: Path, fps: float) -> tuple[Any, dict[str, Any]]:
-    """A writer of matplotlib's for the kind of file, and settings that hold while it writes."""
+    """Writer of matplotlib's for the kind of file, and settings that hold while it writes. Raises ValueError for a kind that is
+    not known, ImportError without matplotlib, RuntimeError without ffmpeg.
+    """
     if path.suffix not in (".gif", ".mp4"):
         raise ValueError(f"the file {path.name!r} was given; one that ends in .gif or .mp4 is wanted")
     try:
@@ -131,6 +140,7 @@ def _writer(path: Path, fps: float) -> tuple[Any, dict[str, Any]]:
 
 
 def _put(line: Any, points: Any) -> None:
+    """Points (n, 2 or 3) of a line, in place of those it had."""
     if points.shape[-1] == 3:
         line.set_data_3d(*points.T)
     else:

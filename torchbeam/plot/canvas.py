@@ -1,4 +1,4 @@
-"""Axes to draw on: figures of their own, without pyplot and its state."""
+"""Canvas: axes to draw on, in figures of their own, without pyplot and its state."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ GREY = "0.6"
 
 
 def axes(size: tuple[float, float] = (6.0, 3.8), *, three: bool = False) -> Axes:
-    """New axes in a figure of the given size (inches), flat or three-dimensional. Raises ImportError without matplotlib."""
+    """Axes in a new figure of the given size (inches), flat or three-dimensional. Raises ImportError without matplotlib."""
     figure = _figure(size)
     return _tidy(figure.add_subplot(projection="3d" if three else None))
 
 
 def grid(rows: int, columns: int, size: tuple[float, float] | None = None, *, three: Sequence[int] = ()) -> list[Axes]:
-    """rows x columns axes in one figure, row by row; `three`: the places, counted from 0, of three-dimensional ones."""
+    """Axes, rows x columns of them row by row, in one new figure of the given size (inches); `three`: the places, counted from
+    0, of three-dimensional ones. Raises ImportError without matplotlib.
+    """
     figure = _figure(size or (5.0 * columns, 3.4 * rows))
     return [_tidy(figure.add_subplot(rows, columns, i + 1, projection="3d" if i in three else None))
             for i in range(rows * columns)]
 
 
 def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
-    """The figure of `ax` as a file whose ending says of which kind (.png, .pdf, .svg ...): the path. Its folder is made where
-    it is missing.
+    """Figure of `ax`, written to a file whose ending says of which kind (.png, .pdf, .svg ...), with `dpi` dots an inch: the
+    path of that. Its folder is made where it is missing.
 
     Raises ValueError for a kind that matplotlib does not have, and for a folder that cannot be made or written, or lies in
     none; files.NotWritten (an OSError) where the disk is full.
@@ -44,15 +46,17 @@ def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
 
 
 def is_3d(ax: Axes) -> bool:
+    """Whether axes are three-dimensional."""
     return ax.name == "3d"
 
 
 def numbers(x: Tensor) -> Any:
-    """A tensor as a NumPy array."""
+    """NumPy array of a tensor's numbers, on the CPU and without gradient."""
     return x.detach().cpu().numpy()
 
 
 def _figure(size: tuple[float, float]) -> Any:
+    """Figure of the given size (inches), of nobody but the caller. Raises ImportError without matplotlib."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -64,6 +68,7 @@ def _figure(size: tuple[float, float]) -> Any:
 
 
 def _tidy(ax: Axes) -> Axes:
+    """The axes without frames and panes that say nothing."""
     if is_3d(ax):
         for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
             axis.pane.set_visible(False)

@@ -1,4 +1,4 @@
-"""Curves over time, load and speed."""
+"""Curves: readings and energies over time, equilibria over load, frequencies over speed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from .canvas import GREY, Axes, axes, numbers
 
 
 def history(solution: Solution, sensor: Sensor, ax: Axes | None = None, *, label: str | None = None, **line: Any) -> Axes:
-    """A sensor's readings over time, one line for each of its numbers; of a batch, thin lines in one colour each.
+    """Readings of a sensor, in its unit, over time (s), one line for each of its numbers; of a batch, thin lines in one colour
+    for each number.
 
     label  in front of the sensor's own labels;  further keywords: as matplotlib has them for lines
     """
@@ -34,8 +35,8 @@ def history(solution: Solution, sensor: Sensor, ax: Axes | None = None, *, label
 
 
 def energies(solution: Solution, ax: Axes | None = None) -> Axes:
-    """Kinetic and strain energy, their sum, and the loads' work (J) over time, of one sample. The gap between the sum and the
-    work is what damping took.
+    """Energies (J) of one sample over time (s): kinetic, strain, their sum, and the loads' work. The gap between the sum and
+    the work is what damping took. Raises ValueError for a batch.
     """
     ax = axes() if ax is None else ax
     t, energy = numbers(solution.t), solution.energy
@@ -53,8 +54,9 @@ def energies(solution: Solution, ax: Axes | None = None) -> Axes:
 
 def load_path(path: Any, sensor: Sensor, ax: Axes | None = None, *, label: str | None = None, name: str = "load factor",
               **line: Any) -> Axes:
-    """The load over a sensor's readings along a path of equilibria: dashed where unstable, with a dot at each limit point and
-    a cross at each branch point; one line for each of the sensor's numbers and each sample of a batch.
+    """Load-displacement curve: the load factor over a sensor's readings along a path of equilibria, dashed where unstable, with
+    a dot at each limit point and a cross at each branch point; one line for each of the sensor's numbers and each sample of a
+    batch.
 
     path  what `tb.path` returns: factor (P, ...), state, stable, valid and kind, P equilibria in path order
     name  of the load's axis
@@ -84,10 +86,15 @@ def load_path(path: Any, sensor: Sensor, ax: Axes | None = None, *, label: str |
 
 def campbell(speed: Tensor, frequency: Tensor, ax: Axes | None = None, *, orders: Sequence[int] = (1, 2, 3),
              names: Sequence[str] | None = None) -> Axes:
-    """Frequencies (n, count) rad/s of a beam that turns over its speed (n,) rad/s, with rays of the given multiples of the
-    speed: where one crosses a curve, that order of the turning excites that mode.
+    """Campbell diagram (Campbell 1924): frequencies of a beam over the speed at which it turns, with rays at multiples of that
+    speed; where one crosses a curve, that order of the turning excites that mode.
 
-    names  of the modes, for a legend
+    speed      (n,) rad/s
+    frequency  (n, count) rad/s
+    orders     multiples of the speed
+    names      of the modes, for a legend
+
+    Raises ValueError for other shapes.
     """
     ax = axes() if ax is None else ax
     x, y = numbers(torch.as_tensor(speed)), numbers(torch.as_tensor(frequency))
@@ -106,5 +113,6 @@ def campbell(speed: Tensor, frequency: Tensor, ax: Axes | None = None, *, orders
 
 
 def _legend(ax: Axes) -> Axes:
+    """The axes with a legend."""
     ax.legend(frameon=False, fontsize=8)
     return ax

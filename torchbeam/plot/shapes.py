@@ -1,4 +1,4 @@
-"""Pictures of the beam itself: shapes, section axes, modes."""
+"""Shapes: pictures of the beam itself, its section axes and its modes."""
 
 from __future__ import annotations
 
@@ -19,13 +19,16 @@ POINTS = 8  # of the curve through an element
 
 def shape(state: Any, ax: Axes | None = None, *, plane: str | None = None, frames: bool = False, color: Any = None,
           label: str | None = None, nodes: bool = True, **line: Any) -> Axes:
-    """The beam's axis: of one state, or of each in a batch or trajectory, the first darkest.
+    """Axis of the beam (m, frame a) in a state, or in each of a batch or trajectory, the first darkest.
 
+    state   of any form, with any leading axes
     plane   "xy", "xz" or "yz": seen along the third axis; None = in space, unless all lies in one of these planes
     frames  draw the section axes of the nodes too: x red, y green, z blue
     nodes   mark the nodes;  color, label and further keywords: as matplotlib has them for lines
 
     Between nodes the curve is cubic, with the sections' x axes as its tangents.
+
+    Raises ValueError for what is no state, a plane that is none, and flat axes for a beam that lies in no plane.
     """
     position, turn = _nodes(state)
     ax, seen = _prepared(ax, plane, position)
@@ -44,9 +47,10 @@ def shape(state: Any, ax: Axes | None = None, *, plane: str | None = None, frame
 
 def mode_shapes(state: Any, modes: Modes, ax: Axes | None = None, *, count: int = 4, scale: float = 0.15,
                 plane: str | None = None) -> Axes:
-    """The first `count` modes about a state (both of one sample): the beam's axis moved by the mode, its largest displacement
-    `scale` times the beam's length, at the instant at which it is largest; frequencies in Hz, of motions that do not oscillate
-    the rate in 1/s. A mode that hardly displaces the axis (torsion) is named, not drawn.
+    """Mode shapes about a state, the first `count`, both of one sample: the beam's axis moved by each mode at the instant at
+    which its displacement is largest, then `scale` times the beam's length; frequencies in Hz, of motions that do not oscillate
+    the rate in 1/s. A mode that hardly displaces the axis (torsion) is named, not drawn. Raises ValueError for a batch, and as
+    `shape`.
     """
     position, turn = _nodes(state)
     if len(position) > 1 or modes.shape.ndim != 3:
@@ -75,7 +79,9 @@ def mode_shapes(state: Any, modes: Modes, ax: Axes | None = None, *, count: int 
 
 
 def _nodes(state: Any) -> tuple[Tensor, Tensor]:
-    """Positions (samples, N+1, 3) and section axes (samples, N+1, 3, 3), whatever the form."""
+    """Positions (samples, N+1, 3) m and section axes (samples, N+1, 3, 3) as columns, frame a, of a state of any form. Raises
+    ValueError for what is no state.
+    """
     if not hasattr(state, "position"):
         raise ValueError(f"{type(state).__name__} was given to a picture of the beam; a state is wanted (of a solution: "
                          "solution.state)")
@@ -99,7 +105,7 @@ def _curve(position: Tensor, along: Tensor, length: Tensor | None = None) -> Ten
 
 
 def _prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axes, list[int]]:
-    """Axes, and the coordinates they show."""
+    """Axes to draw on, and the coordinates that they show of positions (samples, N+1, 3). Raises ValueError as `shape`."""
     if plane is not None and plane not in PLANES:
         raise ValueError(f"plane = {plane!r} was given; {', '.join(map(repr, PLANES))} or None is wanted")
     if ax is not None and is_3d(ax):
@@ -116,7 +122,7 @@ def _prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axe
 
 
 def _even(ax: Axes, seen: list[int]) -> Axes:
-    """Equal scales, names of the axes, and room around what was drawn."""
+    """The axes with equal scales, names, and room around what was drawn."""
     for set_label, i in zip((ax.set_xlabel, ax.set_ylabel, *([ax.set_zlabel] if is_3d(ax) else [])), seen, strict=True):
         set_label(f"{'xyz'[i]} / m")
     if not is_3d(ax):
@@ -138,12 +144,14 @@ def _even(ax: Axes, seen: list[int]) -> Axes:
 
 
 def _few(count: int) -> Any:
+    """Locator of at most so many ticks."""
     from matplotlib.ticker import MaxNLocator
 
     return MaxNLocator(count)
 
 
 def _triads(ax: Axes, position: Tensor, turn: Tensor, seen: list[int]) -> None:
+    """Section axes turn (samples, N+1, 3, 3) drawn at the nodes (samples, N+1, 3)."""
     reach = 0.06 * torch.linalg.vector_norm(position.diff(dim=-2), dim=-1).sum(-1)[:, None, None]
     for i, color in enumerate(TRIAD):
         ends = numbers((position + reach * turn[..., i])[..., seen])
@@ -152,6 +160,7 @@ def _triads(ax: Axes, position: Tensor, turn: Tensor, seen: list[int]) -> None:
 
 
 def _shade(i: int, count: int) -> Any:
+    """Colour of the i-th of `count` shapes."""
     from matplotlib import colormaps
 
     return colormaps["viridis"](0.9 * i / (count - 1))

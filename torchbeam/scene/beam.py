@@ -10,9 +10,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..core.arguments import count
 from ..core.leaves import Tree, batch_shapes, leaf
 from ..core.summary import counted, kind, lines, point, span
-from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, count, finite, positive
+from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive, rotations
 from ..math import quaternions as quat
 from .section import Section, notes
 from .stations import Stations, of_elements
@@ -233,15 +234,10 @@ def _placed(section: Sections, direction: Value, up: Value, root: Value, **sizes
 
 def orthonormal(frames: Tensor, *counts: int) -> Tensor:
     """`frames` (..., n, 3, 3) with n one of `counts`, if they are rotation matrices; ValueError otherwise."""
-    finite("frames", frames)
     if frames.ndim < 3 or frames.shape[-3] not in counts or frames.shape[-2:] != (3, 3):
         wanted = " or ".join(f"(..., {n}, 3, 3)" for n in counts)
         raise ValueError(f"frames of shape {tuple(frames.shape)} were given; {wanted} is wanted")
-    if concrete((frames.mT @ frames - torch.eye(3, dtype=frames.dtype, device=frames.device)).abs() > 1e-5).any():
-        raise ValueError("frames that are not orthonormal were given; rotation matrices are wanted")
-    if concrete(torch.linalg.det(frames.detach()) < 0).any():
-        raise ValueError("left-handed frames were given; rotation matrices are wanted")
-    return frames
+    return rotations("frames", frames)
 
 
 def axes_of_nodes(elements: Tensor) -> Tensor:

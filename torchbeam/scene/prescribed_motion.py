@@ -92,3 +92,13 @@ class PrescribedMotion:
             return taken("a motion function's value", function(now), self.scene.beam.nodes, 3)
 
         return at_time(lambda now: with_user_rate(name, value, now), t)
+
+
+def turning(scene: Any) -> bool:
+    """Whether frame a turns."""
+    return scene.frame is not None and scene.frame.angular_velocity is not None
+
+
+def orientation(scene: Any, shape: tuple[int, ...]) -> Tensor | None:
+    """Of frame a at t = 0, (*shape, 4); None where it does not turn."""
+    return quat.identity(shape, scene.beam.nodes.dtype, scene.beam.nodes.device) if turning(scene) else None

@@ -8,10 +8,11 @@ from typing import Any
 
 import torch
 
+from ..core.arguments import boolean, choice, instance
 from ..core.derivatives import cached
 from ..core.leaves import Tree, batch_shapes, bound, own_leaves
 from ..core.summary import kind, lines
-from ..core.validation import as_tensor, axis_last, boolean, broadcast, choice, instance, precision, shown
+from ..core.validation import as_tensor, axis_last, broadcast, precision, shown
 from .beam import Beam
 from .effects import Damping, Effect, Inputs, PerElement, inputs_of
 from .supports import Frame, RootMotion, Support
@@ -59,7 +60,7 @@ class Scene(Tree):
         precision(self.beam.nodes.dtype)
         effects = tuple(self.effects) if isinstance(self.effects, Iterable) else (self.effects,)
         for effect in effects:
-            if isinstance(effect, type) or getattr(effect, "kind", None) not in KINDS:
+            if not isinstance(effect, Effect) or effect.kind not in KINDS:
                 raise ValueError(f"{shown(effect)} was given, which is not an effect; see torchbeam.scene.effects for what is")
             self._check_node(effect)
             for one in own_leaves(effect):
@@ -123,7 +124,7 @@ class Scene(Tree):
             try:
                 bound(one, self.dtype, self.device)
             except ValueError as error:
-                raise ValueError(f"{type(one).__name__} of {error}") from None
+                raise ValueError(f"{one.called} of {error}") from None
         return bound(given, self.dtype, self.device)
 
     @property
@@ -167,7 +168,7 @@ class Scene(Tree):
         return supports
 
     def _check_node(self, effect: Effect) -> None:
-        node, N = getattr(effect, "node", None), self.beam.count
+        node, N = effect.node, self.beam.count
         if node is not None and not -(N + 1) <= node <= N:
             raise ValueError(f"node = {node} was given for a beam with the nodes 0 to {N}; -1 is the tip")
 
@@ -205,8 +206,7 @@ class Scene(Tree):
 
 def _where(effect: Effect, nodes: int) -> str:
     """An effect's name and, where it acts at one node, that node."""
-    node = getattr(effect, "node", None)
-    return type(effect).__name__ + ("" if node is None else f" at node {node % nodes}")
+    return effect.called + ("" if effect.node is None else f" at node {effect.node % nodes}")
 
 
 class NodeSupports(tuple):

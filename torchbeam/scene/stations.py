@@ -9,8 +9,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import count, instance
 from ..core.leaves import Tree, leaf
-from ..core.validation import as_tensor, broadcast, common_dtype, count, finite, instance
+from ..core.validation import as_tensor, broadcast, common_dtype, finite
 from .section import Section
 
 # Gauss-Legendre points and weights on [0, 1], exact to the seventh power

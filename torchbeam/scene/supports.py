@@ -9,8 +9,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import whole
 from ..core.leaves import Tree, leaf
-from ..core.validation import Value, axis_last, finite, shown, whole
+from ..core.validation import Value, axis_last, finite, shown
 from .effects.values import plain
 
 AXES = "xyz"

@@ -9,15 +9,17 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..core.arguments import boolean, instance
 from ..core.functions_of_time import shared
-from ..core.validation import as_tensor, axis_last, boolean, concrete, finite, instance
+from ..core.validation import as_tensor, axis_last, concrete, finite
 from ..math import quaternions as quat
 from ..math.block_tridiagonal import block_tridiagonal
 from ..nodal.discretise import discretise
 from ..nodal.loads import Nodes, added_mass
 from ..nodal.rates import Rates
 from ..scene.scene import Scene
-from ..state.state import State, set_node
+from ..state.state import State
+from ..state.supported_nodes import set_node
 from .node import _OfNode
 from .sensor import XYZ
 
@@ -58,7 +60,8 @@ class NodeAcceleration(_OfNode):
         if any(self.scene.beam.rigid):
             raise ValueError("a scene with an infinite stiffness was given to NodeAcceleration; finite ones are wanted")
         if self.scene.has_prescribed_motion and not all(s.clamp for s in self.scene.supports):
-            raise ValueError("a carried beam with a support that is no clamp was given to NodeAcceleration; clamps are wanted")
+            raise ValueError("a support that is no clamp, of a beam whose root or frame moves, was given to NodeAcceleration; "
+                             "clamps are wanted")
         if self.proper is not None:
             object.__setattr__(self, "proper", finite("proper", axis_last(
                 "proper", as_tensor(self.proper, self.scene.dtype, self.scene.device), 3)))
@@ -86,25 +89,20 @@ class NodeAcceleration(_OfNode):
         nodes = Nodes(state.position, q, state.velocity, space.to_frame(q, spin), state.frame, state.internal)
         right, _ = self.rates.balance(t, nodes)
         eye, moving = torch.eye(p, dtype=right.dtype, device=right.device), model.constraints.moving
-        e = A = None
-        if inertia.offset is not None:
-            e, turning = inertia.lever(q), space.skew(nodes.spin)
-            A = space.lever_matrix(e)
-        at, between = inertia.blocks(eye, e, A)
-        if e is None and (inertia.inertia is None or "angular_acceleration" not in model.read):
+        lever, rotary = inertia.offset.turned(q), inertia.rotary
+        masses = lever.blocks(inertia.blocks(eye), lambda: lever.A)
+        if not lever.present and not (rotary.present and "angular_acceleration" in model.read):
             moving = moving & (torch.arange(moving.shape[-1], device=moving.device) < p)  # spins have no say
         else:
-            R = space.spin_matrix(q)
-            at = at + pad(R @ inertia.inertia @ R.mT, (p, 0, p, 0))
-            gyroscopic = space.to_frame(q, (space.spin_skew(spin) @ (inertia.inertia @ spin[..., None]))[..., 0])
-            right = right - pad(gyroscopic, (p, 0))
-        if e is not None:
-            pull = inertia.momentum((turning @ (turning @ e[..., None]))[..., 0])
-            right = right - torch.cat((pull, (A.mT @ pull[..., None])[..., 0]), -1)
+            masses = rotary.blocks(masses, lambda: rotary.in_frame(q))
+            right = right - pad(space.to_frame(q, rotary.gyroscopic(spin)), (p, 0))
+        if lever.present:
+            pull = inertia.translational.momentum(lever.acceleration(torch.zeros_like(state.velocity), lambda: nodes.spin))
+            right = right - lever.wrench(pull, torch.zeros_like(spin))
+        at, *between = masses
         if model.adds_mass:
             at = at + added_mass(model, nodes, t, self.rates.inputs)
-        between = torch.zeros_like(at[..., 1:, None, :, :]) if between is None else between
-        U, L = between[..., 0, :, :], between[..., -1, :, :]
+        U, L = between or (torch.zeros_like(at[..., 1:, :, :]),) * 2
         free = moving.to(right)
         given = self.given(t, free) if model.scene.has_prescribed_motion else torch.zeros_like(free)
         row, column = free[..., None], free[..., None, :]

@@ -8,7 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.validation import as_tensor, axis_last, boolean, choice, common_dtype, finite, rotations, whole
+from ..core.arguments import boolean, choice, whole
+from ..core.validation import as_tensor, axis_last, common_dtype, finite, rotations
 from ..math import quaternions as quat
 from ..state.state import State
 from .sensor import XYZ, Sensor

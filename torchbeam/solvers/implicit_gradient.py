@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..core.derivatives import no_derivatives
-from ..core.leaves import functions, wants_gradient
+from ..core.leaves import Tree, detached, functions, wants_gradient
 from ..core.validation import concrete
 from .problem import Problem
 
@@ -47,7 +47,7 @@ def differentiated(problem: Problem, x: Any) -> bool:
 
 
 def _detached(x: Any) -> Any:
-    """A tensor, None, or a named tuple of such."""
+    """A tensor, a tree, or a named tuple of such."""
     if isinstance(x, tuple):
         return type(x)(*map(_detached, x))
-    return None if x is None else x.detach()
+    return detached(x) if isinstance(x, Tree) else x.detach()

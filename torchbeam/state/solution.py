@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from torch import Tensor
 
 from ..core.summary import counted, kind, lines, point, span, statuses
-from .state import Point, Reaction
+from .instant import Point, Reaction
 
 
 class Energy(NamedTuple):

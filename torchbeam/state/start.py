@@ -12,7 +12,8 @@ from ..core.validation import concrete
 from ..math import quaternions as quat
 from ..scene.prescribed_motion import PrescribedMotion
 from ..scene.supports import AXES, Support
-from .state import State, held_rotation, set_node
+from .state import State
+from .supported_nodes import held_rotation, set_node
 
 OFF = {torch.float64: 1e-6, torch.float32: 2e-3}  # of the beam's length, and rad
 SWUNG = {torch.float64: 1e-4, torch.float32: 2e-3}  # rad, of a hinge's axis: an explicit method keeps it to its tolerance

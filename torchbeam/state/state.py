@@ -1,92 +1,20 @@
-"""State of the beam at one instant (nodal form), and the views common to all forms."""
+"""State: the beam at one instant in the nodal form; the beam at rest, and checks of a state that was given."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
-from ..core.functions_of_time import rate_along, shared
-from ..core.leaves import Tree, leaf, map_leaves
-from ..core.summary import kind, lines, point, span, statuses
-from ..core.validation import Value, as_tensor, axis_last, broadcast, finite
+from ..core.leaves import leaf, map_leaves
+from ..core.validation import Value, broadcast
 from ..math import quaternions as quat
-from ..scene.beam import axes_of_nodes, orthonormal
-from ..scene.curve import carried_axes
-from ..scene.prescribed_motion import PrescribedMotion
-
-
-class Point(NamedTuple):
-    """One node. All in frame a: position (..., 3) m, velocity (..., 3) m/s, rotation (..., 3, 3) section axes -> a,
-    spin (..., 3) rad/s.
-    """
-
-    position: Tensor
-    velocity: Tensor
-    rotation: Tensor
-    spin: Tensor
-
-
-class Reaction(NamedTuple):
-    """Load of a support on the beam, frame a: force (..., 3) N, moment (..., 3) N m."""
-
-    force: Tensor
-    moment: Tensor
-
-
-class TensorFields(Tree):
-    """Operations on all fields of a frozen dataclass of tensors alike."""
-
-    def map(self, function: Any, *others: Any) -> Any:
-        """The same kind of object with `function` applied field by field."""
-        return map_leaves(lambda value, axes, *theirs: function(value, *theirs), self, *others)
-
-    def __getitem__(self, index: Any) -> Any:
-        """Index the first axes of every field: `states[-1]` of a trajectory is its last state."""
-        return self.map(lambda x: x[index])
-
-    def where(self, mask: Tensor, other: Any) -> Any:
-        """Fields of this one where mask (...) holds, of `other` elsewhere."""
-        return map_leaves(lambda a, axes, b: torch.where(mask[(...,) + (None,) * axes], a, b), self, other)
-
-    def clone(self) -> Any:
-        return self.map(torch.clone)
-
-    def detach(self) -> Any:
-        return self.map(torch.detach)
-
-    def to(self, *args: Any, **kwargs: Any) -> Any:
-        return self.map(lambda x: x.to(*args, **kwargs))
-
-    @classmethod
-    def stack(cls, states: list) -> Any:
-        """States in time order -> one object whose fields have time as their first axis."""
-        return states[0].map(lambda *x: torch.stack(torch.broadcast_tensors(*x)), *states[1:])
-
-
-class Instant(TensorFields):
-    """Views common to the states of all forms: nodes, tip, load of the support."""
-
-    def __repr__(self) -> str:
-        return lines(type(self).__name__, f"t = {span(self.t)} s", f"{self.nodes.shape[-2]} nodes",
-                     f"tip at {point(self.nodes[..., -1, :])} m", statuses(self.status), kind(self.batch_shape, self.nodes))
-
-    @property
-    def tip(self) -> Point:
-        return self.node(-1)
-
-    @property
-    def nodes(self) -> Tensor:
-        """(..., N+1, 3) m, frame a."""
-        return self.position
-
-    @property
-    def root(self) -> Reaction:
-        """Of the first support: the clamp at node 0, where the scene does not say otherwise."""
-        return Reaction(self.reaction[..., :3], self.reaction[..., 3:])
+from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
+from .bent import bent
+from .instant import Instant, Point, Reaction
+from .supported_nodes import at_rest, at_supports
 
 
 @dataclass(frozen=True, repr=False)
@@ -147,7 +75,7 @@ class State(Instant):
 
         Raises ValueError for other shapes, frames that are no rotations, frames with a twist, or a curve that turns back.
         """
-        return _from_nodes(scene, nodes, frames, twist, velocity, spin, t)
+        return bent(rest(scene, t=t), scene, nodes, frames, twist, velocity, spin)
 
     @property
     def axes(self) -> Tensor:
@@ -239,63 +167,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     if not scene.has_prescribed_motion and not any(s.displaced for s in scene.supports):
         return state
     prescribed_motion = PrescribedMotion(scene)
-    return _at_rest(_at_supports(state, prescribed_motion), prescribed_motion).broadcast()
-
-
-def _from_nodes(scene: Any, nodes: Value, frames: Value | None, twist: Any, velocity: Value | None, spin: Value | None,
-                t: float) -> State:
-    """`State.from_nodes`"""
-    beam, still = scene.beam, rest(scene, t=t)
-
-    def given(name: str, value: Value) -> Tensor:
-        value = finite(name, axis_last(name, as_tensor(value, scene.dtype, scene.device), 3))
-        if value.ndim < 2 or value.shape[-2] != beam.count + 1:
-            raise ValueError(f"{name} of shape {tuple(value.shape)} were given; (..., {beam.count + 1}, 3) is wanted")
-        return value
-
-    nodes = given("nodes", nodes)
-    if frames is not None:
-        if twist is not None:
-            raise ValueError("frames and a twist were given; one of them is wanted")
-        frames = quat.from_matrix(orthonormal(as_tensor(frames, scene.dtype, scene.device), beam.count + 1, beam.count))
-        rotation = frames if frames.shape[-2] == beam.count + 1 else axes_of_nodes(frames)
-    else:
-        s = pad(beam.length.cumsum(-1), (1, 0))
-        if callable(twist):
-            twist = as_tensor(twist(s), scene.dtype, scene.device)
-            if twist.shape[-1:] != s.shape[-1:]:
-                raise ValueError(f"a twist of shape {tuple(twist.shape)} was given; (..., {beam.count + 1}) is wanted")
-        elif twist is not None:
-            twist = as_tensor(twist, scene.dtype, scene.device)[..., None] * s / s[..., -1:]
-
-        def axes(nodes: Tensor) -> Tensor:
-            q = carried_axes(beam.frames, beam.nodes, nodes, beam.length, twist)
-            for support in scene.supports:
-                at = support.node
-                q = set_node(q, at, held_rotation(q[..., at, :], still.rotation[..., at, :], support))
-            return q
-
-        rotation = axes(nodes)
-    prescribed_motion, state = PrescribedMotion(scene), replace(still, position=nodes, rotation=rotation).broadcast()
-    state = _at_rest(state, prescribed_motion).broadcast()
-    if velocity is not None:
-        velocity = given("velocity", velocity)
-        if spin is None and frames is None:
-            relative = velocity - _with_frame(state, prescribed_motion)[0]
-            q, rate = rate_along(axes, (nodes + 0 * relative,), (relative + 0 * nodes,))
-            state = replace(state, spin=state.spin + 2 * quat.multiply(quat.conjugate(q), rate)[..., 1:])
-        state = replace(state, velocity=velocity)
-    return (state if spin is None else replace(state, spin=given("spin", spin))).broadcast()
-
-
-def turning(scene: Any) -> bool:
-    """Whether frame a turns."""
-    return scene.frame is not None and scene.frame.angular_velocity is not None
-
-
-def orientation(scene: Any, shape: tuple[int, ...]) -> Tensor | None:
-    """Of frame a at t = 0, (*shape, 4); None where it does not turn."""
-    return quat.identity(shape, scene.beam.nodes.dtype, scene.beam.nodes.device) if turning(scene) else None
+    return at_rest(at_supports(state, prescribed_motion), prescribed_motion).broadcast()
 
 
 def with_optional_fields(state: State, scene: Any) -> State:
@@ -313,63 +185,6 @@ def with_optional_fields(state: State, scene: Any) -> State:
     if sizes and state.internal is None:
         state = replace(state, internal=state.position.new_zeros(*state.batch_shape, sizes))
     return state
-
-
-def _at_supports(state: State, prescribed_motion: PrescribedMotion) -> State:
-    """With the supports where they are then."""
-    position, rotation = state.position, state.rotation
-    for support in prescribed_motion.scene.supports:
-        if support.displaced:
-            place, turn = prescribed_motion.pose(support, shared(state.t))
-            position = _put_held(position, support, place)
-            rotation = set_node(rotation, support.node, turn)
-    return replace(state, position=position, rotation=rotation)
-
-
-def _at_rest(state: State, prescribed_motion: PrescribedMotion) -> State:
-    """At rest in frame a, in absolute velocities, its supports with the motion they have then."""
-    t = shared(state.t)
-    velocity, spin = _with_frame(state, prescribed_motion)
-    for support in prescribed_motion.scene.supports:
-        if support.moves:
-            motion = prescribed_motion.absolute(support, t)
-            velocity = _put_held(velocity, support, motion[0])
-            spin = spin if support.turn is None else set_node(spin, support.node, motion[1])
-    return replace(state, velocity=velocity, spin=spin)
-
-
-def _with_frame(state: State, prescribed_motion: PrescribedMotion) -> tuple[Tensor, Tensor]:
-    """Velocity and spin (..., N+1, 3) of what stands in frame a."""
-    v, omega = (None if x is None else x[..., None, :] for x in prescribed_motion.frame(shared(state.t)))
-    velocity = torch.zeros_like(state.position)
-    spin = torch.zeros_like(velocity)
-    if omega is not None:
-        velocity = velocity + torch.linalg.cross(*torch.broadcast_tensors(omega, state.position))
-        spin = spin + quat.rotate(quat.conjugate(state.rotation), omega)
-    return velocity if v is None else velocity + v, spin
-
-
-def held_rotation(q: Tensor, at: Tensor, support: Any) -> Tensor:
-    """The rotation q (..., 4) of a node with what its support holds as in `at` (..., 4)."""
-    if not support.rotation:
-        return q
-    if len(support.rotation) == 3:
-        return at.expand_as(q + at)
-    free = at.new_tensor([1.0] + [float(not held) for held in support.held[3:]])
-    return quat.multiply(quat.normalize(quat.multiply(q, quat.conjugate(at)) * free), at)
-
-
-def _put_held(x: Tensor, support: Any, value: Tensor) -> Tensor:
-    """`put`, of the components whose position is held."""
-    at = support.node
-    return set_node(x, at, torch.where(torch.tensor(support.held[:3], device=x.device), value, x[..., at, :]))
-
-
-def set_node(x: Tensor, node: int, value: Tensor) -> Tensor:
-    """x (..., N+1, n) with the row of a node replaced by value (..., n)."""
-    at = torch.zeros(x.shape[-2], 1, dtype=torch.bool, device=x.device)
-    at[node] = True
-    return torch.where(at, value[..., None, :], x)
 
 
 torch.serialization.add_safe_globals([State])

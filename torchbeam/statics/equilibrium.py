@@ -9,23 +9,26 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, choice, instant
+from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.status import DIVERGED, STATUS
-from ..core.validation import boolean, choice, concrete, instant
-from ..core.validation import tolerance as check_tolerance
+from ..core.validation import concrete
 from ..math.block_tridiagonal import finite_pivots, positive_definite
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
+from ..scene.prescribed_motion import turning
 from ..scene.scene import Scene
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..solvers.newton import newton
-from ..state.state import State, check_state, rest, turning
+from ..state.state import State, check_state, rest
 from . import relaxation
 from .arc_length import LoadedProblem, where
+from .continuation import NEUTRAL
 from .mechanism import unheld
-from .path import NEUTRAL, stable_branch
+from .path import stable_branch
 from .steady import Configuration, SteadyProblem
 
 TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on another branch

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
-import time
 from collections.abc import Sequence
 from importlib import resources
 from itertools import product
@@ -15,7 +13,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..cli import results_folder, threads
+from ..analysis.trials import repeated, seconds
+from ..cli import study, threads
 from ..core.files import written
 from ..core.results import measured_on, sentence, table, write
 from ..dynamics.simulate import simulate
@@ -83,32 +82,23 @@ def measure(case: Case, whole: Solution, space: str, elements: int, step: float,
     """Best of `repeats` after one warm-up, for `duration` from the middle of the whole motion, whose error is taken."""
     scene = case.scene(elements, SPACES[space])
     with torch.no_grad():
-        start = _batch(whole, batch)
+        start = repeated(whole.state[len(whole.t) // 2], batch)  # in motion at t = 1 s
         t = torch.linspace(0, duration, 2, dtype=case.t.dtype)
-        best = float("inf")
-        for k in range(repeats + 1):
-            begun = time.process_time()
-            run = simulate(scene, t, initial=start, step=step)
-            best = min(best, time.process_time() - begun) if k else best
+
+        def run() -> Solution:
+            return simulate(scene, t, initial=start, step=step)
+
+        iterations = run().stats.iterations.double().mean().item()
+        (best,) = seconds([run], repeats)
     return Row(space, elements, 1e3 * step, batch, case.error(whole), best * 2 / duration, batch * duration / best,
-               run.stats.iterations.double().mean().item())
-
-
-def _batch(whole: Solution, batch: int):
-    """The beam in motion at t = 1 s, `batch` times."""
-    middle = whole.state[len(whole.t) // 2]
-    return middle if batch == 1 else middle.map(lambda x: x.expand(batch, *x.shape))
+               iterations)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Error against CPU time on the common dynamic case."""
-    parser = argparse.ArgumentParser(prog="python -m torchbeam accuracy", description=(
-        "Error against CPU time on the common dynamic case (cantilever, sudden tip load, 2 s), one thread, float64. Writes "
-        "accuracy.csv, accuracy.md, accuracy.json (with machine and versions) and, with matplotlib, accuracy.png."))
-    parser.add_argument("--out", type=Path, default=Path("out/accuracy"), help="folder for the results (default: %(default)s)")
-    parser.add_argument("--quick", action="store_true", help="two meshes, one step, short timing")
-    given = parser.parse_args(argv)
-    out = results_folder(parser, given.out)
+    given, out = study(argv, "accuracy", (
+        "Error against CPU time on the common dynamic case (cantilever, sudden tip load, 2 s), one thread, float64; with "
+        "matplotlib also as a picture, accuracy.png."), quick="two meshes, one step, short timing")
     with threads(1):
         rows, heading = list(_rows(given.quick)), measured_on()
     text = f"{_markdown(rows)}\n\n{sentence(heading)}"

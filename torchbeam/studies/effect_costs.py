@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ..analysis.trials import change, operations, seconds
-from ..cli import results_folder, threads
+from ..analysis.trials import change, operations, repeated, seconds
+from ..cli import study, threads
 from ..core.results import measured_on, sentence, write
 from ..core.results import table as markdown_table
 from ..dynamics.stepper import Stepper
@@ -21,7 +19,6 @@ from ..scene import effects as fx
 from ..scene.beam import Beam
 from ..scene.scene import Frame, RootMotion, Scene
 from ..scene.section import Section
-from ..state.state import State
 
 STEP, STEPS = 0.005, 80  # s; of the answer
 MIDDLE, TIMED = 20, 4  # operations and times are those of TIMED steps after the first MIDDLE
@@ -129,16 +126,11 @@ class _Ran:
         self.operations = operations(self.run) / TIMED
 
     def run(self, batch: int = 1) -> None:
-        state, iterations = self.middle if batch == 1 else _batch(self.middle, batch), 0.0
+        state, iterations = repeated(self.middle, batch), 0.0
         for _ in range(TIMED):
             state = self.stepper(state)
             iterations += self.stepper.iterations.double().mean().item()
         self.iterations = iterations / TIMED
-
-
-def _batch(state: State, batch: int) -> State:
-    values = {n: v.expand(batch, *v.shape) if isinstance(v, Tensor) else v for n, v in vars(state).items()}
-    return replace(state, **values)
 
 
 def measure(quick: bool = False) -> tuple[_Ran, list[Row]]:
@@ -165,13 +157,9 @@ def measure(quick: bool = False) -> tuple[_Ran, list[Row]]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """What each effect adds in operations and time, and changes in an answer."""
-    parser = argparse.ArgumentParser(prog="python -m torchbeam effects", description=(
-        "Steps one scene with and without each effect, side by side: tensor operations, time, and change of the answer. Writes "
-        "effects.csv, effects.md and effects.json (with machine and versions)."))
-    parser.add_argument("--out", type=Path, default=Path("out/effects"), help="folder for the results (default: %(default)s)")
-    parser.add_argument("--quick", action="store_true", help="four elements, ten steps, batch 1")
-    given = parser.parse_args(argv)
-    out = results_folder(parser, given.out)
+    given, out = study(argv, "effects", (
+        "Steps one scene with and without each effect, side by side: tensor operations, time, and change of the answer."),
+        quick="four elements, ten steps, batch 1")
     with threads(1), torch.no_grad():
         base, rows = measure(given.quick)
         heading = measured_on()

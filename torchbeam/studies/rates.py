@@ -7,15 +7,13 @@ One thread, float64, a soft cantilever with a changing tip load at random small 
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from pathlib import Path
 
 import torch
 
-from ..cli import results_folder, threads
+from ..cli import study, threads
 from ..core.results import measured_on, sentence, table, write
 from ..mixed import minimal
 from ..mixed.model import MixedModel
@@ -67,12 +65,7 @@ def measure(N: int, batch: int) -> dict[str, tuple[float, float]]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Time the rates of the mixed forms: O(N) sweep against the dense block rate matrix."""
-    parser = argparse.ArgumentParser(prog="python -m torchbeam rates", description=(
-        f"{__doc__.partition(chr(10))[0]} Writes rates.csv, rates.md and rates.json (with machine and versions)."))
-    parser.add_argument("--out", type=Path, default=Path("out/rates"), help="folder for the results (default: %(default)s)")
-    parser.add_argument("--quick", action="store_true", help="one element, a batch of 16")
-    given = parser.parse_args(argv)
-    out = results_folder(parser, given.out)
+    given, out = study(argv, "rates", __doc__.partition("\n")[0], quick="one element, a batch of 16")
     dtype = torch.get_default_dtype()
     torch.set_default_dtype(torch.float64)
     try:

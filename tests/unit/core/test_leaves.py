@@ -97,3 +97,39 @@ def test_samples_are_taken_and_put_back():
     assert back.points[0].weight.tolist() == [0, -1, 2, -3]
     with pytest.raises(NotSeparable):
         few.gather(Cloud((), law=lambda position: position))
+
+
+def test_merging_goes_by_declared_axes_and_not_by_shapes():
+    """A batch of 3 beside axes of size 3: what has no batch axis stays as it was, whatever its sizes; one sample may bring a
+    batch axis of size 1; one value for all becomes one for each where a sample has its own. Out of place, with gradients."""
+    one = BatchSubset(torch.tensor([1]), 3)
+    shared, own = torch.zeros(3, requires_grad=True), torch.arange(3.0, requires_grad=True)
+    cloud = Cloud((Point("p", shared, own), Point("p", torch.zeros(1, 3), torch.tensor(0.0))))
+    single = torch.tensor([7.0], requires_grad=True)
+    part = Cloud((Point("p", torch.ones(3), single), Point("p", torch.ones(1, 3), torch.tensor([5.0]))))
+    merged = one.merge(cloud, part)
+    assert merged.points[0].place is shared and merged.points[0].weight.tolist() == [0, 7, 2]
+    assert torch.equal(merged.points[1].place, torch.tensor([0.0, 1, 0])[:, None].expand(3, 3))
+    assert merged.points[1].weight.tolist() == [0, 5, 0] and own.tolist() == [0, 1, 2]
+    by = torch.autograd.grad((merged.points[0].weight * torch.tensor([1.0, 2, 4])).sum(), (own, single))
+    assert [g.tolist() for g in by] == [[1, 0, 4], [2]]
+
+
+def test_a_function_is_merged_where_it_holds_the_same():
+    one = BatchSubset(torch.tensor([1]), 3)
+
+    def cloud(rate, values):
+        return Cloud((), law=lambda t: rate * values * t)
+
+    whole = cloud(2.0, torch.ones(3))
+    assert one.merge(whole, cloud(2.0, torch.ones(3))) is whole
+    for part in (cloud(2.0, torch.ones(1)), cloud(3.0, torch.ones(3)), Cloud((), law=torch.sin)):
+        with pytest.raises(ValueError, match="a function that holds other things"):
+            one.merge(whole, part)
+
+
+def test_a_tree_is_equal_to_itself_alone():
+    """Comparing tensors gives tensors, which `==` of a tuple, `in` and a dictionary cannot take for an answer."""
+    one, other = (Cloud((point(),), point()) for _ in range(2))
+    assert one == one and one != other and other not in (one,) and len({one: 0, other: 1}) == 2
+    assert hash(one) == hash(one) and map_leaves(lambda value, axes: value, one) == one

@@ -2,7 +2,9 @@
 
 import pytest
 import torch
+import torch.autograd.forward_ad as forward_ad
 from nodal_cases import orders, scene, state
+from tangent_cases import assert_newton_inverts
 from torch.testing import assert_close
 
 import torchbeam as tb
@@ -41,31 +43,17 @@ def somewhere(problem, batch=(3,)):
 @pytest.mark.parametrize("case", CASES, ids=str)
 @pytest.mark.parametrize("kind", ["step", "lumped step", "still"])
 def test_newton_update_inverts_the_derivative_of_the_residual(kind, case):
-    """The condensed solve gives (move, d stress, reaction) such that jvp(residual; move, d stress) = -residual: exact to
-    the rounding of a solve whose condition is about 1e3. One statement for the tangent, the condensation and the sweep,
-    at a random state, with follower loads, weight and damping on.
+    """At a random state, with follower loads, weight and damping on: exact to the rounding of a solve whose condition is about
+    1e3.
     """
     problem = still_of(case) if kind == "still" else step_of(case, "lumped" in kind)
-    x = somewhere(problem)
-    residual, *about = problem.residual(x)
-    move, dstress, reaction = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
-
-    def g(move, dstress):
-        fresh = type(problem)(**{name: getattr(problem, name) for name in problem.__dataclass_fields__})
-        r = fresh.residual(fresh.update(x, move, dstress))[0]
-        return r.nodes, r.strain
-
-    zero = torch.zeros_like(move), torch.zeros_like(dstress)
-    _, (nodes, strain) = torch.func.jvp(g, zero, (move, dstress))
-    assert_close(nodes[..., 1:, :], -residual.nodes[..., 1:, :], rtol=0, atol=1e-9)
-    assert_close(strain, -residual.strain, rtol=0, atol=1e-10)
-    assert_close(residual.nodes[..., 0, :] + nodes[..., 0, :], reaction[..., 0, :], rtol=0, atol=1e-9)
+    assert_newton_inverts(problem, somewhere(problem), nodes=1e-9, strain=1e-10)
 
 
 def momentum(model, s):
     """Linear momentum and angular momentum about frame a's origin, (..., 3)."""
-    p = model.inertia.momentum(s.velocity)
-    H = quat.rotate(s.rotation, model.inertia.angular_momentum(s.spin))
+    p = model.inertia.translational.momentum(s.velocity)
+    H = quat.rotate(s.rotation, model.inertia.rotary.section_momentum(s.spin))
     return p.sum(-2), (torch.linalg.cross(s.position, p) + H).sum(-2)
 
 
@@ -127,3 +115,21 @@ def test_energy_error_is_second_order():
         drifts.append((e.kinetic + e.strain - e.work).abs().max().item() / e.strain.max().item())
     assert drifts[0] < 5e-5
     assert_close(orders(drifts), torch.full((2,), 2.0), rtol=0, atol=0.05)
+
+
+def test_dual_numbers_go_through_a_checkpointed_motion():
+    """They need no memory of the past, so that nothing is kept: the derivative is that of `torch.func.jvp` without."""
+    t = torch.linspace(0, 0.2, 5)
+
+    def tip(force, **options):
+        of = tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=1.0, EI=1.0, mass=0.2)),
+                      [tb.TipLoad(force=force)])
+        return tb.simulate(of, t, step=0.02, **options).tip.position
+
+    force, along = torch.tensor([0.1, 0.2, -0.3]), torch.tensor([0.3, -1.0, 0.5])
+    value, expected = torch.func.jvp(tip, (force,), (along,))
+    with forward_ad.dual_level():
+        found = forward_ad.unpack_dual(tip(forward_ad.make_dual(force, along), checkpoint=True))
+    assert expected[-1].abs().amax() > 1e-3
+    assert_close(found.primal, value, rtol=0, atol=1e-14)
+    assert_close(found.tangent, expected, rtol=1e-9, atol=1e-12)

@@ -8,17 +8,19 @@ from nodal_cases import scene, state
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam.dynamics.generalized_alpha import AlphaState, GeneralizedAlphaProblem
 from torchbeam.dynamics.midpoint import MidpointProblem
+from torchbeam.dynamics.step_element import Ends
 from torchbeam.dynamics.step_kinematics import MidpointMotion
+from torchbeam.nodal import loads as external
 from torchbeam.nodal.assembly import to_blocks, to_nodes
 from torchbeam.nodal.constitutive_law import times
 from torchbeam.nodal.discretise import discretise
-from torchbeam.nodal.inertia import Momenta, exchange, with_levers
+from torchbeam.nodal.mass import exchange
 
 N, BATCH = 3, (2,)
-AXES = {"mass": 1, "coupling": 1, "inertia": 2, "offset": 1, "length": 1, "reference": 1, "strain": 1, "eigenstrain": 1, "S": 2,
-        "C": 2, "retardation": 2, "position": 1, "rotation": 1, "velocity": 1, "spin": 1, "frames": 1, "R": 2, "chord": 1,
-        "B": 2, "B_section": 2}  # axes behind that of the nodes or elements
+AXES = {"length": 1, "reference": 1, "eigenstrain": 1, "S": 2, "C": 2, "retardation": 2, "position": 1, "rotation": 1,
+        "velocity": 1, "spin": 1, "acceleration": 1, "chord": 1, "B": 2, "B_section": 2}  # behind that of the nodes or elements
 
 
 def at(x, k, axes=1):
@@ -53,84 +55,167 @@ def beams(kind):
     return tb.Scene(beam, [*effects, body], plane="xz", frame=spin)
 
 
-def in_balance(inertia, pieces, h, way, omega):
-    """[force; moment] of momenta before and after: their rates, and what turns with the frame."""
-    before, after = pieces
-    rates = Momenta(*((b - a) / h for a, b in zip(before, after, strict=True)))
-    mean = Momenta(*((a + b) / 2 for a, b in zip(before, after, strict=True)))
-    return inertia.balance(rates, lambda: mean, way.lever, omega)
+KINDS = ["space", "in a turning frame, eccentric", "plane", "small"]
 
 
-@pytest.mark.parametrize("kind", ["space", "in a turning frame, eccentric", "plane", "small"])
-def test_a_step_is_the_sum_of_its_elements_and_nodes(kind):
-    """Residual, strain law and tangent of the midpoint step at a random iterate: elements one by one, each with its share of
+def element_of(problem, space, k):
+    """One element of a step."""
+    element, more = problem.element, {}
+    if hasattr(element, "straining"):
+        more = dict(straining=at(element.straining, k))
+    found = one(element, k, law=one(problem.model.law, k), start=Ends(*(at(x, k) for x in element.start)), **more)
+    return replace(found, space=replace(space, element=one(space.element, k))) if hasattr(space, "element") else found
+
+
+def alpha_problem(of):
+    """With generalized alpha, from a random state."""
+    model = discretise(of)
+    start, w, k = model.space.to_reduced(state(of)), model.space.unknowns, model.space.strain
+    known = AlphaState(**vars(start), acceleration=torch.randn(*BATCH, N + 1, 2 * w), straining=torch.randn(*BATCH, N, 2 * k))
+    return GeneralizedAlphaProblem(model, known, torch.tensor(0.1), torch.tensor(0.3), {}, rho_inf=0.7)
+
+
+def midpoint_problem(of):
+    model = discretise(of)
+    return MidpointProblem(model, model.space.to_reduced(state(of)), torch.tensor(0.1), torch.tensor(0.3), {})
+
+
+def somewhere(problem):
+    """A random iterate."""
+    x = problem.predictor()
+    push = 0.2 * torch.randn(*x.stress.shape[:-2], N, problem.model.space.unknowns)
+    return problem.apply_supports(problem.update(x, torch.nn.functional.pad(push, (0, 0, 1, 0)), torch.randn_like(x.stress)))
+
+
+def motion_of_node(problem, k):
+    """One node of a step, with inertia of its own: what it shares with its neighbours is left out."""
+    inertia, clamps = problem.model.inertia.of_nodes(slice(k, k + 1)), problem.support_motions.clamps
+    start = one(problem.start, k)
+    if isinstance(problem.motion, MidpointMotion):
+        own = tuple(c._replace(node=0) for c in clamps if c.node == k)
+        return replace(problem.motion, inertia=inertia, start=start, clamps=own)
+    return replace(problem.motion, inertia=inertia, start=start)
+
+
+@pytest.mark.parametrize("make, kind", [(midpoint_problem, kind) for kind in KINDS] + [
+    (alpha_problem, kind) for kind in KINDS if "frame" not in kind and kind != "plane"])
+def test_a_step_is_the_sum_of_its_elements_and_nodes(make, kind):
+    """Residual, strain law and tangent of an implicit step at a random iterate: elements one by one, each with its share of
     the half-consistent mass, nodes one by one with inertia of their own, against the whole chain at once. To rounding: sums of
     some ten terms of up to 100.
     """
-    of = beams(kind)
-    model = discretise(of)
-    space, p, w = model.space, model.space.position, model.space.unknowns
-    problem = MidpointProblem(model, space.to_reduced(state(of)), torch.tensor(0.1), torch.tensor(0.3), {})
-    x = problem.predictor()
-    push = 0.2 * torch.randn(*x.stress.shape[:-2], N, w)
-    x = problem.update(x, torch.nn.functional.pad(push, (0, 0, 1, 0)), torch.randn_like(x.stress))
+    problem = make(beams(kind))
+    model, space = problem.model, problem.model.space
+    p, x = space.position, somewhere(problem)
     residual, *about = problem.residual(x)
     tangent = problem.linearise(x, *about)
 
-    x = problem.apply_supports(x)
-    omega, start, h = problem.frame[1], problem.start, problem.h
-    nodes, ways, halves, moved = [], [], [], []
-    g, D, U, L, gaps = [0.0] * (N + 1), [0.0] * (N + 1), [], [], []
-    for k in range(N + 1):  # one node
-        own = one(model.inertia, k, coupling=None, space=one(space, k) if kind == "small" else space)
-        here, held = one(start, k), tuple(s._replace(node=0) for s in problem.support_motions if s.node == k)
-        motion = MidpointMotion(own, here, h, problem.frame, held)
-        way = motion.kinematics(at(x.u, k), at(x.m, k))
-        balance, turning = motion.balance(way)
-        R = own.space.spin_matrix(way.q)
-        half = own.space.mean_rotation(R, motion.R)
-        g[k] = g[k] + balance[..., 0, :]
-        D[k] = D[k] + motion.tangent(way, turning, half, *motion.theta_by_spin(way, R))[0][..., 0, :, :]
-        nodes.append(motion), ways.append(way), halves.append(half)
-        moved.append(None if way.lever is None else own.space.lever_matrix(own.lever(way.q_end)) @ half)
-    load = problem.external(x, about[0])
+    motions = [motion_of_node(problem, k) for k in range(N + 1)]
+    ways = [motion.kinematics(at(x.u, k), at(x.m, k)) for k, motion in enumerate(motions)]
+    forces = [motion.balance(way) for motion, way in zip(motions, ways, strict=True)]
+    turns = [problem.TANGENT(*both) for both in zip(motions, ways, strict=True)]
+    g = [own.wrench[..., 0, :] for own in forces]
+    D = [turn.inertia(own)[0][..., 0, :, :] for turn, own in zip(turns, forces, strict=True)]
+    U, L, gaps = [], [], []
     for e in range(N):  # one element
-        i, j = e, e + 1
-        local = one(problem.element, e, law=one(model.law, e))
-        if kind == "small":
-            local = replace(local, space=replace(space, element=one(space.element, e)))
-        middle = (*(at(start.position + x.u, k) for k in (i, j)), ways[i].q, ways[j].q)
-        end = (*(at(start.position + 2 * x.u, k) for k in (i, j)), ways[i].q_end, ways[j].q_end)
-        found = local.balance(middle, end, at(x.stress, e))
-        by = local.tangent(found.middle, found.end, at(x.stress, e), halves[i], halves[j])
+        pair = e, e + 1
+        local = element_of(problem, space, e)
+        poses = [Ends(*(y for ys in zip(*(ways[k].poses[instant] for k in pair), strict=True) for y in ys))
+                 for instant in range(len(ways[e].poses))]
+        found = local.balance(at(x.stress, e), *poses)
+        by = local.tangent(found, at(x.stress, e), lambda pair=pair: tuple(turns[k].half for k in pair))
         force = to_nodes(found.forces, p)
-        C = at(problem.C, e, 2)
-        d, up, down = to_blocks(by.stiffness + by.hB.mT @ times(C, by.E), p)
+        d, up, down = to_blocks(by.stiffness + by.hB.mT @ times(at(problem.C, e, 2), by.E), p)
         gaps.append(found.gap)
-        coupling = at(model.inertia.coupling, e)
-        v = [(m.centre_velocity, m.velocity_end(way, m.spin_end(way))[1]) for m, way in ((nodes[k], ways[k]) for k in (i, j))]
-        shared = [exchange(coupling, v_i, v_j) for v_i, v_j in zip(*v, strict=True)]  # before and after
-        block = coupling[..., None] * nodes[i].Z
-        for k, sign in ((i, 1), (j, -1)):
-            pieces = [Momenta(sign * P, torch.zeros_like(nodes[k].start.spin)) for P in shared]
-            inertia = nodes[k].inertia
-            pushed = in_balance(inertia, pieces, h, ways[k], omega)
-            g[k] = g[k] + force[..., k - e, :] + pushed[..., 0, :]
-            levers = None if moved[k] is None else with_levers(-block, space.lever_matrix(ways[k].lever), moved[k])
-            own = (levers if moved[k] is not None else torch.nn.functional.pad(-block, (0, w - p, 0, w - p))), None
-            D[k] = D[k] + d[..., k - e, :, :] + inertia.tangent(own, None, pushed[..., :p], moved[k])[0][..., 0, :, :]
-        for blocks, k, other, stiffness in ((U, i, j, up), (L, j, i, down)):
-            mass = torch.nn.functional.pad(block, (0, w - p, 0, w - p)) if moved[k] is None else with_levers(
-                block, space.lever_matrix(ways[k].lever), moved[other])
-            blocks.append((stiffness + mass)[..., 0, :, :])
+        pushed, (D_i, D_j, mass_up, mass_down) = shared_mass(problem, at(model.inertia.translational.coupling, e), *(
+            [parts[k] for k in pair] for parts in (motions, ways, turns)))
+        for k, own, block in zip(pair, pushed, (D_i, D_j), strict=True):
+            g[k] = g[k] + force[..., k - e, :] + own[..., 0, :]
+            D[k] = D[k] + d[..., k - e, :, :] + block[..., 0, :, :]
+        U.append((up + mass_up)[..., 0, :, :]), L.append((down + mass_down)[..., 0, :, :])
 
-    load = load if isinstance(load, torch.Tensor) else torch.zeros_like(residual.nodes)
+    nodes = problem.TANGENT(problem.motion, about[0])
+    load = problem.external(about[0])
     assert_close(torch.stack(torch.broadcast_tensors(*g), -2) - load, residual.nodes, rtol=0, atol=1e-11)
     assert_close(torch.cat(torch.broadcast_tensors(*gaps), -2), residual.strain, rtol=0, atol=1e-12)
-    R = space.spin_matrix(about[0].q)
-    half, turns = space.mean_rotation(R, problem.motion.R), problem.motion.theta_by_spin(about[0], R)
-    pushes = problem.load_tangent(x, about[0], R, turns[0], half, turns[1])
-    whole = torch.stack(torch.broadcast_tensors(*D), -3) - pushes
+    whole = torch.stack(torch.broadcast_tensors(*D), -3) - problem.load_tangent(nodes)
     D, L, U = (y[..., model.constraints.first:, :, :] for y in (whole, torch.stack(L, -3), torch.stack(U, -3)))
     for found, expected in ((D, tangent.D), (L, tangent.L), (U, tangent.U)):
         assert_close(found.expand_as(expected), expected, rtol=1e-12, atol=1e-10)
+
+
+def shared_mass(problem, coupling, motions, ways, turns):
+    """Of one element: what its half-consistent mass asks of its two nodes (..., 1, w), and the derivatives at i, at j, of i by
+    j and of j by i.
+    """
+    midpoint = isinstance(problem.motion, MidpointMotion)
+    space, p = problem.model.space, problem.model.space.position
+    if midpoint:
+        before, after = (exchange(coupling, *v) for v in ([m.centre_velocity for m in motions], [w.centre_end for w in ways]))
+        rate = motions[0]._rate(problem.frame.rate, before, after)
+        levers, moved = [w.lever for w in ways], [lambda t=t: t.lever_end for t in turns]
+    else:
+        rate = exchange(coupling, *(w.true[..., :p] for w in ways))
+        levers, moved = [m.inertia.offset for m in motions], [None, None]
+    still, block = torch.zeros_like(rate[..., :space.spin]), coupling[..., None] * motions[0].Z
+    pushed = [lever.wrench(sign * rate, still) for lever, sign in zip(levers, (1, -1), strict=True)]
+    M = {sign: levers[0].prepared((sign * block,), space.spin) for sign in (1, -1)}
+    here = [levers[k].tangent(M[-1], moved[k], lambda k=k: pushed[k])[0] for k in (0, 1)]
+    return pushed, (*here, *(levers[k].blocks(M[1], moved[1 - k])[0] for k in (0, 1)))
+
+
+def loaded(kind):
+    """A scene with loads of every kind, on nodes and along the beam."""
+    def user(r, R, v, w, t, acceleration, angular_acceleration):
+        pull = torch.linalg.cross(w, r) - 0.1 * acceleration + R[..., 1] * (v * v).sum(-1, keepdim=True)
+        return pull, torch.linalg.cross(angular_acceleration, R[..., 0]) + torch.linalg.cross(v, r)
+
+    of = ("position", "rotation", "velocity", "spin", "acceleration", "angular_acceleration")
+    more = [tb.Load(user, of=of, node=1), tb.Load(user, of=of, node=None), tb.MassDamping(0.3),
+            tb.Drag(1.2, 0.4, added_mass=0.8)]
+    found = beams(kind)
+    return tb.Scene(found.beam, [*found.effects, *more], frame=found.frame, plane=found.plane, small=found.small)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_loads_are_the_sum_of_each_on_each_node(kind):
+    """Every load on every node by itself, on that node's own motion and with what a step knows of that node alone, against the
+    loads of the chain at once, and their tangent likewise: to rounding.
+    """
+    problem = midpoint_problem(loaded(kind))
+    model, t = problem.model, problem.t
+    way = problem.residual(somewhere(problem))[1]
+    nodes, motion = problem.nodes(way), problem.TANGENT(problem.motion, way)
+    whole = external.external(model, nodes, t, {})
+    wanted = external.tangent(model, nodes, t, {}, model.loads[0], external.motion_jacobian(motion, model.read))
+
+    axes = {} if nodes.frame is None else {"axes": tb.math.quaternions.matrix(model.space.public_frame(nodes.frame)).mT}
+    force, stiffness = torch.zeros_like(whole), torch.zeros_like(wanted)
+    for k in range(N + 1):
+        space, single = model.space.of_nodes(k), model.space.of_nodes(slice(k, k + 1))
+        by = {name: at(y, k, 2) for name, y in external.motion_jacobian(motion, model.read).items()}
+        here = nodes._replace(**{name: at(y, k) for name, y in nodes._asdict().items()
+                                 if name in external.AT_NODES and y is not None})
+        for load in model.scene.loads:
+            reads = model.depends_on(load)
+            if load.node is None:
+                place = dict(mass=model.section_mass[..., k:k + 1, :, :], s=model.s[..., k:k + 1], elements=N)
+                point = external.load_point(single, load, reads, here, **place, **axes)
+                length = model.tributary_length[..., k:k + 1, :]
+                push = length * external.wrench(single, load, point, t, {})
+                turn = external.wrench_tangent(single, load, point, t, {}, by)
+                turn = turn if isinstance(turn, float) else length[..., None] * turn
+            elif load.node % (N + 1) == k:
+                point = external.load_point(space, load, reads, nodes.of(k, reads), **axes)
+                push = external.wrench(space, load, point, t, {})[..., None, :]
+                own = {name: y[..., 0, :, :] for name, y in by.items()}
+                turn = external.wrench_tangent(space, load, point, t, {}, own)
+                turn = turn if isinstance(turn, float) else turn[..., None, :, :]
+            else:
+                continue
+            spot = torch.zeros(N + 1, 1)
+            spot[k] = 1
+            force, stiffness = force + spot * push, stiffness + spot[..., None] * turn
+    assert force.abs().max() > 0.1 and stiffness.abs().max() > 0.1
+    assert_close(force, whole, rtol=1e-12, atol=1e-12)
+    assert_close(stiffness, wanted.expand_as(stiffness), rtol=1e-12, atol=1e-11)

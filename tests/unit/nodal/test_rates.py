@@ -48,7 +48,7 @@ def test_momentum_rates(rates):
 
     def momenta(y):
         nodes, spin, _ = rates.unpack(t, y)
-        return model.inertia.mass * nodes.velocity, quat.rotate(nodes.rotation, model.inertia.angular_momentum(spin))
+        return model.inertia.mass * nodes.velocity, quat.rotate(nodes.rotation, model.inertia.rotary.section_momentum(spin))
 
     _, (p_rate, H_rate) = torch.func.jvp(momenta, (y,), (rates(t, y),))
     nodes = rates.unpack(t, y)[0]

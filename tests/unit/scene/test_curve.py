@@ -121,7 +121,7 @@ def test_in_frames_and_planes_and_to_start_from():
     ("nodes of shape (4, 3) were given; (..., 5, 3) is wanted", dict(nodes=torch.zeros(4, 3))),
     ("(..., 5, 3, 3) or (..., 4, 3, 3) is wanted", dict(frames=torch.eye(3))),
     ("frames that are not orthonormal", dict(frames=2 * torch.eye(3).expand(5, 3, 3))),
-    ("left-handed frames", dict(frames=-torch.eye(3).expand(5, 3, 3))),
+    ("frames with left-handed axes", dict(frames=-torch.eye(3).expand(5, 3, 3))),
     ("frames and a twist were given", dict(frames=torch.eye(3).expand(5, 3, 3), twist=1.0)),
     ("a twist of shape (1,) was given; (..., 5) is wanted", dict(twist=lambda s: s[:1])),
     ("velocity of shape (3,) were given", dict(velocity=(0.0, 0.0, 0.0))),

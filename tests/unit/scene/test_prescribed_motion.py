@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 from nodal_cases import orders, scene, section, state
+from tangent_cases import assert_newton_inverts
 from torch.testing import assert_close
 
 import torchbeam as tb
@@ -83,9 +84,7 @@ def case(name, batch=(), damping="one"):
 
 @pytest.mark.parametrize("kind, name", [(k, n) for n in EXTRA for k in ("step", "still") if (k, n) != ("still", "free")])
 def test_newton_update_inverts_the_derivative_of_the_residual(kind, name):
-    """jvp(residual; move, d stress) = -residual of what is free, at a random iterate: the tangent by move and stress, with
-    all that may act (rounding of a solve whose condition is about 1e4).
-    """
+    """At a random iterate, with all that may act (rounding of a solve whose condition is about 1e4)."""
     of = case(name, batch=(3,))
     model = discretise(of)
     if kind == "still":
@@ -99,23 +98,8 @@ def test_newton_update_inverts_the_derivative_of_the_residual(kind, name):
         torch.manual_seed(7)
         push = 0.2 * torch.randn(3, 5, 6) * model.constraints.moving
         x = problem.update(x, push, torch.randn_like(x.stress))
-    residual, *about = problem.residual(x)
-    move, dstress, reaction = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
-
-    def g(move, dstress):
-        fresh = type(problem)(**{n: getattr(problem, n) for n in problem.__dataclass_fields__})
-        r = fresh.residual(fresh.update(x, move, dstress))[0]
-        return r.nodes, r.strain
-
-    zero = torch.zeros_like(move), torch.zeros_like(dstress)
-    _, (nodes, strain) = torch.func.jvp(g, zero, (move, dstress))
-    free = model.constraints.moving
-    size = residual.nodes.abs().max().item()
-    assert_close((nodes + residual.nodes)[..., free], torch.zeros(3, int(free.sum())), rtol=0, atol=1e-10 * size)
-    assert_close(strain, -residual.strain, rtol=0, atol=1e-9)
-    held = model.constraints.nodes
-    at = torch.stack([(residual.nodes + nodes)[..., n, :] for n in held], -2) if held else reaction
-    assert_close(reaction, model.constraints.fixed * at, rtol=0, atol=1e-10 * size)
+    size = problem.residual(x)[0].nodes.abs().max().item()
+    assert_newton_inverts(problem, x, nodes=1e-10 * size, strain=1e-9)
 
 
 def moving(of):
@@ -133,9 +117,9 @@ def momenta(model, s):
     """P and L about frame a's origin (..., 3), frame a."""
     inertia = model.inertia
     v = inertia.centre_velocity(s.rotation, s.velocity, s.spin)
-    p = inertia.momentum(v)
-    x = s.position if inertia.offset is None else s.position + inertia.lever(s.rotation)
-    return p.sum(-2), (torch.linalg.cross(x, p) + quat.rotate(s.rotation, inertia.angular_momentum(s.spin))).sum(-2)
+    p = inertia.translational.momentum(v)
+    x = s.position + inertia.offset.turned(s.rotation).x if inertia.offset.present else s.position
+    return p.sum(-2), (torch.linalg.cross(x, p) + quat.rotate(s.rotation, inertia.rotary.section_momentum(s.spin))).sum(-2)
 
 
 @pytest.mark.parametrize("offset", [False, True])
@@ -248,9 +232,9 @@ def test_steady_rotation_is_steady(extra):
     for name in ("position", "rotation", "velocity", "spin", "stress", "reaction"):
         assert_close(getattr(s, name), getattr(still, name), rtol=0, atol=1e-9)
     model = stepper.model
-    x = still.position if not extra else still.position + model.inertia.lever(still.rotation)
+    x = still.position if not extra else still.position + model.inertia.offset.turned(still.rotation).x
     pull = torch.linalg.cross(omega.expand_as(x), torch.linalg.cross(omega.expand_as(x), x))
-    assert_close(still.root.force, model.inertia.momentum(pull).sum(-2), rtol=0, atol=1e-9)
+    assert_close(still.root.force, model.inertia.translational.momentum(pull).sum(-2), rtol=0, atol=1e-9)
 
 
 def test_propped_cantilever():

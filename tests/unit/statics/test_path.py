@@ -9,7 +9,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.statics.path import BRANCH_POINT, LIMIT_POINT, REGULAR
+from torchbeam.statics.continuation import BRANCH_POINT, LIMIT_POINT, REGULAR
 
 INF = math.inf
 # Timoshenko and Gere, Theory of Elastic Stability (1961), table 2.4: angle of the tip, P/Pcr, x/L, y/L

@@ -5,9 +5,10 @@ import json
 import pytest
 import torch
 
+from torchbeam.analysis.trials import repeated
 from torchbeam.dynamics.stepper import Stepper
 from torchbeam.nodal.discretise import discretise
-from torchbeam.studies.effect_costs import _batch, main, scene, table
+from torchbeam.studies.effect_costs import main, scene, table
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +63,6 @@ def test_every_row_in_a_batch():
         for name, _, make in table(3):
             stepper = Stepper(make(), 0.005)
             state = stepper(stepper(stepper.rest()))
-            one, three = stepper(state), stepper(_batch(state, 3))
+            one, three = stepper(state), stepper(repeated(state, 3))
             assert (three.position - one.position).abs().max() < 1e-13, name
             assert (three.spin - one.spin).abs().max() < 1e-13, name

@@ -196,7 +196,8 @@ class ChainCode:
                  f"%r = select {T} %c, {V} %s, {V} %a", f"store {V} %r, ptr {{to}}, {align}"),
             over("add", ["to", "source"], load.format("%a", "{to}"), load.format("%b", "{source}"),
                  f"%s = fadd {V} %a, %b", f"store {V} %s, ptr {{to}}, {align}"),
-            each.text().replace("define void", "define internal void"), *(self._moved(name) for name in ("gather", "scatter", "drain"))]
+            each.text().replace("define void", "define internal void"),
+            *(self._moved(name) for name in ("gather", "scatter", "drain"))]
 
     def _moved(self, name: str) -> str:
         """Numbers between tensors and memory, as a table says. What does not change from step to step is moved at the first

@@ -14,7 +14,6 @@ from ...core.leaves import Tree, leaf, map_leaves, own_leaves
 from ...nodal.constitutive_law import ElasticLaw
 from ...nodal.coordinates.linearised import LinearElement, Small
 from ...nodal.coordinates.planar import Plane
-from ...nodal.inertia import Inertia
 from ...nodal.loads import Nodes, external
 from ...nodal.model import Model
 from ...scene.effects import Inputs
@@ -24,12 +23,14 @@ from ...state.state import rest
 
 @dataclass(frozen=True)
 class NodeConstants(Tree):
-    """Rows of nodes. inertia: without its space and without coupling; slide, turn: see `Constraints`; section_mass,
-    tributary_length: see `Model`; s (..., N+1) m; dead (..., N+1, w) loads that depend on no motion, None = none;
-    frames, R: see `Small`, None in other coordinates.
+    """Rows of nodes. mass, J, offset: see `LumpedMass`, `RotaryInertia`, `Lever`, None = absent; slide, turn: see
+    `Constraints`; section_mass, tributary_length: see `Model`; s (..., N+1) m; dead (..., N+1, w) loads that depend on no
+    motion, None = none; frames, R: see `Small`, None in other coordinates.
     """
 
-    inertia: Inertia
+    mass: Tensor = leaf(2)
+    J: Tensor | None = leaf(3)
+    offset: Tensor | None = leaf(2)
     slide: Tensor = leaf(2)
     turn: Tensor = leaf(2)
     section_mass: Tensor = leaf(3)
@@ -42,8 +43,8 @@ class NodeConstants(Tree):
 
 @dataclass(frozen=True)
 class ElementConstants(Tree):
-    """Rows of elements. C: the law's stiffness in the tangent of this step; coupling: see `Inertia`; eigenstrain (..., N, k),
-    None = none; linear: None but for small rotations.
+    """Rows of elements. C: the law's stiffness in the tangent of this step; coupling: see `HalfConsistentMass`; eigenstrain
+    (..., N, k), None = none; linear: None but for small rotations.
     """
 
     length: Tensor = leaf(2)
@@ -88,10 +89,12 @@ class Constants:
         still = space.to_reduced(rest(model.scene, ()))
         self.still = Nodes(still.position, still.rotation)
         self.nodes = NodeConstants(
-            replace(inertia, space=None, coupling=None), constraints.slide, constraints.turn, model.section_mass,
-            model.tributary_length, model.s, None, *((space.frames, space.R) if small else (None, None)))
+            inertia.mass, getattr(inertia.rotary, "J", None), getattr(inertia.offset, "x", None), constraints.slide,
+            constraints.turn, model.section_mass, model.tributary_length, model.s, None,
+            *((space.frames, space.R) if small else (None, None)))
         self.elements = ElementConstants(
-            model.length, model.reference, model.law, model.law.C, inertia.coupling, None, space.element if small else None)
+            model.length, model.reference, model.law, model.law.C, getattr(inertia.translational, "coupling", None), None,
+            space.element if small else None)
         self.wants_support = any(load.wants_support for load in model.loads[0])
 
     def at(self, dt: Tensor, t: Tensor, inputs: Inputs) -> tuple[NodeConstants, ElementConstants, Common]:

@@ -26,7 +26,12 @@ from ...nodal.constitutive_law import times
 from ...nodal.constraints import Constraints
 from ...nodal.coordinates.linearised import Small
 from ...nodal.coordinates.planar import Plane
+from ...nodal.frame import FixedFrame
+from ...nodal.inertia import Inertia
+from ...nodal.lever import Lever, NoLever
+from ...nodal.mass import HalfConsistentMass, LumpedMass
 from ...nodal.model import Model
+from ...nodal.rotary import NoRotaryInertia, RotaryInertia
 from ...scene.effects import Pose, TipLoad
 from ...solvers.newton import converged
 from ...state.state import State
@@ -78,8 +83,8 @@ class LocalModel(Model):
     s = property(lambda self: self.arclength)
     prescribed_motion = property(lambda self: self)
 
-    def frame(self, t: Tensor) -> tuple[None, None]:
-        return None, None
+    def frame(self, t: Tensor) -> FixedFrame:
+        return FixedFrame(self.space)
 
     def root_pose(self, t: Tensor) -> Pose | None:
         return self.pose
@@ -111,10 +116,10 @@ class LocalFunctions:
     def node(self, kind: NodeKind, **fields: Tensor) -> Fields:
         """Balance (w) of the node's inertia and loads, its derivative D (w, w); both terms apart."""
         problem, x = self._node(fields, kind)
-        way, inertia, turning, load = problem.node_balance(x)
-        diagonal, *_ = problem.node_tangent(x, way, turning)
-        load = load + torch.zeros_like(inertia)
-        return {"balance": (inertia - load)[0], "D": diagonal[0], "inertia": inertia[0],
+        way, inertia, load = problem.node_balance(x)
+        _, (D,) = problem.node_tangent(way, inertia)
+        load = load + torch.zeros_like(inertia.wrench)
+        return {"balance": (inertia.wrench - load)[0], "D": D[0], "inertia": inertia.wrench[0],
                 **({"load": load[0]} if self.model.scene.loads else {})}
 
     def update(self, kind: NodeKind, move: Tensor, **fields: Tensor) -> Fields:
@@ -142,20 +147,20 @@ class LocalFunctions:
         """
         problem, x = self._element(fields)
         model, space, p = problem.model, self.model.space, self.model.space.position
-        way, inertia, turning, _ = problem.node_balance(x)
+        way, inertia, _ = problem.node_balance(x)
         element = problem.element_balance(x, way)
-        tangent = problem.linearise(x, way, element.middle, element.end, turning)
+        tangent = problem.linearise(x, way, element, inertia)
         balance = space.to_nodes(element.forces)
         asked = balance + space.to_nodes(tangent.pushed(element.gap))
-        coupled = model.inertia.coupling is not None
+        coupled = self.elements.coupling is not None
         if coupled:
-            balance, asked = balance + inertia, asked + inertia
+            balance, asked = balance + inertia.wrench, asked + inertia.wrench
         forces, felt = [element.forces], [element.felt]
         if isinstance(model.own, Tensor):
-            forces.append(restrained_forces(model, element.middle, model.own, model.length))
+            forces.append(restrained_forces(model, element.acting, model.own, model.length))
             felt.append(model.own)
         forces, felt = (torch.cat([x.expand(1, x.shape[-1]) for x in part], -2).abs() for part in (forces, felt))
-        found = {"D": tangent.D, "balance": balance, "asked": asked, **({"inertia": inertia} if coupled else {})}
+        found = {"D": tangent.D, "balance": balance, "asked": asked, **({"inertia": inertia.wrench} if coupled else {})}
         found = {f"{side}.{name}": value[k] for name, value in found.items() for k, side in enumerate("ij")}
         return found | {
             "U": tangent.U[0], "L": tangent.L[0], "gap": element.gap[0], "E": tangent.E[0], "hB": tangent.hB[0],
@@ -281,8 +286,7 @@ class LocalFunctions:
             return torch.stack((fields[f"i.{name}"], fields[f"j.{name}"]))
 
         rows = filled(self.nodes, lambda k: ends(f"node.{k}"))
-        mass = torch.zeros_like(rows.inertia.mass)
-        rows = replace(rows, inertia=replace(rows.inertia, mass=mass, inertia=None))
+        rows = replace(rows, mass=torch.zeros_like(rows.mass), J=None)
         element = filled(self.elements, lambda k: fields[f"element.{k}"][None])
         given = {name: ends(name) for name in (*NODE, "u", "m")} | {"stress": fields["stress"][None]}
         return self._problem(rows, element, self._common(fields), (), given)
@@ -309,11 +313,14 @@ class LocalFunctions:
             law, length, reference, C, own = (
                 getattr(element, name) for name in ("law", "length", "reference", "C", "eigenstrain"))
         coupling = None if element is None else element.coupling
+        inertia = Inertia(
+            space, LumpedMass(rows.mass) if coupling is None else HalfConsistentMass(rows.mass, coupling),
+            NoRotaryInertia(space) if rows.J is None else RotaryInertia(space, rows.J),
+            NoLever() if rows.offset is None else Lever(space, rows.offset))
         pose = None if common.support is None else Pose(*vars(common.support).values())
         model = LocalModel(
-            LocalScene(whole.scene.beam, loads), space, constraints, replace(rows.inertia, space=space, coupling=coupling),
-            length, reference, law, rows.section_mass, rows.tributary_length, elements=count, C=C,
-            own=0.0 if own is None else own, arclength=rows.s, pose=pose)
+            LocalScene(whole.scene.beam, loads), space, constraints, inertia, length, reference, law, rows.section_mass,
+            rows.tributary_length, elements=count, C=C, own=0.0 if own is None else own, arclength=rows.s, pose=pose)
         stress = given.get("stress", none)
         start = State(*(given[name] for name in NODE), stress, position.new_zeros(0, space.unknowns), zero, zero, zero, zero)
         problem = MidpointProblem(model, start, common.dt, common.t, common.inputs)

@@ -63,7 +63,7 @@ class LinearElement(Tree):
 
 @dataclass(frozen=True)
 class Small(Space):
-    """frames (..., N+1, 4), R (..., N+1, 3, 3): undeformed section axes -> frame a."""
+    """frames (..., N+1, 4), R (..., N+1, 3, 3): undeformed section axes -> frame a of each node; element: each one's own."""
 
     frames: Tensor = leaf(2)
     R: Tensor = leaf(3)
@@ -76,6 +76,9 @@ class Small(Space):
         beam = scene.beam
         return cls(beam.frames, quat.matrix(beam.frames), LinearElement.of(beam.nodes, beam.frames, beam.length[..., None]))
 
+    def of_nodes(self, nodes: slice | int) -> Small:
+        return replace(self, frames=self.frames[..., nodes, :], R=self.R[..., nodes, :, :])
+
     def to_reduced(self, state: State) -> State:
         if state.frame is not None:
             raise ValueError("a state in a frame that turns was given; small rotations want one that does not")
@@ -84,12 +87,11 @@ class Small(Space):
     def to_public(self, state: State) -> State:
         return replace(state, rotation=quat.multiply(self.frames, quat.exponential(state.rotation)))
 
-    def pose(self, position: Tensor, rotation: Tensor, node: int) -> tuple[Tensor, Tensor]:
-        return position, quat.logarithm(quat.multiply(quat.conjugate(self.frames[..., node, :]), rotation))
+    def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:
+        return position, self.to_reduced_rotation(rotation)
 
-    def hinged(self, q: Tensor, rest: Tensor, axis: Tensor, node: int) -> Tensor:
-        R = self.R[..., node, :, :]
-        return rest + (R.mT @ (axis[:, None] * (R @ (q - rest)[..., None])))[..., 0]
+    def hinged(self, q: Tensor, rest: Tensor, axis: Tensor) -> Tensor:
+        return rest + (self.R.mT @ (axis[:, None] * (self.R @ (q - rest)[..., None])))[..., 0]
 
     kinematics = property(lambda self: self.element.kinematics)
     strains = property(lambda self: self.element.strains)
@@ -99,17 +101,13 @@ class Small(Space):
 
     # Rotations
 
-    def axes(self, rotation: Tensor, node: int | None = None) -> Tensor:
-        return self.R if node is None else self.R[..., node, :, :]
-
     def matrix(self, q: Tensor) -> Tensor:
-        return self.R[..., self.R.shape[-3] - q.shape[-2]:, :, :]
+        return self.R
 
-    spin_matrix = matrix
+    axes = spin_matrix = matrix
 
     def to_frame(self, q: Tensor, spin: Tensor) -> Tensor:
-        R = self.R[..., self.R.shape[-3] - q.shape[-2]:, :, :]  # of all nodes, or of those that a clamp at node 0 leaves
-        return (R @ spin[..., None])[..., 0]
+        return (self.R @ spin[..., None])[..., 0]
 
     def to_reduced_rotation(self, q: Tensor) -> Tensor:
         return quat.logarithm(quat.multiply(quat.conjugate(self.frames), q))
@@ -118,8 +116,7 @@ class Small(Space):
         return spin
 
     def to_section(self, q: Tensor, spin: Tensor) -> Tensor:
-        R = self.R[..., self.R.shape[-3] - q.shape[-2]:, :, :]
-        return (R.mT @ spin[..., None])[..., 0]
+        return (self.R.mT @ spin[..., None])[..., 0]
 
     def multiply(self, p: Tensor, q: Tensor) -> Tensor:
         return p + q

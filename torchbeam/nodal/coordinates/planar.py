@@ -54,6 +54,10 @@ class Plane(Space):
     inverse = staticmethod(element.inverse)
     matrix = staticmethod(element.matrix)
 
+    @property
+    def plane(self) -> str:
+        return self.name
+
     @classmethod
     def of(cls, scene: Scene, name: str) -> Plane:
         """Raises ValueError where the beam or a section leaves the plane `name`."""
@@ -83,9 +87,6 @@ class Plane(Space):
                                  "plane=None takes it")
         return cls(name, basis, section, place.flatten()[0])
 
-    def _full(self, two: Tensor) -> Tensor:
-        return two @ self.basis[:, :2].mT
-
     @cached
     def _rotation_map(self) -> Tensor:
         """(2, 4): the public quaternion of (cos, sin)."""
@@ -104,7 +105,7 @@ class Plane(Space):
         return torch.block_diag(self.basis[:, :2], self.basis[:, 2:])
 
     def to_reduced(self, state: State) -> State:
-        position, rotation = self.pose(state.position, state.rotation, 0)
+        position, rotation = self.pose(state.position, state.rotation)
         velocity, spin = self.motion(state.velocity, state.spin)
         return replace(state, position=position, rotation=rotation, velocity=velocity, spin=spin,
                        stress=state.stress @ self._stress_map, reaction=state.reaction @ self._load_map,
@@ -126,8 +127,8 @@ class Plane(Space):
 
     def to_public(self, state: State) -> State:
         frame = None if state.frame is None else self.public_frame(state.frame)
-        return replace(state, position=self._full(state.position) + self.place * self.basis[:, 2],
-                       rotation=state.rotation @ self._rotation_map, velocity=self._full(state.velocity),
+        return replace(state, position=self.public_position(state.position),
+                       rotation=state.rotation @ self._rotation_map, velocity=self.public_vector(state.velocity),
                        spin=state.spin @ self.section[:, 2:].mT, stress=state.stress @ self._stress_map.mT,
                        reaction=state.reaction @ self._load_map.mT, frame=frame)
 
@@ -135,7 +136,7 @@ class Plane(Space):
         """A rotation about the normal as (cos, sin)."""
         return torch.cat((q[..., :1], q[..., 1:] @ self.basis[:, 2:]), -1)
 
-    def pose(self, position: Tensor, rotation: Tensor, node: int) -> tuple[Tensor, Tensor]:
+    def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:
         return position @ self.basis[:, :2], rotation @ self._rotation_map.mT
 
     def motion(self, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor]:
@@ -173,11 +174,17 @@ class Plane(Space):
     def project_spin(self, omega: Tensor) -> Tensor:
         return omega @ self.basis[:, 2:]
 
-    def site(self, position: Tensor, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        return (self._full(position) + self.place * self.basis[:, 2], self._full(velocity), spin @ self.basis[:, 2:].mT)
+    def public_position(self, position: Tensor) -> Tensor:
+        return self.public_vector(position) + self.place * self.basis[:, 2]
 
-    def axes(self, rotation: Tensor, node: int | None = None) -> Tensor:
-        return quat.matrix((rotation if node is None else rotation[..., node, :]) @ self._rotation_map)
+    def public_vector(self, v: Tensor) -> Tensor:
+        return v @ self.basis[:, :2].mT
+
+    def public_spin(self, spin: Tensor) -> Tensor:
+        return spin @ self.basis[:, 2:].mT
+
+    def axes(self, rotation: Tensor) -> Tensor:
+        return quat.matrix(rotation @ self._rotation_map)
 
     def constrained(self, letters: tuple[bool, ...]) -> tuple[bool, ...]:
         at = [int(self.basis[:, i].abs().argmax()) for i in range(3)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ...core.leaves import constant
+from ...scene.prescribed_motion import turning
 from ...scene.scene import Scene
 from .linearised import Small
 from .planar import Plane
@@ -16,11 +17,11 @@ def space_of(scene: Scene) -> Space:
     if scene.small:
         if scene.plane is not None:
             raise ValueError("plane and small were given; one of them is wanted")
-        if scene.frame is not None and scene.frame.angular_velocity is not None:
+        if turning(scene):
             raise ValueError("small=True in a frame that turns was given; large rotations (small=False) are wanted there")
         for load in scene.loads:
             if load.follower or load.wants_support:
-                raise ValueError(f"small=True with {type(load).__name__} was given, whose load turns with the beam; dead loads "
+                raise ValueError(f"small=True with {load.called} was given, whose load turns with the beam; dead loads "
                                  "are wanted")
         return Small.of(scene)
     return Space() if scene.plane is None else Plane.of(scene, scene.plane)

@@ -22,6 +22,7 @@ class Space(Tree):
     position, spin, strain  numbers of a node's positions and spins, and of an element's strains
     """
 
+    plane: ClassVar[str | None] = None  # that it lies in, "xy" or "xz"; None = in space
     turns: ClassVar[bool] = True  # whether what is fixed to a section turns with it
     position: ClassVar[int] = 3
     spin: ClassVar[int] = 3
@@ -48,6 +49,10 @@ class Space(Tree):
         """Of a node."""
         return self.position + self.spin
 
+    def of_nodes(self, nodes: slice | int) -> Space:
+        """Of some nodes, or of one, where nodes differ."""
+        return self
+
     # States, loads and maps of the public kind, in 3D
 
     def to_reduced(self, state: State) -> State:
@@ -62,7 +67,7 @@ class Space(Tree):
         """`enter` for a state that a user gave; ValueError where these coordinates do not hold it."""
         return self.to_reduced(state)
 
-    def pose(self, position: Tensor, rotation: Tensor, node: int) -> tuple[Tensor, Tensor]:
+    def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:
         """Position (..., 3), frame a, and quaternion (..., 4) of one node in these coordinates."""
         return position, rotation
 
@@ -86,13 +91,21 @@ class Space(Tree):
         """(..., 6), frame B -> (..., k)."""
         return strain
 
-    def site(self, position: Tensor, velocity: Tensor, spin: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Position, velocity and angular velocity, frame a, as (..., 3)."""
-        return position, velocity, spin
+    def public_position(self, position: Tensor) -> Tensor:
+        """(..., p), frame a, as (..., 3)."""
+        return position
 
-    def axes(self, rotation: Tensor, node: int | None = None) -> Tensor:
-        """Section axes -> frame a, (..., 3, 3), of one node or of all."""
-        return quat.matrix(rotation if node is None else rotation[..., node, :])
+    def public_vector(self, v: Tensor) -> Tensor:
+        """A velocity or acceleration likewise."""
+        return v
+
+    def public_spin(self, spin: Tensor) -> Tensor:
+        """A spin or its rate (..., s), frame a, likewise."""
+        return spin
+
+    def axes(self, rotation: Tensor) -> Tensor:
+        """Section axes -> frame a, (..., 3, 3)."""
+        return quat.matrix(rotation)
 
     def public_frame(self, q: Tensor) -> Tensor:
         """Quaternion (..., 4) of frame a's rotation."""
@@ -132,16 +145,16 @@ class Space(Tree):
         """R' of R, spin in section axes."""
         return self.multiply(q, pad(spin / 2, (1, 0)))
 
-    def hinged(self, q: Tensor, rest: Tensor, axis: Tensor, node: int) -> Tensor:
+    def hinged(self, q: Tensor, rest: Tensor, axis: Tensor) -> Tensor:
         """The rotation q of a node that may turn from `rest` about one axis of frame a alone, a mask (3,): its turn about the
         others is taken out.
         """
         turn = self.multiply(q, self.inverse(rest)) * pad(axis, (1, 0), value=1.0)
         return self.multiply(self.normalize(turn), rest)
 
-    def about(self, rotation: Tensor, spin: Tensor, axis: Tensor, node: int) -> Tensor:
-        """Of the spins (..., N+1, 3) of all nodes, section axes: that of one node about an axis of frame a, a mask (3,)."""
-        return self.to_section(rotation, axis * self.to_frame(rotation, spin))[..., node, :]
+    def about(self, rotation: Tensor, spin: Tensor, axis: Tensor) -> Tensor:
+        """Of a spin (..., 3), section axes: what is about an axis of frame a, a mask (3,)."""
+        return self.to_section(rotation, axis * self.to_frame(rotation, spin))
 
     def to_section(self, q: Tensor, spin: Tensor) -> Tensor:
         """A spin, frame a -> section axes."""

@@ -13,6 +13,7 @@ from .actuation import Actuation
 from .custom_load import CustomLoad
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
+from .effect import Effect
 from .gravity import Gravity
 from .histories import Accelerogram, History
 from .load_point import (
@@ -22,7 +23,6 @@ from .load_point import (
     ROTATION,
     SPIN,
     VELOCITY,
-    Effect,
     Load,
     LoadPoint,
     Pose,

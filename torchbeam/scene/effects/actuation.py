@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ...core.leaves import Tree, leaf
-from ...core.validation import Value, whole
+from ...core.arguments import whole
+from ...core.leaves import leaf
+from ...core.validation import Value
+from .effect import Effect
 from .values import Along, Inputs, LoadValue, PerElement, load_value, value_at
 
 
 @dataclass(frozen=True)
-class Actuation(Tree):
+class Actuation(Effect):
     """Intrinsic curvature and strain of a beam bent by tendons, piezo patches, heat: [F; M] = S^-1 (strain - intrinsic).
 
     curvature  (..., 3) 1/m, twist and bending about y and z, frame B: numbers, a function of t, an `Input`, or

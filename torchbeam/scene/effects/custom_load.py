@@ -9,10 +9,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...core.arguments import choice, count
+from ...core.arguments import function as check_function
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import leaf
-from ...core.validation import Value, broadcast, choice, count, finite, shown
-from ...core.validation import function as check_function
+from ...core.validation import Value, broadcast, finite, shown
 from ..beam import Beam
 from .load_point import INERTIAL, INTERNAL, MOTION, READS, Load, LoadPoint, Wrench, derivatives, jacobians
 from .loads import whole_node
@@ -53,6 +54,8 @@ class CustomLoad(Load):
     Raises ValueError for internal states without a rate, a rate without them, unknown names in `of`, "s" at a node, or two
     arguments of one name; when it acts, for a function that returns anything but force and moment of the right shape.
     """
+
+    called = "Load"  # torchbeam.Load
 
     function: Callable[..., tuple[Tensor | None, Tensor | None]] = leaf(None)
     node: int | None = -1

@@ -8,15 +8,17 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ...core.leaves import Tree, leaf
-from ...core.validation import Value, as_tensor, axis_last, boolean, common_dtype, finite, has_dtype, numbers, positive
+from ...core.arguments import boolean
+from ...core.leaves import leaf
+from ...core.validation import Value, as_tensor, axis_last, common_dtype, finite, has_dtype, numbers, positive
 from ...math.quaternions import skew
+from .effect import Effect
 from .load_point import ROTATION, SPIN, VELOCITY, Load, LoadPoint, Wrench
 from .values import Inputs, parameter, plain
 
 
 @dataclass(frozen=True)
-class Damping(Tree):
+class Damping(Effect):
     """Stiffness-proportional damping: [F; M] = S^-1 (strain + tau * strain rate).
 
     tau  (...) s, one value; or (..., 6), one for each strain [gamma1..3, kappa1..3]: then the damping matrix is
@@ -50,7 +52,6 @@ class MassDamping(Load):
 
     alpha: Value = leaf(0)
 
-    node = None
     depends = frozenset({ROTATION, VELOCITY, SPIN})
 
     def __post_init__(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -46,8 +46,6 @@ class Drag(Load):
                                                                    default=None)
     added_mass: Value = leaf(0, default=0.0)
 
-    node = None
-
     def __post_init__(self) -> None:
         for name in ("density", "diameter", "normal", "tangential", "added_mass"):
             object.__setattr__(self, name, parameter(f"Drag's {name}", getattr(self, name)))
@@ -64,6 +62,9 @@ class Drag(Load):
     def added(self) -> Tensor:
         """(..., 1, 1) kg/m, mass of fluid that moves with the beam across its axis."""
         return (self.added_mass * self.density * self.diameter**2 * (math.pi / 4))[..., None, None]
+
+    def in_free_vibration(self) -> Load | None:
+        return replace(self, flow=None) if self.carries else None
 
     @property
     def wants_axes(self) -> bool:

@@ -10,7 +10,6 @@ from torch import Tensor
 from ...core.leaves import leaf
 from ...core.validation import Value
 from ...math.quaternions import skew
-from ..beam import Beam
 from .load_point import ROTATION, Load, LoadPoint
 from .values import Inputs, load_value, value_at
 
@@ -21,7 +20,6 @@ class Gravity(Load):
 
     g: Value = leaf(1)
 
-    node = None
     conservative = True
     wants_axes = True
     depends = frozenset({ROTATION})
@@ -29,9 +27,9 @@ class Gravity(Load):
     def __post_init__(self) -> None:
         object.__setattr__(self, "g", load_value("Gravity's g", self.g))
 
-    def depends_on(self, beam: Beam) -> frozenset[str]:
-        """The moment of an offset centre of mass turns; the force does not. (A point mass with an offset: the same.)"""
-        return self.depends if beam.offset else frozenset()
+    def depends_on(self, offset: bool) -> frozenset[str]:
+        """The moment of an offset centre of mass turns; the force does not."""
+        return self.depends if offset else frozenset()
 
     def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
         """Per unit length: force R M11 R^T g, moment R M21 R^T g."""

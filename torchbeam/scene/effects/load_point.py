@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from ...core.functions_of_time import HOOKED, saves_by_hooks, within_dual_numbers
-from ...core.leaves import Tree
 from ...math.quaternions import skew
 from ..beam import Beam
+from .effect import Effect
 from .values import Inputs
 
 Wrench = tuple[Tensor | None, Tensor | None]  # force and moment (..., 3), frame a; None = absent
@@ -78,7 +78,7 @@ MOTION = (*READS, *INERTIAL)
 INTERNAL = "internal"
 
 
-class Load(Tree):
+class Load(Effect):
     """Base of all loads. A load declares what its wrench depends on (`depends`); its tangent comes by automatic differentiation
     unless it writes its own.
     """
@@ -90,15 +90,14 @@ class Load(Tree):
     frees_root = False  # whether it holds node 0 in the place of a clamp
     wants_support = False  # whether it reads site.support
     wants_axes = False  # whether it reads site.axes
+    anchor = None  # (..., 3) m, frame a: a point that its node is tied to
     depends: frozenset[str] = frozenset()
 
-    def depends_on(self, beam: Beam) -> frozenset[str]:
-        """Names among `MOTION`: what the wrench depends on; empty = a dead load."""
+    def depends_on(self, offset: bool) -> frozenset[str]:
+        """Names among `MOTION`: what the wrench depends on; empty = a dead load. `offset`: whether a centre of mass, of a
+        section or of a point mass, lies off its node.
+        """
         return self.depends
-
-    def moves(self, beam: Beam) -> bool:
-        """Whether the wrench depends on the configuration or the motion of the beam."""
-        return bool(self.depends_on(beam))
 
     def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         """Force and moment in frame a, N and N m (per metre along the beam); None where absent. t is 0-dim, or (...) where the
@@ -116,6 +115,12 @@ class Load(Tree):
     def internal_states(self, beam: Beam) -> int:
         """How many numbers it remembers."""
         return self.internal
+
+    def in_free_vibration(self) -> Load | None:
+        """What of it is left in a free vibration about the beam at rest: the load itself where it is a stiffness, the mass of a
+        fluid that moves along; None = nothing.
+        """
+        return None
 
 
 def derivatives(function: Callable[[LoadPoint], Tensor], site: LoadPoint, names: Sequence[str]) -> dict[str, Tensor]:
@@ -162,6 +167,3 @@ def _by_forward_mode(function: Callable[..., Tensor], xs: tuple[Tensor, ...]) ->
         return torch.func.jvp(function, xs, tuple(v + torch.zeros_like(x) for v, x in zip(tangents, xs, strict=True)))[1]
 
     return torch.func.vmap(along, out_dims=-1)(*columns).split(sizes, -1)
-
-
-Effect = Any  # any class with a `kind`

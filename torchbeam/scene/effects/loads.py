@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 
+from ...core.arguments import boolean, whole
 from ...core.leaves import leaf
-from ...core.validation import Value, boolean, whole
+from ...core.validation import Value
 from ...math.quaternions import skew
 from .load_point import ROTATION, Load, LoadPoint, Wrench, together
 from .values import Inputs, LoadValue, load_value, value_along, value_at
@@ -29,7 +30,7 @@ class GivenLoad(Load):
         if self.force is None and self.moment is None:
             raise ValueError(f"{type(self).__name__} with neither force nor moment was given; one of them is wanted")
         for name in ("force", "moment"):
-            value = load_value(f"{type(self).__name__}'s {name}", getattr(self, name), along=isinstance(self, LineLoad))
+            value = load_value(f"{type(self).__name__}'s {name}", getattr(self, name), along=self.node is None)
             object.__setattr__(self, name, value)
         boolean(f"{type(self).__name__}'s follower", self.follower)
 
@@ -60,7 +61,7 @@ class GivenLoad(Load):
 class PointLoad(GivenLoad):
     """Force (N) and moment (N m) on one node; nodes count from the root, -1 is the tip."""
 
-    node: int
+    node: int = field()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -84,8 +85,6 @@ class LineLoad(GivenLoad):
     """Force (N/m) and moment (N) per unit length along the whole beam: the same everywhere, `Along(function)` of s and t, or
     `PerElement(values)`.
     """
-
-    node = None
 
     def _at_sites(self, value: LoadValue, site: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         return value_along(value, site.s, t, inputs, site.R, site.elements)

@@ -8,16 +8,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...core.leaves import Tree, leaf
+from ...core.leaves import leaf
 from ...core.validation import ROUNDING, Value, axis_last, concrete, finite, numbers, positive
 from ...core.validation import inertia as check_inertia
 from ...math.quaternions import skew
+from .effect import Effect
 from .loads import whole_node
 from .values import plain
 
 
 @dataclass(frozen=True)
-class PointMass(Tree):
+class PointMass(Effect):
     """A rigid body at a node.
 
     mass     (...) kg; or its 6x6 mass matrix (..., 6, 6) about the node, [velocity; spin], section axes: then it is the whole

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import torch
@@ -33,7 +33,7 @@ class Spring(Load):
     Raises ValueError for a negative stiffness, length or damping.
     """
 
-    node: int
+    node: int = field()
     stiffness: Value = leaf(0)
     to: Value | Callable[[Tensor], Tensor] = leaf(1)
     length: Value = leaf(0, default=0.0)
@@ -50,6 +50,13 @@ class Spring(Load):
     @property
     def conservative(self) -> bool:
         return not self.damped and not callable(self.to)
+
+    @property
+    def anchor(self) -> Tensor | None:
+        return None if callable(self.to) else self.to
+
+    def in_free_vibration(self) -> Load:
+        return self
 
     @property
     def depends(self) -> frozenset[str]:
@@ -115,6 +122,9 @@ class RootSpring(Load):
     @property
     def conservative(self) -> bool:
         return self.damping is None
+
+    def in_free_vibration(self) -> Load:
+        return self
 
     @property
     def depends(self) -> frozenset[str]:

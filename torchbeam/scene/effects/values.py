@@ -12,21 +12,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ...core.arguments import count
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import Placeholder, Tree, leaf, leaves
-from ...core.validation import (
-    Value,
-    as_tensor,
-    axis_last,
-    common_dtype,
-    count,
-    finite,
-    has_dtype,
-    numbers,
-    positive,
-    real,
-    shown,
-)
+from ...core.validation import Value, as_tensor, axis_last, common_dtype, finite, has_dtype, numbers, positive, real, shown
+from .effect import Effect
 
 
 @dataclass(frozen=True)
@@ -118,9 +108,9 @@ def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
                      f"or for each of the {elements + 1} nodes is wanted")
 
 
-def inputs_of(effect: Tree) -> list[Input]:
-    """The inputs that an effect takes, by its leaves or, of a user's load, by name."""
-    held = [one.value for one in leaves(effect)] + list(getattr(effect, "inputs", ()))
+def inputs_of(effect: Effect) -> list[Input]:
+    """The inputs that an effect takes, in its leaves or beside them."""
+    held = [*(one.value for one in leaves(effect)), *effect.inputs]
     return [value for value in held if isinstance(value, Input)]
 
 

@@ -94,6 +94,8 @@ def partials(graph: Graph, node: int) -> Iterator[tuple[int, Linear]]:
         yield args[0], lambda v: make("mul", v, node)
     elif op == "log":
         yield args[0], lambda v: make("div", v, args[0])
+    elif op == "tanh":
+        yield args[0], lambda v: make("mul", v, make("sub", graph.one, make("mul", node, node)))
     elif op == "atan2":
         y, x = args
         square = graph.dot((y, x), (y, x))

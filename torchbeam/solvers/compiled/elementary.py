@@ -1,4 +1,4 @@
-"""Elementary functions as graphs of arithmetic: sin, cos, atan2, exp, log in float64, for any number of lanes at once.
+"""Elementary functions as graphs of arithmetic: sin, cos, atan2, exp, log, tanh in float64, for any number of lanes at once.
 
 Errors in units in the last place, with and without fused products:
 
@@ -7,6 +7,7 @@ Errors in units in the last place, with and without fused products:
     atan2       < 2, the signs of zeros aside: atan2(0, 0) = 0 and atan2(+-0, x < 0) = pi
     exp         < 1; above 709.79 inf, below -745.2 zero
     log         < 1; of 0 -inf, of what is negative NaN
+    tanh        < 2
 
 Polynomials interpolate at Chebyshev points of the reduced interval (to 1e-17 of the result). Reductions and compensated sums as
 in W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980, and P. T. P. Tang, ACM TOMS 15 (1989).
@@ -39,6 +40,10 @@ EXP = (0.5000000000000001, 0.16666666666666669, 0.04166666666662413, 0.008333333
 # (2 atanh(s) - 2 s)/s^3 by z = s^2, s = (m - 1)/(m + 1), 1/sqrt(2) <= m <= sqrt(2)
 LOG = (0.666666666666667, 0.39999999999899444, 0.2857142862600327, 0.22222211130259878, 0.18182889455674947,
        0.15331710618210773, 0.14616585424888623)
+# (tanh(x)/x - 1)/z by z = x^2, |x| <= 0.55
+TANH = (-0.3333333333333333, 0.13333333333332714, -0.053968253967434016, 0.021869488493666944, -0.008863234397814355,
+        0.003592110378689024, -0.001455661830100716, 0.0005889360520074057, -0.0002346347410887237, 8.511313685577672e-05,
+        -2.060276537636634e-05)
 
 
 class _Number:
@@ -148,12 +153,18 @@ def _logarithm(x: _Number) -> _Number:
     return (x < 0.0).where(math.nan, x.make("eq", 0.0).where(-math.inf, value))
 
 
+def _hyperbolic_tangent(x: _Number) -> _Number:
+    size, z = x.make("abs"), x * x
+    far = -(_Number(x.graph, x.graph.const(2.0)) / (_exponential(size * 2.0) + 1.0) - 1.0)
+    return (size < 0.55).where(x + x * (z * z.polynomial(TANH)), (x < 0.0).where(-far, far))
+
+
 @cache
 def elementary(name: str) -> Function:
-    """One of sin, cos, atan2, exp, log: fields x (of atan2: y and x) of one component -> out."""
+    """One of sin, cos, atan2, exp, log, tanh: fields x (of atan2: y and x) of one component -> out."""
     graph = Graph()
     fields = ("y", "x") if name == "atan2" else ("x",)
     args = [_Number(graph, graph.input(field, 0)) for field in fields]
     rule = {"sin": lambda x: _sine(x, 0), "cos": lambda x: _sine(x, 1), "atan2": _arctangent, "exp": _exponential,
-            "log": _logarithm}[name]
+            "log": _logarithm, "tanh": _hyperbolic_tangent}[name]
     return Function(graph, {field: () for field in fields}, {"out": Output((), (rule(*args).node,))})

@@ -21,7 +21,8 @@ def _extreme(binary: Callable[[Tensor, Tensor], Tensor], reduced: Callable[..., 
 
 OPERATIONS: dict[str, Callable[..., Tensor]] = {
     "add": torch.add, "sub": torch.sub, "mul": torch.mul, "div": torch.div, "neg": torch.neg, "sqrt": torch.sqrt, "norm": _norm,
-    "sin": torch.sin, "cos": torch.cos, "atan2": torch.atan2, "exp": torch.exp, "log": torch.log, "abs": torch.abs,
+    "sin": torch.sin, "cos": torch.cos, "atan2": torch.atan2, "exp": torch.exp, "log": torch.log, "tanh": torch.tanh,
+    "abs": torch.abs,
     "floor": torch.floor, "round": torch.round, "max": _extreme(torch.maximum, torch.amax),
     "min": _extreme(torch.minimum, torch.amin), "lt": torch.lt, "le": torch.le, "eq": torch.eq, "and": torch.logical_and,
     "or": torch.logical_or, "not": torch.logical_not, "select": torch.where,

@@ -20,7 +20,8 @@ import numpy as np
 
 FOLDED: dict[str, Callable] = {
     "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative, "sqrt": np.sqrt,
-    "norm": np.sqrt, "sin": np.sin, "cos": np.cos, "atan2": np.arctan2, "exp": np.exp, "log": np.log, "abs": np.abs,
+    "norm": np.sqrt, "sin": np.sin, "cos": np.cos, "atan2": np.arctan2, "exp": np.exp, "log": np.log, "tanh": np.tanh,
+    "abs": np.abs,
     "floor": np.floor, "round": np.rint, "max": lambda *x: np.max(x), "min": lambda *x: np.min(x),
     "lt": np.less, "le": np.less_equal, "eq": np.equal, "and": np.logical_and, "or": np.logical_or, "not": np.logical_not,
     "exponent": lambda x: np.frexp(x)[1] - 1.0, "mantissa": lambda x: 2 * np.frexp(x)[0], "power2": np.exp2,
@@ -34,9 +35,10 @@ class Graph:
     constant, or (field, component) of an input.
 
     Operations: const, input; add, sub, mul, div, neg, abs, sqrt, norm (the square root of a sum of squares, whose derivative
-    at 0 is 0), sin, cos, atan2, exp, log, floor, round (half to even); max, min of any number (NaN wins); lt, le, eq; and, or,
-    not; select(truth, a, b). Of a normal number, to lower functions: exponent (floor of log2|x|) and mantissa (in [1, 2));
-    power2(k) = 2^k of an integral k from -1022 to 1023.
+    at 0 is 0), sin, cos, atan2, exp, log, tanh, floor, round (half to even); max, min of any number (NaN wins); lt, le, eq;
+    and, or, not; select(truth, a, b). Of a normal number, to lower functions: exponent (floor of log2|x|) and mantissa (in
+    [1, 2)); power2(k) = 2^k of an integral k from -1022 to 1023. While tracing: factor(x), an element of the factors of a
+    matrix, which stands for that of the matrix.
     """
 
     def __init__(self) -> None:
@@ -45,11 +47,12 @@ class Graph:
         self.values: list[float | bool | tuple[str, int] | None] = []
         self.truths: list[bool] = []
         self._known: dict[tuple, int] = {}
+        self._rules = {op: getattr(self, f"_{op}") for op in (*FOLDED, "select") if hasattr(self, f"_{op}")}
         self.zero = self.const(0.0)  # node 0
         self.one = self.const(1.0)
 
-    def _intern(self, op: str, args: tuple[int, ...], value: float | bool | tuple[str, int] | None, truth: bool) -> int:
-        key = (op, args, value if op != "const" or isinstance(value, bool) else value.hex(), truth)
+    def _intern(self, key: tuple, op: str, args: tuple[int, ...], value: float | bool | tuple[str, int] | None, truth: bool
+                ) -> int:
         found = self._known.get(key)
         if found is None:
             found = self._known[key] = len(self.ops)
@@ -61,28 +64,29 @@ class Graph:
 
     def const(self, value: float | bool) -> int:
         if isinstance(value, (bool, np.bool_)):
-            return self._intern("const", (), bool(value), True)
-        return self._intern("const", (), float(value) + 0.0, False)
+            return self._intern(("const", bool(value)), "const", (), bool(value), True)
+        value = float(value) + 0.0  # no -0
+        return self._intern(("const", value.hex()), "const", (), value, False)
 
     def input(self, field: str, component: int) -> int:
-        return self._intern("input", (), (field, component), False)
+        return self._intern(("input", field, component), "input", (), (field, component), False)
 
     def is_const(self, x: int) -> bool:
         return self.ops[x] == "const"
 
     def make(self, op: str, *args: int) -> int:
         """The node of an operation, or a shorter one that is equal."""
-        if op in FOLDED and all(self.ops[x] == "const" for x in args):
+        if self.ops[args[0]] == "const" and op in FOLDED and all(self.ops[x] == "const" for x in args):
             with np.errstate(all="ignore"):
                 value = FOLDED[op](*(np.float64(self.values[x]) if not self.truths[x] else self.values[x] for x in args))
             return self.const(bool(value) if op in TRUTHS else float(value))
-        rule = getattr(self, "_" + op, None)
+        rule = self._rules.get(op)
         found = None if rule is None else rule(*args)
         if found is not None:
             return found
         if op in COMMUTATIVE:
             args = tuple(sorted(args))
-        return self._intern(op, args, None, op in TRUTHS or (op == "select" and self.truths[args[1]]))
+        return self._intern((op, args), op, args, None, op in TRUTHS or (op == "select" and self.truths[args[1]]))
 
     def again(self, op: str, args: Sequence[int], value: float | bool | tuple[str, int] | None) -> int:
         """A node of another graph, with the nodes here that its own are."""
@@ -127,7 +131,7 @@ class Graph:
                 inner, x = self.args[b]
                 if _power_of_two(value) or _power_of_two(self.values[inner]):
                     return self.make("mul", self.const(value * self.values[inner]), x)
-            return self._intern("mul", (a, b), None, False)  # the constant first, whichever is older
+            return self._intern(("mul", (a, b)), "mul", (a, b), None, False)  # the constant first, whichever is older
         for x, y in ((a, b), (b, a)):
             if self.ops[x] == "neg":
                 return self.make("neg", self.make("mul", self.args[x][0], y))

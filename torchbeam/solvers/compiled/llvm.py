@@ -23,7 +23,7 @@ FLAGS = "contract nsz arcp"
 BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 COMPARED = {"lt": "olt", "le": "ole", "eq": "oeq"}
 INTRINSICS = {"sqrt": "sqrt", "norm": "sqrt", "abs": "fabs", "floor": "floor", "round": "rint"}
-ELEMENTARY = {"sin", "cos", "atan2", "exp", "log"}
+ELEMENTARY = {"sin", "cos", "atan2", "exp", "log", "tanh"}
 
 
 class Lanes:

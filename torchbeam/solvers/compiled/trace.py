@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import torch
@@ -12,13 +12,14 @@ from torch import Tensor
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from . import aten
+from .arrays import OTHER, STRUCTURAL, UNKNOWN
+from .elementwise import ELEMENTWISE, REDUCTIONS, elementwise, reduction
 from .function import Function, Output
 from .graph import Graph
 
 FRESH = {"zeros_like", "ones_like", "full_like", "empty_like", "new_zeros", "new_ones", "new_full", "new_empty",
          "new_empty_strided"}  # of a traced tensor they read the shape alone
-RESHAPED = {"squeeze_", "unsqueeze_", "transpose_", "t_", "swapaxes_", "swapdims_"}  # in place, and no memory is written
+RESHAPED = {"squeeze_", "unsqueeze_", "transpose_", "t_", "swapaxes_", "swapdims_", "detach_"}  # no memory is written
 READ = {torch.Tensor.tolist, torch.Tensor.numpy, torch.Tensor.__array__, torch.Tensor.__dlpack__}
 LIBRARIES = (os.path.dirname(torch.__file__) + os.sep, os.path.dirname(__file__) + os.sep)
 
@@ -32,9 +33,9 @@ def trace(function: Callable[..., Any], inputs: dict[str, Tensor]) -> Function:
     dtype do. It returns a tensor (the field is called "out"), or tensors in dictionaries and (named) tuples, whose fields are
     called by keys, names and places, joined by dots; None is left out.
 
-    Tensors that do not come from inputs are constants: their values are read. Operations with no values among their inputs run
-    as they are, in the inputs' dtype by default. Raises NotTraceable for an operation that is not known, and for control flow
-    by, and reading of, traced values.
+    Tensors that do not come from inputs are constants: their values are read. Operations that read nothing else run as they
+    are, in the inputs' dtype by default. Raises NotTraceable for an operation that is not known, for control flow by, and
+    reading of, traced values, and for a constant that carries gradient, which would be lost.
     """
     given = {name: value.detach().clone(memory_format=torch.contiguous_format) for name, value in inputs.items()}
     tracer = _Tracer()
@@ -54,10 +55,13 @@ def trace(function: Callable[..., Any], inputs: dict[str, Tensor]) -> Function:
         if not isinstance(value, Tensor):
             raise NotTraceable(f"{type(value).__name__} was returned as {name!r}; tensors are wanted")
         nodes = tracer.nodes(value)
-        if (nodes == aten.UNKNOWN).any():
+        if (nodes == UNKNOWN).any():
             raise NotTraceable(f"the output {name!r} cannot be traced: it is an index, or a factorisation")
         outputs[name] = Output(tuple(value.shape), tuple(nodes.flatten().tolist()))
-    return Function(tracer.graph, {name: tuple(value.shape) for name, value in given.items()}, outputs)
+    traced = Function(tracer.graph, {name: tuple(value.shape) for name, value in given.items()}, outputs)
+    if any(tracer.graph.ops[x] == "factor" for x in traced.live()):
+        raise NotTraceable("the factors of a matrix were read; what solves with them is wanted")
+    return traced
 
 
 def _fields(value: Any, name: str) -> Iterator[tuple[str, Any]]:
@@ -100,6 +104,7 @@ class _Tracer(TorchDispatchMode):
         super().__init__()
         self.graph = Graph()
         self.beside: dict[int, tuple[Tensor, Tensor]] = {}  # storage -> a tensor on it, which keeps it alive; its nodes
+        self.differentiable: dict[int, Tensor] = {}  # likewise, of constants made of what carries gradient
 
     @classmethod
     def _should_skip_dynamo(cls) -> bool:
@@ -112,7 +117,7 @@ class _Tracer(TorchDispatchMode):
         """Write nodes beside a tensor's memory."""
         storage = value.untyped_storage()
         if storage._cdata not in self.beside:
-            self.beside[storage._cdata] = value, torch.full((storage.nbytes() // value.element_size(),), aten.UNKNOWN)
+            self.beside[storage._cdata] = value, torch.full((storage.nbytes() // value.element_size(),), UNKNOWN)
         self._shown(value).copy_(nodes)
 
     def _shown(self, value: Tensor) -> Tensor:
@@ -121,12 +126,17 @@ class _Tracer(TorchDispatchMode):
             raise NotTraceable(f"memory of {first.dtype} was read as {value.dtype} at {_line()}; one dtype is wanted")
         return nodes.as_strided(value.shape, value.stride(), value.storage_offset())
 
+    def _carries_gradient(self, value: Tensor) -> bool:
+        return value.requires_grad or value.untyped_storage()._cdata in self.differentiable
+
     def nodes(self, value: Tensor | float | bool) -> Tensor:
         """int64 of the same shape; what is not traced is constant."""
         if not isinstance(value, Tensor):
             return torch.tensor(self.graph.const(value if isinstance(value, bool) else float(value)))
         if self.traced(value):
             return self._shown(value)
+        if self._carries_gradient(value):
+            raise NotTraceable(f"a tensor that carries gradient met a traced one at {_line()}; it is wanted as an input")
         if value.is_complex():
             raise NotTraceable(f"a tensor of {value.dtype} met a traced one at {_line()}; real numbers are wanted")
         flat = [self.graph.const(v) for v in value.detach().flatten().tolist()]
@@ -134,19 +144,27 @@ class _Tracer(TorchDispatchMode):
 
     def __torch_dispatch__(self, func: Any, types: Any, args: tuple = (), kwargs: dict | None = None) -> Any:
         kwargs = dict(kwargs or {})
-        if not any(self.traced(x) for x in _tensors((args, kwargs))):
-            return func(*args, **kwargs)
-        schema = func._schema
+        schema, given = func._schema, list(_tensors((args, kwargs)))
         name = schema.name.split("::")[-1]
         if name in FRESH or name in RESHAPED:
             return func(*args, **kwargs)
+        if not any(self.traced(x) for x in given):
+            out = func(*args, **kwargs)
+            if any(self._carries_gradient(x) for x in given):
+                self.differentiable |= {x.untyped_storage()._cdata: x for x in _tensors(out)}
+            return out
         if name == "_linalg_check_errors":
             return None
         if name in ("_local_scalar_dense", "equal", "is_nonzero", "nonzero", "masked_select"):
             raise NotTraceable(f"the value of a traced tensor was asked for by {name.strip('_')} at {_line()}; control flow by "
                                "values cannot be traced")
         if schema.returns and all(r.alias_info is not None and not r.alias_info.is_write for r in schema.returns):
-            return func(*args, **kwargs)  # a view: its nodes are those of the memory
+            shown = func(*args, **kwargs)  # a view: its nodes are those of the memory
+            if all(self.traced(x) for x in _tensors(shown)):
+                if any(x.dtype != args[0].dtype for x in _tensors(shown)):
+                    raise self._unknown(func, "it reads numbers by their bits")
+                return shown
+            return self._decomposed(func, args, kwargs)  # it has made a copy
         written = [a for a in schema.arguments if a.alias_info is not None and a.alias_info.is_write]
         if written and (written[0] is not schema.arguments[0] or len(written) > 1):
             raise self._unknown(func)
@@ -155,10 +173,7 @@ class _Tracer(TorchDispatchMode):
         args = [*args, *(kwargs.pop(a.name, a.default_value) for a in behind)]
         found = self._applied(func, name.rstrip("_") if written else name, args, kwargs)
         if found is NotImplemented:
-            found = func.decompose(*args, **kwargs)
-            if found is NotImplemented:
-                raise self._unknown(func)
-            return found
+            return self._decomposed(func, args, kwargs)
         out = func(*args, **kwargs)
         if written:
             if not self.traced(args[0]):  # all that the memory holds is constant so far
@@ -168,8 +183,16 @@ class _Tracer(TorchDispatchMode):
             return out
         outs, founds = out if isinstance(out, (tuple, list)) else (out,), found if isinstance(found, tuple) else (found,)
         for k, one in enumerate(outs):
-            self.hold(one, founds[k] if k < len(founds) else torch.full((), aten.UNKNOWN))
+            self.hold(one, founds[k] if k < len(founds) else torch.full((), UNKNOWN))
         return out
+
+    def _decomposed(self, func: Any, args: Sequence, kwargs: dict) -> Any:
+        """An operation by the operations that it is composed of, which under inference mode only come to light here."""
+        with self:
+            found = func.decompose(*args, **kwargs)
+        if found is NotImplemented:
+            raise self._unknown(func)
+        return found
 
     def _unknown(self, func: Any, why: object = "") -> NotTraceable:
         return NotTraceable(f"{func} at {_line()} cannot be traced{f': {why}' if why else ''}")
@@ -179,8 +202,8 @@ class _Tracer(TorchDispatchMode):
         graph = self.graph
         settings = {key: value for key, value in settings.items() if value is not None}
         try:
-            if name in aten.STRUCTURAL and not (name == "gather" and self.traced(args[2])):
-                at = aten.STRUCTURAL[name]
+            if name in STRUCTURAL and not (name == "gather" and self.traced(args[2])):
+                at = STRUCTURAL[name]
                 if any(self.traced(x) for k, arg in enumerate(args) if k not in at for x in _tensors((arg,))):
                     raise NotImplementedError("places that depend on inputs")
                 moved = [self._known(func, arg) if k in at else arg for k, arg in enumerate(args)]
@@ -192,17 +215,19 @@ class _Tracer(TorchDispatchMode):
                 if not (dtype.is_floating_point or dtype == torch.bool):
                     raise NotImplementedError(f"{dtype}")
                 rule = type(graph).truth if dtype == torch.bool else type(graph).number
-                return aten.elementwise(graph, rule, self._known(func, args[0]))
-            if name in aten.ELEMENTWISE:
+                return elementwise(graph, rule, self._known(func, args[0]))
+            if name in ELEMENTWISE:
                 known = [None if x is None else self._known(func, x) for x in args]
-                return aten.elementwise(graph, aten.ELEMENTWISE[name], *known, **settings)
+                return elementwise(graph, ELEMENTWISE[name], *known, **settings)
+            if name == "linalg_lu_solve":
+                args = [args[0], args[2]]  # no rows were exchanged
             known = [self._known(func, x) if isinstance(x, Tensor) else x for x in args]
             if name == "fill":
                 known[1] = self._known(func, args[1])
-            if name in aten.REDUCTIONS:
-                return aten.reduction(graph, aten.REDUCTIONS[name], *known, **settings)
-            if name in aten.OTHER:
-                return aten.OTHER[name](graph, *known, **settings)
+            if name in REDUCTIONS:
+                return reduction(graph, REDUCTIONS[name], *known, **settings)
+            if name in OTHER:
+                return OTHER[name](graph, *known, **settings)
         except (NotImplementedError, TypeError) as error:
             raise self._unknown(func, error) from error
         return NotImplemented
@@ -212,7 +237,7 @@ class _Tracer(TorchDispatchMode):
         if isinstance(value, (list, tuple)):
             return [self._known(func, x) for x in value]
         nodes = self.nodes(value)
-        if (nodes == aten.UNKNOWN).any():
+        if (nodes == UNKNOWN).any():
             raise self._unknown(func, "it reads an index, or a factorisation, that depends on inputs")
         return nodes
 

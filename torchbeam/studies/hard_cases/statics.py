@@ -9,7 +9,7 @@ from torch import Tensor
 
 import torchbeam as tb
 
-from ...statics.path import LIMIT_POINT
+from ...statics.continuation import LIMIT_POINT
 from .build import cantilever, held, moved, section, tip_force, tip_moment, vector
 from .case import Answer, Case
 

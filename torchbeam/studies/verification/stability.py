@@ -10,7 +10,7 @@ from torch import Tensor
 
 import torchbeam as tb
 
-from ...statics.path import LIMIT_POINT
+from ...statics.continuation import LIMIT_POINT
 from .build import INF, along, cantilever, planar, section
 from .case import Case, reference
 

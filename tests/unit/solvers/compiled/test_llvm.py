@@ -21,7 +21,7 @@ pytest.importorskip("llvmlite")
 
 SPECIAL = torch.tensor([math.nan, math.inf, -math.inf, 0.0, -1.0, 1.0, -0.3, 0.5])
 X, Y = (x.flatten() for x in torch.meshgrid(SPECIAL, SPECIAL, indexing="ij"))
-ONE = ("neg", "sqrt", "norm", "abs", "floor", "round", "sin", "cos", "exp", "log")
+ONE = ("neg", "sqrt", "norm", "abs", "floor", "round", "sin", "cos", "exp", "log", "tanh")
 TWO = ("add", "sub", "mul", "div", "max", "min", "atan2")
 
 
@@ -61,6 +61,7 @@ ANGLES = np.concatenate([DRAW.uniform(-size, size, 300) for size in (1e6, 3.0, 1
 ARGUMENTS = {
     "sin": ((ANGLES,), 1), "cos": ((ANGLES,), 1),
     "atan2": ((DRAW.normal(size=1000) * SIZES, DRAW.normal(size=1000) * SIZES[::-1].copy()), 2),
+    "tanh": ((np.concatenate([DRAW.uniform(-size, size, 320) for size in (30.0, 1.0, 1e-3)]),), 2),
     "exp": ((np.concatenate([DRAW.uniform(-size, size, 500) for size in (700.0, 1.0)]),), 1),
     "log": ((np.concatenate((np.exp(DRAW.uniform(-740, 709, 500)), 1 + DRAW.uniform(-0.3, 0.42, 500))),), 1)}
 
@@ -92,6 +93,7 @@ def native_rows(function, given):
 
 @pytest.mark.parametrize(("name", "x", "expected"), [
     ("exp", [710.0, -746.0, -740.0, math.inf, -math.inf, 0.0], [math.inf, 0.0, math.exp(-740.0), math.inf, 0.0, 1.0]),
+    ("tanh", [800.0, -800.0, -math.inf, 0.0], [1.0, -1.0, -1.0, 0.0]),
     ("log", [0.0, 5e-324, math.inf, 1.0], [-math.inf, math.log(5e-324), math.inf, 0.0])])
 def test_elementary_functions_at_the_ends_of_their_range(name, x, expected):
     found = evaluate(elementary(name), {"x": torch.tensor(x)})["out"]

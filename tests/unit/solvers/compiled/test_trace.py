@@ -23,16 +23,16 @@ ELEMENTWISE = {
     "cube": lambda x, y: x**3, "inverse cube": lambda x, y: x**-3, "power 1.5": lambda x, y: x.abs()**1.5,
     "power -0.5": lambda x, y: x.abs()**-0.5, "reciprocal": lambda x, y: (x + 7).reciprocal(), "sin": lambda x, y: x.sin(),
     "cos": lambda x, y: x.cos(), "tan": lambda x, y: x.tan(), "exp": lambda x, y: x.exp(), "log": lambda x, y: x.log(),
-    "atan2": lambda x, y: torch.atan2(x, y), "atan": lambda x, y: x.atan(), "asin": lambda x, y: x.asin(),
-    "acos": lambda x, y: x.acos(), "hypot": lambda x, y: torch.hypot(x, 0.5 * x), "sigmoid": lambda x, y: x.sigmoid(),
-    "floor": lambda x, y: x.floor(), "ceil": lambda x, y: x.ceil(), "round": lambda x, y: x.round(),
-    "sign": lambda x, y: x.sign(), "maximum": lambda x, y: torch.maximum(x, y), "minimum": lambda x, y: torch.minimum(x, y),
-    "clamp": lambda x, y: x.clamp(-0.5, 0.7), "clamp by tensors": lambda x, y: x.clamp(min=torch.tensor(-0.1)),
-    "clamp_min": lambda x, y: x.clamp_min(0.2), "clamp_max": lambda x, y: x.clamp_max(0.2), "relu": lambda x, y: x.relu(),
-    "where": lambda x, y: torch.where(x < y, x, 2.0), "lt": lambda x, y: x < y, "le": lambda x, y: x <= y,
-    "gt": lambda x, y: x > y, "ge": lambda x, y: x >= y, "eq": lambda x, y: x == y, "ne": lambda x, y: x != y,
-    "isnan": lambda x, y: x.isnan(), "isinf": lambda x, y: x.isinf(), "isfinite": lambda x, y: x.isfinite(),
-    "xor": lambda x, y: torch.logical_xor(x > 0, y > 0),
+    "tanh": lambda x, y: x.tanh(), "atan2": lambda x, y: torch.atan2(x, y), "atan": lambda x, y: x.atan(),
+    "asin": lambda x, y: x.asin(), "acos": lambda x, y: x.acos(), "hypot": lambda x, y: torch.hypot(x, 0.5 * x),
+    "sigmoid": lambda x, y: x.sigmoid(), "floor": lambda x, y: x.floor(), "ceil": lambda x, y: x.ceil(),
+    "round": lambda x, y: x.round(), "sign": lambda x, y: x.sign(), "maximum": lambda x, y: torch.maximum(x, y),
+    "minimum": lambda x, y: torch.minimum(x, y), "clamp": lambda x, y: x.clamp(-0.5, 0.7),
+    "clamp by tensors": lambda x, y: x.clamp(min=torch.tensor(-0.1)), "clamp_min": lambda x, y: x.clamp_min(0.2),
+    "clamp_max": lambda x, y: x.clamp_max(0.2), "relu": lambda x, y: x.relu(), "where": lambda x, y: torch.where(x < y, x, 2.0),
+    "lt": lambda x, y: x < y, "le": lambda x, y: x <= y, "gt": lambda x, y: x > y, "ge": lambda x, y: x >= y,
+    "eq": lambda x, y: x == y, "ne": lambda x, y: x != y, "isnan": lambda x, y: x.isnan(), "isinf": lambda x, y: x.isinf(),
+    "isfinite": lambda x, y: x.isfinite(), "xor": lambda x, y: torch.logical_xor(x > 0, y > 0),
     "logic": lambda x, y: ((x > 0) & ~(y > 0)) | torch.logical_and(x < 1, y < 1),
     "masked_fill": lambda x, y: x.masked_fill(y > 0, 3.0),
     "truth as number": lambda x, y: (x > 0).to(x) + (y > 0) * x.clamp(-3, 3) + y,
@@ -69,6 +69,7 @@ ARRAYS = {
         torch.linalg.inv(a + 4 * torch.eye(3)), torch.linalg.solve(b + 4 * torch.eye(3), a), torch.linalg.inv(a[:1, :1] + 3),
         torch.linalg.solve((a + 4 * torch.eye(3))[:2, :2], b[:2, 0]),
         torch.linalg.solve(S + torch.block_diag(a, b) / 9, torch.cat((a, b)))),
+    "a solve that is differentiated": lambda a, b: torch.func.jacrev(lambda x: torch.linalg.solve(x + 4 * torch.eye(3), b))(a),
     "places of the largest": lambda a, b: torch.gather(a, 1, b.argmax(1, keepdim=True).expand(3, 2)),
     "constant places": lambda a, b: (torch.gather(a, 1, torch.tensor([[0], [2], [1]])),
                                      a.index_select(0, torch.tensor([2, 2]))),
@@ -84,7 +85,13 @@ def written(a, b):
     return out, a
 
 
-ARRAYS["writes through views"] = written
+def inferred(a, b):
+    """Where torch leaves composed operations whole."""
+    with torch.inference_mode():
+        return torch.linalg.inv(a @ b.mT + 9 * torch.eye(3)).unflatten(0, (3, 1)).flatten(), torch.linalg.multi_dot((a, b, a))
+
+
+ARRAYS["writes through views"], ARRAYS["inference mode"] = written, inferred
 
 
 @pytest.mark.parametrize("name", ARRAYS)
@@ -166,13 +173,22 @@ def branching(x):
     return x if x.sum() > 0 else -x
 
 
+PARAMETER = torch.tensor([1.0, 2.0, 3.0], requires_grad=True)
+UNPLACED = ("an index as output", "a number", "factors that are read")  # known where the function is done
 REFUSED = {
+    "a parameter": (lambda x: x * PARAMETER, "carries gradient"),
+    "what a parameter gives": (lambda x: x * (2 * PARAMETER)[1], "carries gradient"),
+    "bits": (lambda x: x.view(torch.int64) + 1, "by their bits"),
+    "a part of bits": (lambda x: x.view(torch.int32), "by their bits"),
+    "factors that are read": (lambda x: 2 * torch.ops.aten._linalg_solve_ex(torch.diag(x), x)[1], "the factors of a matrix"),
     "control flow": (branching, "control flow by values"), "item": (lambda x: x * x[0].item(), "local_scalar_dense"),
     "tolist": (lambda x: torch.tensor(x.tolist()), "tolist"), "numpy": (lambda x: torch.tensor(x.numpy()), "numpy"),
     "eigenvalues": (lambda x: torch.linalg.eigh(torch.outer(x, x))[0], "aten._linalg_eigh"),
     "sort": (lambda x: x.sort()[0], "aten.sort"), "a general power": (lambda x: x**2.3, "a power that is not"),
-    "a traced mask": (lambda x: x[x > 0], "aten.index"), "an index as output": (lambda x: x.max(0).indices, "the output 'out'"),
-    "a number": (lambda x: 3.0, "float was returned"), "integers": (lambda x: x.to(torch.int64), "torch.int64"),
+    "a traced mask": (lambda x: x[x > 0], "aten.index"),
+    "factors": (lambda x: torch.linalg.lu_factor(torch.outer(x, x))[0], "aten.linalg_lu_factor"),
+    "an index as output": (lambda x: x.max(0).indices, "the output 'out'"), "a number": (lambda x: 3.0, "float was returned"),
+    "integers": (lambda x: x.to(torch.int64), "torch.int64"),
     "an unknown function": (lambda x: torch.special.bessel_j0(x), "bessel_j0"),
     "a norm": (lambda x: torch.linalg.vector_norm(x, ord=3), "a norm of order 3"),
 }
@@ -184,6 +200,11 @@ def test_what_has_no_graph_is_refused_by_name(name):
     function, words = REFUSED[name]
     with pytest.raises(NotTraceable, match=words) as caught:
         trace(function, {"x": torch.tensor([1.0, 2.0, 3.0])})
-    if "output" not in words and "returned" not in words:
+    if name not in UNPLACED:
         line = function.__code__.co_firstlineno + (name == "control flow")
         assert f"{Path(__file__).name}:{line}" in str(caught.value)
+
+
+def test_the_shape_of_a_parameter_may_be_read():
+    function = trace(lambda x: x + torch.ones_like(PARAMETER) + PARAMETER.new_zeros(3), {"x": torch.zeros(3)})
+    assert evaluate(function, {"x": torch.zeros(3)})["out"].tolist() == [1.0, 1.0, 1.0]

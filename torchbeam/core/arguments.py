@@ -1,0 +1,129 @@
+"""Arguments that are no tensors: switches, counts, names, functions, times, masks; errors of one sentence."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .validation import BOOLEANS, as_tensor, broadcast, finite, positive, real, scalars, shown
+
+
+def keywords(*takers: Any) -> list[str]:
+    """Keywords of the functions that are nothing but keywords."""
+    return [p.name for f in takers for p in inspect.signature(f).parameters.values() if p.kind is p.KEYWORD_ONLY]
+
+
+def options(name: str, given: dict[str, Any], known: list[str]) -> None:
+    """ValueError where an option is not a known one."""
+    for option in given:
+        if option not in known:
+            raise ValueError(f"the option {option!r} was given; {name} has {', '.join(known)}")
+
+
+def whole(name: str, value: int) -> int:
+    """`value` if it is a whole number; ValueError otherwise."""
+    if isinstance(value, BOOLEANS) or not isinstance(value, (int, np.integer)):
+        raise ValueError(f"{name} = {shown(value)} was given; a whole number is wanted")
+    return int(value)
+
+
+def count(name: str, value: int, least: int = 1) -> int:
+    """`value` if it is a whole number of at least `least`; ValueError otherwise."""
+    if isinstance(value, BOOLEANS) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ValueError(f"{name} = {shown(value)} was given; a whole number of at least {least} is wanted")
+    return int(value)
+
+
+def boolean(name: str, value: bool) -> bool:
+    """`value` if it is True or False; ValueError otherwise."""
+    if not isinstance(value, BOOLEANS):
+        raise ValueError(f"{name} = {shown(value)} was given; True or False is wanted")
+    return bool(value)
+
+
+def choice(name: str, value: Any, known: Iterable[Any]) -> Any:
+    """`value` if it is one of the `known` strings (or None, where that is one); ValueError otherwise."""
+    if not isinstance(value, (str, type(None))) or value not in known:
+        raise ValueError(f"{name} = {shown(value)} was given; {', '.join(map(repr, known))} are there")
+    return value
+
+
+def function(name: str, value: Any) -> Any:
+    """`value` if it can be called; ValueError otherwise."""
+    if not callable(value):
+        raise ValueError(f"{name} = {shown(value)} was given; a function is wanted")
+    return value
+
+
+def instance(name: str, value: Any, wanted: type) -> Any:
+    """`value` if it is an object of the class `wanted`, one of torchbeam's; ValueError otherwise."""
+    if not isinstance(value, wanted):
+        raise ValueError(f"{name} of type {type(value).__name__} was given; a torchbeam.{wanted.__name__} is wanted")
+    return value
+
+
+def number(name: str, value: Any, *, infinite: bool = False) -> float:
+    """One real number, of Python, NumPy or a tensor, as Python's; ValueError otherwise, and for one that is not finite."""
+    one = as_tensor(value, torch.float64) if value is not None else torch.empty(0)
+    if one.ndim or not (torch.isfinite(one) or (infinite and torch.isinf(one))):
+        raise ValueError(f"{name} = {shown(value)} was given; one {'' if infinite else 'finite '}number is wanted")
+    return one.item()
+
+
+def instant(name: str, value: Any, like: Tensor) -> Tensor:
+    """A time (0-dim) s in the dtype and on the device of `like`; ValueError for what is not one finite number."""
+    one = as_tensor(value, like.dtype, like.device)
+    if one.ndim:
+        raise ValueError(f"{name} of shape {tuple(one.shape)} was given; one instant is wanted")
+    return finite(name, one)
+
+
+def mask(name: str, value: Any, like: Tensor) -> Tensor:
+    """Booleans (...) that broadcast with `like`, on its device; ValueError otherwise."""
+    if not isinstance(value, Tensor) and all(isinstance(leaf, BOOLEANS) or getattr(leaf, "dtype", None) == np.bool_
+                                             for leaf in scalars(value)):
+        value = torch.as_tensor(np.array(value), device=like.device)
+    if not isinstance(value, Tensor) or value.dtype != torch.bool:
+        given = f"of {value.dtype}" if isinstance(value, Tensor) else f"= {shown(value)}"
+        raise ValueError(f"{name} {given} was given; booleans, one a sample, are wanted")
+    if value.ndim > like.ndim or broadcast(f"{name} and samples", value.shape, like.shape) != like.shape:
+        raise ValueError(f"{name} of shape {tuple(value.shape)} was given for samples of shape {tuple(like.shape)}; one a "
+                         "sample is wanted")
+    return value.to(like.device)
+
+
+def tolerance(name: str, value: Any, *, zero: bool = False) -> Any:
+    """`value` if it is a positive finite number (or zero, where allowed), or a tensor of such; ValueError otherwise."""
+    if isinstance(value, Tensor):
+        return positive(name, real(value), zero=zero)
+    if not _real(value) or not (0 < value < math.inf or (zero and value == 0)):
+        wanted = "a non-negative" if zero else "a positive"
+        raise ValueError(f"{name} = {shown(value)} was given; {wanted} finite number is wanted")
+    return value
+
+
+def step_size(name: str, value: float) -> float:
+    """`value` if it is a positive finite Python number; ValueError otherwise."""
+    if not _real(value) or not (0 < value < math.inf):
+        raise ValueError(f"{name} = {shown(value)} was given; a positive finite number of seconds is wanted")
+    return float(value)
+
+
+def _real(value: Any) -> bool:
+    """Whether this is a real number of Python or NumPy."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, BOOLEANS)
+
+
+def duration(name: str, value: float | Tensor, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """`value` as a 0-dim tensor if it is a positive finite number or such a tensor; ValueError otherwise."""
+    if not isinstance(value, Tensor):
+        return torch.as_tensor(step_size(name, value), dtype=dtype, device=device)
+    if value.ndim or value.is_complex() or value.dtype == torch.bool:
+        raise ValueError(f"{name} of shape {tuple(value.shape)} and {value.dtype} was given; one number of seconds is wanted")
+    return positive(name, value.to(dtype=dtype, device=device))

@@ -1,0 +1,186 @@
+"""Linear: a state-space model of small motions, in continuous or discrete time; its reduction and its response."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import boolean, step_size
+from ..core.arguments import count as check_count
+from ..core.functions_of_time import rate_along
+from ..core.validation import as_tensor, finite
+from ..math.dense import inverse_unchecked, solve_unchecked
+from ..nodal.coordinates.spatial import Space
+from ..state.state import State, of_mesh
+from .chart import Chart
+
+SYMMETRIC = 1e-6
+BALANCING = 6  # sweeps over the scales of z before an exponential
+
+
+@dataclass(frozen=True)
+class Linear:
+    """State-space model z' = A z + B du, dy = C z + D du, or with `dt`, z_{k+1} = A z_k + B du_k; du and dy are departures of
+    inputs and sensors from the equilibrium.
+
+    A        (..., n, n);  B (..., n, m);  C (..., p, n);  D (..., p, m)
+    state    the equilibrium;  output (..., p): readings of the sensors there
+    inputs   name -> its columns of B and D;  outputs: each sensor's rows of C and D
+    reads    (..., n, 2 w (N+1) + Z) z of the nodes' moves (m, rad; frame a), their rates, w a node in `space`, and Z internal
+             states
+    chart    coordinates of a state as moves of the nodes, see `departure`
+    dt       s, of a model in discrete time; else None
+    mass     (..., n/2, n/2) where z = [q; q'] and undamped frequencies are those of K - omega^2 mass; else None
+
+    z = [q_1; q_1'], or [q_1; q_0; q_1'] where coordinates without inertia are damped: m, rad, m/s, rad/s; behind them the
+    departures of `State.internal`, where loads have internal states.
+    """
+
+    A: Tensor
+    B: Tensor
+    C: Tensor
+    D: Tensor
+    state: State
+    output: Tensor
+    inputs: dict[str, slice]
+    outputs: tuple[slice, ...]
+    reads: Tensor
+    space: Space
+    dt: float | None = None
+    mass: Tensor | None = None
+    chart: Chart | None = None
+
+    def departure(self, state: State) -> Tensor:
+        """State vector z (..., n) of a state of the beam: what a feedback of the whole state reads.
+
+        Measured along the beam: the turn and the place of the node that holds it (the first support's, else node 0) and the
+        strains of the elements, as moves of the linear model. A turn of the whole beam is then a turn of the model, however
+        far, and a strain a strain; to first order it is the difference of the nodes' places and axes. z is exact in the
+        kinematics; A and B are those of the model's own state. Linearise about the state that is to be reached: the departure
+        vanishes there, and A, B are right where they have to hold. Where they change on the way (gravity, loads that do not
+        turn with the beam), schedule models about several states.
+
+        Raises ValueError for a state of another form, mesh or dtype.
+        """
+        of_mesh(state, self.state.position.shape[-2], self.state.position.dtype, "a state")
+        space, chart = self.space, self.chart
+        own, state = space.to_reduced(self.state), space.to_reduced(state)
+        spin, before = space.to_frame(state.rotation, state.spin), space.to_frame(own.rotation, own.spin)
+        moved = state.position - own.position
+        velocity = state.velocity - own.velocity - (space.skew(before) @ moved[..., None])[..., 0]
+        turning = space.rotation_rate(state.rotation, space.to_section(state.rotation, spin - before))
+        at, rate = rate_along(chart, (state.position, state.rotation), tuple(
+            x.expand_as(y).contiguous() for x, y in ((velocity, state.position), (turning, state.rotation))))
+        lags = () if own.internal is None else (state.internal - own.internal,)
+        return (self.reads @ torch.cat((at, rate, *lags), -1)[..., None])[..., 0]
+
+    def discrete(self, dt: float) -> Linear:
+        """Model in discrete time, with the inputs held over steps of dt (s): exact, by the exponential of [[A, B], [0, 0]] dt,
+        whether or not A is singular.
+
+        Raises ValueError for a model in discrete time or a dt that is not positive.
+        """
+        self._continuous("discrete")
+        dt = step_size("dt", dt)
+        n, m = self.B.shape[-2:]
+        scale = _balance(self.A)
+        rows = torch.cat((self.A * scale[..., None, :], self.B), -1) / scale[..., :, None]
+        below = torch.zeros_like(rows[..., :1, :]).expand(*rows.shape[:-2], m, n + m)
+        held = torch.linalg.matrix_exp(dt * torch.cat((rows, below), -2))
+        held = held[..., :n, :] * scale[..., :, None]
+        return replace(self, A=held[..., :n] / scale[..., None, :], B=held[..., n:], dt=dt, mass=None)
+
+    def reduced(self, count: int, *, static: bool = False) -> Linear:
+        """Reduced model of the `count` slowest modes: those of the undamped beam where K and D are symmetric (z = their
+        amplitudes, normalised by mass, and rates), else those of A itself, each pair as its real and imaginary part.
+
+        static  keep the response to a steady input exact: what the other modes add to it goes into D
+
+        Derivatives want distinct frequencies. Raises ValueError for a model in discrete time, for more modes than there are,
+        and for rigid motions (A singular) where K is not symmetric.
+        """
+        self._continuous("reduced")
+        boolean("static", static)
+        n = self.A.shape[-1]
+        if check_count("count", count) > n // 2:
+            raise ValueError(f"count = {count} was given; the model has {n // 2} modes")
+        right, left = self._by_mass(count) or self._by_pairs(count)
+        small = replace(self, A=left @ self.A @ right, B=left @ self.B, C=self.C @ right,
+                        reads=left @ self.reads,
+                        mass=None if self.mass is None else torch.eye(count, dtype=self.A.dtype, device=self.A.device))
+        if static:
+            small = replace(small, D=small.D + self.response(0.0).real - small.response(0.0).real)
+        return small
+
+    def response(self, omega: float | Tensor) -> Tensor:
+        """Frequency response C (s I - A)^-1 B + D at s = i omega, complex: (*omega's axes, ..., p, m); omega in rad/s.
+
+        In discrete time exp(i omega dt) stands for s. Not finite at an undamped resonance.
+        """
+        omega = finite("omega", as_tensor(omega, self.A.dtype, self.A.device))
+        omega = omega.reshape(*omega.shape, *[1] * self.A.ndim)
+        s = 1j * omega if self.dt is None else torch.exp(1j * omega * self.dt)
+        scale = _balance(self.A)
+        A, B, C = self.A * scale[..., None, :] / scale[..., :, None], self.B / scale[..., :, None], self.C * scale[..., None, :]
+        eye = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)
+        within = solve_unchecked(s * eye - A, B.to(s.dtype))
+        return C.to(s.dtype) @ within + self.D
+
+    def _continuous(self, what: str) -> None:
+        if self.dt is not None:
+            raise ValueError(f"{what}() of a model in discrete time (dt = {self.dt:g}) was asked for; it wants continuous time")
+
+    def _by_mass(self, count: int) -> tuple[Tensor, Tensor] | None:
+        """Basis of the slowest undamped modes: right (..., n, 2 count), left with left @ right = I; None where mass, damping or
+        stiffness is not symmetric.
+        """
+        if self.mass is None:
+            return None
+        k = self.mass.shape[-1]
+        K, D = (-self.mass @ part for part in (self.A[..., k:, :k], self.A[..., k:, k:]))
+        if any((X - X.mT).detach().abs().amax() > SYMMETRIC * X.detach().abs().amax() for X in (K, D, self.mass)):
+            return None
+        root = torch.linalg.cholesky(self.mass)
+        balanced = torch.linalg.solve_triangular(root, torch.linalg.solve_triangular(root, (K + K.mT) / 2, upper=False).mT,
+                                                 upper=False)
+        shapes = torch.linalg.eigh((balanced + balanced.mT) / 2)[1][..., :count]
+        right, left = torch.linalg.solve_triangular(root.mT, shapes, upper=True), (root @ shapes).mT
+        return _twice(right), _twice(left)
+
+    def _by_pairs(self, count: int) -> tuple[Tensor, Tensor]:
+        """Basis by the largest eigenvalues of A^-1, one of each pair: right (..., n, 2 count), left with left @ right = I."""
+        scale = _balance(self.A)
+        inverse = inverse_unchecked(self.A * scale[..., None, :] / scale[..., :, None])
+        if not torch.isfinite(inverse.detach()).all():
+            raise ValueError("a model with rigid motions and unsymmetric stiffness was given; supports that hold the beam are "
+                             "wanted for its reduction")
+        found, vectors = torch.linalg.eig(inverse)
+        size = torch.where(found.detach().imag > 0, -1.0, found.detach().abs())  # of 1/eigenvalue: one of each pair
+        chosen = size.sort(dim=-1, descending=True, stable=True)[1][..., :count]
+        if (found.detach().imag.gather(-1, chosen) == 0).any():
+            raise ValueError(f"count = {count} was given; a motion among the slowest does not oscillate and has no pair")
+        at = chosen[..., None, :].expand(*chosen.shape[:-1], self.A.shape[-1], count)
+        right = torch.view_as_real(vectors.gather(-1, at)).flatten(-2)
+        left = torch.view_as_real(inverse_unchecked(vectors).mT.gather(-1, at)).flatten(-2).mT
+        sign = left.new_tensor([2.0, -2.0]).repeat(count)
+        return right * scale[..., :, None], sign[:, None] * left / scale[..., None, :]
+
+
+def _twice(X: Tensor) -> Tensor:
+    """Block diagonal matrix diag(X, X)."""
+    zero = torch.zeros_like(X)
+    return torch.cat((torch.cat((X, zero), -1), torch.cat((zero, X), -1)), -2)
+
+
+def _balance(A: Tensor) -> Tensor:
+    """Scales d (..., n) that make rows and columns of diag(1/d) A diag(d) alike in size (Osborne 1960); constants."""
+    size = A.detach().abs()
+    size = size - torch.diag_embed(size.diagonal(dim1=-2, dim2=-1))
+    scale = torch.ones_like(size[..., 0])
+    for _ in range(BALANCING):
+        now = size * scale[..., None, :] / scale[..., :, None]
+        ratio = now.sum(-1) / now.sum(-2)
+        scale = scale * torch.where(torch.isfinite(ratio) & (ratio > 0), ratio, 1.0) ** 0.25
+    return scale

@@ -1,0 +1,29 @@
+"""Effects in general: what a scene and its solvers ask of any of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, ClassVar
+
+from ...core.leaves import Tree
+
+
+class Effect(Tree):
+    """Base of all effects; what is asked of them is answered by attributes, these unless a class has its own.
+
+    kind    "load", "strain", "inertia" or "eigenstrain": see `torchbeam.scene.effects`
+    node    number of the node that it acts on, a class's attribute or a field; None = along the beam
+    inputs  `Input`s that it takes beside those in its leaves
+
+    Raises TypeError, when the class is defined, for a field `node` without a value: it would take None from here.
+    """
+
+    kind: ClassVar[str] = ""
+    node = None
+    inputs: ClassVar[Iterable] = ()
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if "node" in vars(cls).get("__annotations__", {}) and "node" not in vars(cls):
+            raise TypeError(f"{cls.__name__}.node is a field without a value; node: int = dataclasses.field() is wanted, or a "
+                            "default")

@@ -1,0 +1,64 @@
+"""Bent beam: a state from a curve of nodes, its section axes carried along, and velocities."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ..core.functions_of_time import rate_along
+from ..core.validation import Value, as_tensor, axis_last, finite
+from ..math import quaternions as quat
+from ..scene.beam import axes_of_nodes, orthonormal
+from ..scene.curve import carried_axes
+from ..scene.prescribed_motion import PrescribedMotion
+from ..scene.scene import Scene
+from .supported_nodes import Placed, at_rest, frame_motion, held_rotation, set_node
+
+
+def bent(still: Placed, scene: Scene, nodes: Value, frames: Value | None, twist: Any, velocity: Value | None,
+         spin: Value | None) -> Placed:
+    """The state `still` of the beam at rest, bent into the curve of the nodes; arguments as of `State.from_nodes`."""
+    beam = scene.beam
+
+    def given(name: str, value: Value) -> Tensor:
+        value = finite(name, axis_last(name, as_tensor(value, scene.dtype, scene.device), 3))
+        if value.ndim < 2 or value.shape[-2] != beam.count + 1:
+            raise ValueError(f"{name} of shape {tuple(value.shape)} were given; (..., {beam.count + 1}, 3) is wanted")
+        return value
+
+    nodes = given("nodes", nodes)
+    if frames is not None:
+        if twist is not None:
+            raise ValueError("frames and a twist were given; one of them is wanted")
+        frames = quat.from_matrix(orthonormal(as_tensor(frames, scene.dtype, scene.device), beam.count + 1, beam.count))
+        rotation = frames if frames.shape[-2] == beam.count + 1 else axes_of_nodes(frames)
+    else:
+        s = pad(beam.length.cumsum(-1), (1, 0))
+        if callable(twist):
+            twist = as_tensor(twist(s), scene.dtype, scene.device)
+            if twist.shape[-1:] != s.shape[-1:]:
+                raise ValueError(f"a twist of shape {tuple(twist.shape)} was given; (..., {beam.count + 1}) is wanted")
+        elif twist is not None:
+            twist = as_tensor(twist, scene.dtype, scene.device)[..., None] * s / s[..., -1:]
+
+        def axes(nodes: Tensor) -> Tensor:
+            q = carried_axes(beam.frames, beam.nodes, nodes, beam.length, twist)
+            for support in scene.supports:
+                at = support.node
+                q = set_node(q, at, held_rotation(q[..., at, :], still.rotation[..., at, :], support))
+            return q
+
+        rotation = axes(nodes)
+    prescribed_motion, state = PrescribedMotion(scene), replace(still, position=nodes, rotation=rotation).broadcast()
+    state = at_rest(state, prescribed_motion).broadcast()
+    if velocity is not None:
+        velocity = given("velocity", velocity)
+        if spin is None and frames is None:
+            relative = velocity - frame_motion(state, prescribed_motion)[0]
+            q, rate = rate_along(axes, (nodes + 0 * relative,), (relative + 0 * nodes,))
+            state = replace(state, spin=state.spin + 2 * quat.multiply(quat.conjugate(q), rate)[..., 1:])
+        state = replace(state, velocity=velocity)
+    return (state if spin is None else replace(state, spin=given("spin", spin))).broadcast()

@@ -1,0 +1,81 @@
+"""Instant: what the states of all forms of the beam have in common; points and reactions as they are read from them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..core.leaves import Tree, map_leaves
+from ..core.summary import kind, lines, point, span, statuses
+
+
+class Point(NamedTuple):
+    """One node. All in frame a: position (..., 3) m, velocity (..., 3) m/s, rotation (..., 3, 3) section axes -> a,
+    spin (..., 3) rad/s.
+    """
+
+    position: Tensor
+    velocity: Tensor
+    rotation: Tensor
+    spin: Tensor
+
+
+class Reaction(NamedTuple):
+    """Load of a support on the beam, frame a: force (..., 3) N, moment (..., 3) N m."""
+
+    force: Tensor
+    moment: Tensor
+
+
+class TensorFields(Tree):
+    """Operations on all fields of a frozen dataclass of tensors alike."""
+
+    def map(self, function: Any, *others: Any) -> Any:
+        """The same kind of object with `function` applied field by field."""
+        return map_leaves(lambda value, axes, *theirs: function(value, *theirs), self, *others)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Index the first axes of every field: `states[-1]` of a trajectory is its last state."""
+        return self.map(lambda x: x[index])
+
+    def where(self, mask: Tensor, other: Any) -> Any:
+        """Fields of this one where mask (...) holds, of `other` elsewhere."""
+        return map_leaves(lambda a, axes, b: torch.where(mask[(...,) + (None,) * axes], a, b), self, other)
+
+    def clone(self) -> Any:
+        return self.map(torch.clone)
+
+    def detach(self) -> Any:
+        return self.map(torch.detach)
+
+    def to(self, *args: Any, **kwargs: Any) -> Any:
+        return self.map(lambda x: x.to(*args, **kwargs))
+
+    @classmethod
+    def stack(cls, states: list) -> Any:
+        """States in time order -> one object whose fields have time as their first axis."""
+        return states[0].map(lambda *x: torch.stack(torch.broadcast_tensors(*x)), *states[1:])
+
+
+class Instant(TensorFields):
+    """Views common to the states of all forms: nodes, tip, load of the support."""
+
+    def __repr__(self) -> str:
+        return lines(type(self).__name__, f"t = {span(self.t)} s", f"{self.nodes.shape[-2]} nodes",
+                     f"tip at {point(self.nodes[..., -1, :])} m", statuses(self.status), kind(self.batch_shape, self.nodes))
+
+    @property
+    def tip(self) -> Point:
+        return self.node(-1)
+
+    @property
+    def nodes(self) -> Tensor:
+        """(..., N+1, 3) m, frame a."""
+        return self.position
+
+    @property
+    def root(self) -> Reaction:
+        """Of the first support: the clamp at node 0, where the scene does not say otherwise."""
+        return Reaction(self.reaction[..., :3], self.reaction[..., 3:])
