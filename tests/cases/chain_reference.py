@@ -5,7 +5,8 @@ is written after.
 import torch
 
 from torchbeam.dynamics.compiled.constants import Constants, flattened
-from torchbeam.dynamics.compiled.local_functions import NODE, LocalFunctions, NodeKind
+from torchbeam.dynamics.compiled.local_functions import LocalFunctions
+from torchbeam.dynamics.compiled.local_problem import NODE, NodeKind
 from torchbeam.dynamics.midpoint import MidpointUnknowns
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")

@@ -9,7 +9,8 @@ from ...solvers.compiled.derivative import bar, vjp
 from ...solvers.compiled.function import Function
 from .adjoint_driver import AdjointDriver
 from .layout import ELEMENTS, MOVES, NODES, ONE, SUPPORTS, TWO, Layout
-from .local_functions import NODE, LocalFunctions, NodeKind
+from .local_functions import LocalFunctions
+from .local_problem import NODE, NodeKind
 from .native import NativeProgram
 from .tracing import Tracing
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from ...solvers.compiled.derivative import bar
 from .chain_code import ChainCode
-from .local_functions import NODE
+from .local_problem import NODE
 
 
 class AdjointDriver(ChainCode):

@@ -12,7 +12,7 @@ from torch import Tensor
 from ...nodal.model import Model
 from .chain_code import POINTERS
 from .layout import ONE
-from .local_functions import NodeKind
+from .local_problem import NodeKind
 from .native import NativeProgram
 
 

@@ -16,7 +16,8 @@ from ...solvers.compiled.llvm import Module
 from ...solvers.compiled.object_cache import ObjectCache
 from .chain_code import ChainCode
 from .layout import Layout
-from .local_functions import LocalFunctions, NodeKind
+from .local_functions import LocalFunctions
+from .local_problem import NodeKind
 from .tracing import Tracing
 
 

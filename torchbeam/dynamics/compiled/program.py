@@ -15,7 +15,8 @@ from ...solvers.compiled.split import HOISTED, split
 from .adjoint import AdjointProgram
 from .driver import SUMS, Driver
 from .layout import ELEMENTS, MOVES, NODES, ONE, SUPPORTS, TWO, Layout
-from .local_functions import NODE, LocalFunctions, NodeKind
+from .local_functions import LocalFunctions
+from .local_problem import NODE, NodeKind
 from .native import NativeProgram
 from .tracing import Tracing
 

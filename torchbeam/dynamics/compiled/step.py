@@ -18,7 +18,8 @@ from ...scene.effects import Inputs
 from ...state.state import State
 from .call import Call, Field
 from .constants import Constants, flattened
-from .local_functions import NODE, LocalFunctions, NodeKind
+from .local_functions import LocalFunctions
+from .local_problem import NODE, NodeKind
 from .program import adjoint_of, program_of
 
 STATE = {**{name: ("state", name) for name in NODE}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),

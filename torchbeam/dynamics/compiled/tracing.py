@@ -9,7 +9,8 @@ import torch
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.trace import trace
 from .constants import flattened
-from .local_functions import NODE, LocalFunctions
+from .local_functions import LocalFunctions
+from .local_problem import NODE
 
 Shapes = dict[str, tuple[int, ...]]
 
