@@ -55,7 +55,8 @@ def test_gradients_of_a_rollout_are_the_eager_ones(name):
         scene, by = make((3,), **where)
         with torch.no_grad():
             start = moving(scene, (3,), size=0.3)
-        by |= {"velocity": start.velocity.clone().requires_grad_(), "t": torch.tensor([0, 0.01, 0.04, 0.05], requires_grad=True)}
+        by["velocity"] = start.velocity.clone().requires_grad_()
+        by["t"] = torch.tensor([0, 0.01, 0.04, 0.05], requires_grad=True)
         solution = tb.simulate(scene, by["t"], replace(start, velocity=by["velocity"]), step=0.01, inputs={"u": by["u"]},
                                engine=engine)
         value = loss(solution.state) + solution.energy.kinetic.sum()
@@ -92,8 +93,12 @@ def test_what_native_code_cannot_differentiate_is_made_eagerly():
             **{**dict(EA=2e3, GA=8e2, GJ=2.0, EI=3.0, mass=0.5, inertia=1e-3), **section}))
         stepper = tb.Stepper(tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))], plane="xz"), 0.01, engine=engine)
         u = torch.tensor([0.1, 0.0, 0.3])
-        tip = lambda u: stepper(stepper.rest(), u=u).tip.position  # noqa: E731
-        return *torch.func.jvp(tip, (u,), (torch.ones(3),)), torch.func.jacrev(tip)(u), torch.autograd.functional.jacobian(tip, u)
+
+        def tip(u):
+            return stepper(stepper.rest(), u=u).tip.position
+
+        forwards = torch.func.jvp(tip, (u,), (torch.ones(3),))
+        return *forwards, torch.func.jacrev(tip)(u), torch.autograd.functional.jacobian(tip, u)
 
     for section in ({}, dict(EA=torch.inf)):
         for a, b in zip(slope("compiled", **section), slope("eager", **section), strict=True):
