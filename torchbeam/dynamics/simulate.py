@@ -112,15 +112,15 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     def kind(*values: Any) -> State:
         return type(states[0])(**dict(zip(names, values, strict=True)))
 
-    def steps(state: State, part: list[tuple[int, int, int]]) -> Iterator[tuple[State, Tensor]]:
-        """The state after each step of a part of the plan, and its iterations."""
+    def steps(state: State, part: list[tuple[int, int, int]]) -> Iterator[tuple[State | None, Tensor]]:
+        """The state after each step of a part of the plan, where it is asked for and at the end, and iterations."""
         done, size = 0, 1
         while done < len(part):
             few = part[done:done + size]
             dt = [(t[k + 1] - t[k]) / count for k, _, count in few]
             now = [t[k] + i * length for (k, i, _), length in zip(few, dt, strict=True)]
             held = [inputs_at(inputs, at + instant * length, t) for at, length in zip(now, dt, strict=True)]
-            made = stepper.ahead(state, dt, now, held)
+            made = stepper.ahead(state, dt, now, held, [i == count - 1 for _, i, count in few])
             if made:
                 size = min(2 * size, AT_ONCE)
             else:

@@ -56,7 +56,7 @@ class Stepper:
     engine     "eager": torch operations. "compiled": native code for many samples at once on the CPU (llvmlite, the extra
                `fast`), the same answers up to rounding, and gradients (reverse mode); compiled at the first step. Made eagerly
                there: forward mode, torch.func, gradients where strains are impossible or next to, some of the parts of a failed
-               step. "auto": eager, for the time being
+               step. What a user's function of the motion closes over is taken here, once. "auto": eager, for the time being
 
     Raises ValueError for an unknown method, a step that is not positive, a scene that the nodal form does not take, or that
     the engine does not.
@@ -181,34 +181,37 @@ class Stepper:
                 break
         return after, failed & ~left, counted
 
-    def ahead(self, state: State, dt: list[Tensor], t: list[Tensor], inputs: list[dict[str, Any]]
-              ) -> list[tuple[State, Tensor]]:
+    def ahead(self, state: State, dt: list[Tensor], t: list[Tensor], inputs: list[dict[str, Any]], wanted: list[bool]
+              ) -> list[tuple[State | None, Tensor]]:
         """As many of the steps dt from the times t, each with its own inputs, as native code makes at once and all samples make
-        well: states after them, and iterations; none, where `advance` has to make the next one.
+        well: states after those that are wanted and after the last, and iterations; none, where `advance` has to make the next.
         """
         if self.compiled is None:
             return []
-        given = [self.scene.tensors(one) for one in inputs]
+        held = all(value is inputs[0][name] for one in inputs[1:] for name, value in one.items())
+        given = [self.scene.tensors(one) for one in (inputs[:1] if held else inputs)]
         state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
         of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
         start = self.model.space.to_reduced(with_optional_fields(state, self.scene))
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                           *(value.shape[:-1] for one in given for value in one.values()))
         moving = (state.status == SUCCESS).expand(shape)
-        held = {name: torch.stack([one[name].expand(*shape, -1) for one in given]) for name in self.scene.inputs}
+        given = given[0] if held else {name: torch.stack([one[name].expand(*shape, -1) for one in given])
+                                       for name in self.scene.inputs}
         limit = min(self.limit, QUICK) if self.halvings else self.limit
         lengths = torch.stack(dt)
-        found = self._natively(start, lengths, torch.stack(t) + self.method.INSTANT * lengths, held, moving, limit)
+        found = self._natively(start, lengths, torch.stack(t) + self.method.INSTANT * lengths, given, moving, limit)
         if found is None:
             return []
-        states, now, status = [], state.t, state.status.expand(shape)
-        for k, well in enumerate((found.status == SUCCESS).reshape(len(dt), -1).all(1).tolist()):
-            if not well:
-                break
+        well = [*(found.status == SUCCESS).reshape(len(dt), -1).all(1).tolist(), False]
+        made, now, status, iterations = [], state.t, state.status.expand(shape), found.iterations.unbind()
+        for k in range(well.index(False)):
             now = torch.where(moving, now + dt[k], now)
-            after = replace(found.after(start, k), t=now, status=status)
-            states.append((self.model.space.to_public(after), found.iterations[k]))
-        return states
+            after = None
+            if wanted[k] or not well[k + 1]:
+                after = self.model.space.to_public(replace(found.after(start, k), t=now, status=status))
+            made.append((after, iterations[k]))
+        return made
 
     def _length(self, dt: float | Tensor | None) -> Tensor:
         """Of a step, s."""

@@ -112,8 +112,12 @@ PROGRAMS: dict[tuple, StepProgram] = {}  # by structure
 KEPT = 64  # of them; the oldest goes first
 
 
-def program_of(local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> StepProgram:
-    """The program of a structure, that of an earlier scene if there was one."""
+def program_of(local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool, shared: bool) -> StepProgram:
+    """The program of a structure, that of an earlier scene if there was one; one of its own where it is not `shared`: what a
+    user's function closes over is part of it.
+    """
+    if not shared:
+        return StepProgram(local, kinds, held)
     key = structure(local, kinds, held)
     if key not in PROGRAMS:
         if len(PROGRAMS) >= KEPT:

@@ -58,7 +58,7 @@ class CompiledStep:
         hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
         self.kinds = [NodeKind(loads, hinges.get(j)) for j, loads in enumerate(acting)]
         kinds = tuple(dict.fromkeys(self.kinds))
-        self.program = program_of(LocalFunctions(model, *trees), kinds, bool(model.constraints.nodes))
+        self.program = program_of(LocalFunctions(model, *trees), kinds, bool(model.constraints.nodes), not self.functions)
 
     def __call__(self, start: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, tolerance: float, least: float,
                  limit: int, lanes: int | None = None) -> Steps | None:
@@ -84,7 +84,7 @@ class CompiledStep:
         held = [*(x for tree in given.values() for x, _ in tree), *state.values()]
         if any(x is not concrete(x) or torch.autograd.forward_ad.unpack_dual(x).tangent is not None for x in held):
             return None
-        if self.functions and wants_gradient(self.constants.moving_loads(t, inputs)):
+        if self.functions and torch.is_grad_enabled() and wants_gradient(self.constants.moving_loads(t, inputs)):
             return None
         exact = same_law(trees[1].C, model.law.C)
         differentiated = wants_gradient(*held)
