@@ -267,7 +267,7 @@ class Stepper:
         """One Newton solve: (state after, of a failed sample before; status; iterations). Without `last`, parts can follow."""
         limit = self.limit if last else min(self.limit, QUICK)
         if self.compiled is not None and model is self.model:
-            shape = torch.broadcast_shapes(self.scene.batch_shape, moving.shape, *(x.shape[:-1] for x in inputs.values()))
+            shape = torch.broadcast_shapes(self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values()))
             found = self._natively(state, dt[None], t[None], inputs, moving.expand(shape), limit)
             if found is not None:
                 after, status, iterations = found.after(state, 0), found.status[0], found.iterations[0]

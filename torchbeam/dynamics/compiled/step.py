@@ -45,7 +45,7 @@ class CompiledStep:
     """
 
     def __init__(self, model: Model) -> None:
-        self.model, self.constants = model, Constants(model)
+        self.model, self.constants, self.batch = model, Constants(model), model.scene.batch_shape
         like, N = model.length, model.count
         nothing = {name: like.new_zeros(size) for name, size in model.scene.inputs.items()}
         trees = self.constants.at(like.new_ones(()), like.new_zeros(()), nothing)
