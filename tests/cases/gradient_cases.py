@@ -26,7 +26,7 @@ STEPS = (0.02, 0.01, 0.005)  # of central differences, of a tensor's size
 FINER = (1 / 16, 1 / 256)  # of these, where they disagree: across a kink (|v| v of a drag) they do not know their own error
 RELATIVE = 1e-5  # of a derivative, by which two ways to it may differ beside the noise of the differences
 RESOLVED = 1e-3  # of a derivative: noise above which differences say nothing about it
-ROUNDING = 1e-13  # of the outputs: some ulp, and what Newton's tolerance of 1e-12 leaves
+ROUNDING = 1e-11  # of the outputs: what a tolerance of 1e-12 leaves, and accelerations (differences over dt^2) make of it
 NONE = 1e-6  # of the outputs, each of size one: no influence; accelerations of a stiff direction round at 1e-7
 
 IMPLICIT = ("midpoint", "generalized_alpha", "midpoint checkpoint", "generalized_alpha checkpoint", "midpoint conserve",
