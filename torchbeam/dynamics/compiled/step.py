@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
-from ...core.leaves import detached, functions, wants_gradient
+from ...core.leaves import functions, wants_gradient
 from ...core.validation import concrete
 from ...nodal.balance import same_law
 from ...nodal.model import Model
@@ -18,12 +16,11 @@ from ...scene.effects import Inputs
 from ...state.state import State
 from .call import Call, Field
 from .constants import Constants, flattened
+from .cotangents import STATE, Adjoint, Differentiated, constant_fields
 from .local_functions import LocalFunctions
-from .local_problem import NODE, NodeKind
-from .program import adjoint_of, program_of
+from .local_problem import NodeKind
+from .program import program_of
 
-STATE = {**{name: ("state", name) for name in NODE}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
-         "work": ("sample", "work")}
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
 
 
@@ -79,9 +76,9 @@ class CompiledStep:
         inputs = {name: x.reshape(K, *(1,) * (dims + 2 - x.ndim), *x.shape[1:]) if x.ndim > axes + 1 else x
                   for name, x in inputs.items()}
         trees = self.constants.at(dt, t, inputs)
-        given = dict(zip(("node", "element", "common"), map(flattened, trees), strict=True))
+        given = [*constant_fields(trees)]
         state = {name: getattr(start, name) for name in STATE}
-        held = [*(x for tree in given.values() for x, _ in tree), *state.values()]
+        held = [*(one.value for one in given), *state.values()]
         if any(x is not concrete(x) or torch.autograd.forward_ad.unpack_dual(x).tangent is not None for x in held):
             return None
         if self.functions and torch.is_grad_enabled() and wants_gradient(self.constants.moving_loads(t, inputs)):
@@ -90,7 +87,7 @@ class CompiledStep:
         differentiated = wants_gradient(*held)
         if differentiated and not exact.all():
             return None
-        shapes = (x.shape[:x.ndim - n] for tree in given.values() for x, n in tree)
+        shapes = (one.value.shape[:one.value.ndim - one.axes] for one in given)
         batch = torch.broadcast_shapes(moving.shape, start.batch_shape, *(shape[len(shape) > dims:] for shape in shapes))
         call = Call(self.program, model, self.kinds, batch, K, lanes)
         with torch.no_grad():
@@ -99,7 +96,7 @@ class CompiledStep:
             like, one = model.length, model.length.new_tensor
             numbers_given = {"total": like.sum((-1, -2)), "longest": like.amax((-1, -2)), "exact": exact,
                              "tolerance": one(tolerance), "least": one(least)}
-            fields = [*_constants(given), Field("free", "free", model.constraints.moving, 2),
+            fields = [*given, Field("free", "free", model.constraints.moving, 2),
                       *(Field("common", name, x, 0) for name, x in numbers_given.items()),
                       Field("sample", "moving", moving, 0), Field("sample", "last_status", one(0.0), 0),
                       *(Field(*STATE[name], x, 0 if name == "work" else 2) for name, x in state.items())]
@@ -107,96 +104,8 @@ class CompiledStep:
             call.run(limit, inputs=fields, outputs=out)
         if differentiated:
             good = (numbers["status"] == 0) & moving.expand(batch).reshape(-1)
-            adjoint = _Adjoint(self, call, trees, good)
-            made = dict(zip(made, _Differentiated.apply(adjoint, tuple(made.values()), *held), strict=True))
+            adjoint = Adjoint(call, model, self.kinds, trees, good)
+            made = dict(zip(made, Differentiated.apply(adjoint, tuple(made.values()), *held), strict=True))
         own = batch[dims - axes:] if batch[:dims - axes].numel() == 1 else batch
         made, numbers = ({name: x.reshape(K, *own, *x.shape[2:]) for name, x in part.items()} for part in (made, numbers))
         return Steps(made, *(x.long() for x in numbers.values()))
-
-
-def _constants(given: dict[str, list[tuple[Tensor, int]]]) -> Iterator[Field]:
-    for record, tree in given.items():
-        for k, (x, axes) in enumerate(tree):
-            yield Field(record, f"{record}.{k}", x, axes)
-
-
-class _Adjoint:
-    """What the cotangents of K steps of a call are found from: the trees of constants, and which samples moved (K, B)."""
-
-    def __init__(self, step: CompiledStep, call: Call, trees: tuple[Any, ...], good: Tensor) -> None:
-        self.step, self.call, self.good = step, call, good
-        self.trees = tuple(map(detached, trees))
-        self.fields = [Field(one.record, one.name, one.value, one.axes) for one in _constants(
-            dict(zip(("node", "element", "common"), map(flattened, self.trees), strict=True)))]
-
-    def cotangents(self, start: list[Tensor], made: tuple[Tensor, ...], grads: tuple[Tensor | None, ...], wanted: list[bool]
-                   ) -> list[Tensor | None]:
-        """Of the constants that are wanted, and of the start, from those of the states after each step."""
-        step, model, (K, B) = self.step, self.step.model, self.good.shape
-        names = frozenset(one.name for one, asked in zip(self.fields, wanted, strict=False) if asked)
-        program = adjoint_of(step.program, LocalFunctions(model, *self.trees), names)
-        call = Call(program, model, step.kinds, self.call.batch, K, self.call.lanes)
-        inputs = [*self.fields, Field("free", "free", model.constraints.moving, 2),
-                  Field("sample", "good", self.good, 0, flat=True)]
-        outputs, stepwise, found = [], [], {}
-        for name, x, after, grad in zip(STATE, start, made, grads, strict=True):
-            own = after.shape[2:]
-            grad = after.new_zeros(own) if grad is None else grad.contiguous()
-            record, field = {"stress": ("stress", "stress"), "reaction": ("reaction", "reaction"),
-                             "work": ("sample", "work")}.get(name, ("state", name))
-            if name in NODE:
-                first = x.expand(*self.call.batch, *own).reshape(1, B, *own)
-                inputs.append(Field("state", name, torch.cat((first, after[:-1])), 2, flat=True))
-                inputs.append(Field("after", f"after_{name}", after, 2, flat=True))
-            elif name == "stress":
-                inputs.append(Field("stress", "stress", after, 2, flat=True))
-            found[name] = after.new_zeros(B, *own)
-            if name == "work":
-                inputs.append(Field("sample", "work_grad", grad, 0, flat=True))
-                outputs.append(Field("sample", "work_bar", found[name], 0, flat=True))
-            else:
-                inputs.append(Field(f"{record}_grad", field, grad, 2, flat=True))
-                outputs.append(Field(f"{record}_bar", field, found[name], 2, flat=True))
-        dims, layout = len(self.call.batch), program.layout
-        for one in self.fields:
-            record = layout.records[f"{one.record}_bar"]
-            if one.name not in record.fields:
-                continue
-            rows = one.record != "common"
-            every = (layout.rows(record, model.count, len(call.supports)),) * rows
-            steps = one.value.ndim - one.axes > dims
-            found[one.name] = call.empty(*every, *one.value.shape[one.value.ndim - one.axes + rows:], steps=steps)
-            field = Field(record.name, one.name, found[one.name], one.axes, flat=True)
-            (stepwise if steps else outputs).append(field)
-        call.run(inputs=inputs, outputs=outputs, stepwises=stepwise)
-
-        def of(name: str, x: Tensor, asked: bool) -> Tensor | None:
-            if not asked or name not in found:
-                return None
-            lead = found[name].shape[:1] if x.ndim and found[name].shape[:2] == (K, B) and self._steps(name) else ()
-            own = found[name].shape[len(lead) + 1:]
-            return found[name].reshape(*lead, *self.call.batch, *own).sum_to_size(x.shape)
-
-        every = [*((one.name, one.value) for one in self.fields), *zip(STATE, start, strict=True)]
-        return [of(*one, asked) for one, asked in zip(every, wanted, strict=True)]
-
-    def _steps(self, name: str) -> bool:
-        """Whether a constant has a value of its own in each step."""
-        return any(one.name == name and one.value.ndim - one.axes > len(self.call.batch) for one in self.fields)
-
-
-class _Differentiated(torch.autograd.Function):
-    """The states after steps that were made, as functions of the constants and the start."""
-
-    @staticmethod
-    def forward(ctx: Any, adjoint: _Adjoint, made: tuple[Tensor, ...], *held: Tensor) -> tuple[Tensor, ...]:
-        ctx.adjoint = adjoint
-        ctx.save_for_backward(*held[-len(STATE):], *made)
-        return made
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
-        saved = ctx.saved_tensors
-        found = ctx.adjoint.cotangents([*saved[:len(STATE)]], saved[len(STATE):], grads, ctx.needs_input_grad[2:])
-        return None, None, *found
