@@ -16,7 +16,7 @@ from ...nodal.coordinates.linearised import LinearElement, Small
 from ...nodal.coordinates.planar import Plane
 from ...nodal.loads import Nodes, external
 from ...nodal.model import Model
-from ...scene.effects import Inputs
+from ...scene.effects import Along, Inputs
 from ...scene.effects.values import value_at
 from ...state.state import rest
 
@@ -121,7 +121,7 @@ def _resolved(load: Any, t: Tensor, inputs: Inputs, model: Model) -> Any:
     """A load whose functions of t are the values at t."""
     like, made = model.scene.beam.nodes, load
     for one in own_leaves(load):
-        if one.axes == 1 and callable(one.value) and not isinstance(one.value, Tensor):
+        if one.axes == 1 and callable(one.value) and not isinstance(one.value, (Tensor, Along)):  # that is traced
             made = copy(load) if made is load else made
             object.__setattr__(made, one.name, value_at(one.value, t, inputs, like))
     return made

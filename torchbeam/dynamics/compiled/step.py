@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -56,6 +56,10 @@ class CompiledStep:
         self.kinds = [NodeKind(loads, hinges.get(j)) for j, loads in enumerate(acting)]
         kinds = tuple(dict.fromkeys(self.kinds))
         self.program = program_of(LocalFunctions(model, *trees), kinds, bool(model.constraints.nodes), not self.functions)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies, also in other processes, are made from the model."""
+        return CompiledStep, (self.model,)
 
     def __call__(self, start: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, tolerance: float, least: float,
                  limit: int, lanes: int | None = None) -> Steps | None:

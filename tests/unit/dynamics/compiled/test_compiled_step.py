@@ -1,5 +1,7 @@
 """The compiled step beside the eager one: the same states, statuses and iterations, whatever is in the batch."""
 
+import pickle
+from copy import deepcopy
 from dataclasses import replace
 
 import pytest
@@ -120,6 +122,13 @@ def test_samples_that_rest_and_steps_of_their_own(stepper):
 
 
 @torch.no_grad()
+def test_copies_step_alike(stepper):
+    start, u = moving(stepper.scene, (2,)), torch.ones(2, 3)
+    for copied in (pickle.loads(pickle.dumps(stepper)), deepcopy(stepper)):
+        same(copied(start, u=u), stepper(start, u=u), 0.0)
+
+
+@torch.no_grad()
 def test_single_precision():
     numbers = [torch.tensor(x, dtype=torch.float32) for x in (2e3, 8e2, 2.0, 3.0, 0.5, 1e-3)]
     beam = tb.Beam.straight(torch.tensor(1.0, dtype=torch.float32), 4, tb.Section.from_stiffness(*numbers))
@@ -149,6 +158,14 @@ def test_what_a_load_closes_over_is_taken_when_the_stepper_is_made():
         same(stepper(start), tb.Stepper(scene, 0.01)(start))
         found.append(stepper(start).work)
     assert found[0] != found[1]
+
+
+@torch.no_grad()
+def test_a_moving_load_along_the_beam_by_place_and_time():
+    scene = tb.Scene(straight(2), [tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((s * t, torch.cos(s), 0 * s), -1)),
+                                               follower=True)])
+    found, wanted = (tb.Stepper(scene, 0.01, engine=engine)(moving(scene)) for engine in ("compiled", "eager"))
+    same(found, wanted)
 
 
 @pytest.mark.parametrize("reason, scene, options", [
