@@ -5,12 +5,16 @@ from math import prod
 
 import torch
 
-from torchbeam.dynamics.step_element import MidpointElement
-from torchbeam.dynamics.step_kinematics import MidpointMotion
+from torchbeam.dynamics.step_element import Ends, MidpointElement
+from torchbeam.dynamics.step_kinematics import MidpointMotion, MidpointTangent
 from torchbeam.nodal.constitutive_law import ViscoelasticLaw
 from torchbeam.nodal.coordinates.planar import Plane
 from torchbeam.nodal.coordinates.spatial import Space
+from torchbeam.nodal.frame import TranslatingFrame, TurningFrame
 from torchbeam.nodal.inertia import Inertia
+from torchbeam.nodal.lever import Lever
+from torchbeam.nodal.mass import LumpedMass
+from torchbeam.nodal.rotary import RotaryInertia
 from torchbeam.solvers.compiled.library import Library
 from torchbeam.solvers.compiled.llvm import Module, record_sizes
 from torchbeam.state.state import State
@@ -29,11 +33,11 @@ def rotations(space, *lead, turn=0.4):
 
 def element_of(space):
     """A midpoint element: forces, gap, and its tangent."""
-    def element(r_i, r_j, q_i, q_j, qe_i, qe_j, stress, length, h, reference, strain, S, tau, half_i, half_j):
+    def element(r_i, r_j, q_i, q_j, qe_i, qe_j, stress, length, h, reference, S, tau, half_i, half_j):
         law = ViscoelasticLaw(S, S, False, tau)
-        local = MidpointElement(space, law, length, h, reference, strain, 0.0)
-        found = local.balance((r_i, r_j, q_i, q_j), (2 * r_i, 2 * r_j, qe_i, qe_j), stress)
-        tangent = local.tangent(found.middle, found.end, stress, half_i, half_j)
+        local = MidpointElement(space, law, length, h, reference, Ends(r_j, 2 * r_i, qe_j, q_i), 0.0)
+        found = local.balance(stress, Ends(r_i, r_j, q_i, q_j), Ends(2 * r_i, 2 * r_j, qe_i, qe_j))
+        tangent = local.tangent(found, stress, lambda: (half_i, half_j))
         return dict(forces=found.forces, gap=found.gap, tangent=tangent)
     return element
 
@@ -41,7 +45,7 @@ def element_of(space):
 def element_inputs(space, *lead):
     p, s, k = space.position, space.spin, space.strain
     q = {name: rotations(space, *lead, 1) for name in ("q_i", "q_j", "qe_i", "qe_j")}
-    one = {"r_i": (p,), "r_j": (p,), "stress": (k,), "reference": (k,), "strain": (k,), "S": (k, k), "half_i": (s, s),
+    one = {"r_i": (p,), "r_j": (p,), "stress": (k,), "reference": (k,), "S": (k, k), "half_i": (s, s),
            "half_j": (s, s)}
     others = {name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}
     return {**q, **others, "length": 0.5 + torch.rand(*lead, 1, 1), "h": 0.1 + torch.rand(*lead, 1, 1),
@@ -52,13 +56,12 @@ def node_of(space):
     """A node of one midpoint step with an eccentric mass, in a frame that turns: its balance and tangent."""
     def node(mass, inertia, offset, position, rotation, velocity, spin, v, omega, h, u, m):
         state = State(position, rotation, velocity, spin, position, position, h, h, h, h)
-        motion = MidpointMotion(Inertia(space, mass, None, inertia, offset), state, h, (v, omega), ())
+        masses = Inertia(space, LumpedMass(mass), RotaryInertia(space, inertia), Lever(space, offset))
+        motion = MidpointMotion(masses, state, h, TurningFrame(space, TranslatingFrame(space, v), omega), ())
         way = motion.kinematics(u, m)
-        balance, turning = motion.balance(way)
-        R = space.spin_matrix(way.q)
-        half = space.mean_rotation(R, motion.R)
-        tangent = motion.tangent(way, turning, half, *motion.theta_by_spin(way, R))[0]
-        return balance, tangent, motion.velocity_end(way, motion.spin_end(way))
+        balance = motion.balance(way)
+        tangent = MidpointTangent(motion, way).inertia(balance)[0]
+        return balance.wrench, tangent, (way.velocity_end, way.centre_end)
     return node
 
 
