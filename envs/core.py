@@ -16,6 +16,7 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 import torchbeam as tb
+from torchbeam.core.validation import shown
 
 from .config import BeamEnvConfig, check_whole
 from .episodes import Episodes
@@ -172,13 +173,12 @@ class BeamVectorEnv(VectorEnv):
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:
         """The generators of the sub-envs."""
-        if not self.streams.generators:
-            self.streams.seed(None, np.ones(self.num_envs, dtype=bool))
-        return tuple(self.streams.generators)
+        return tuple(self.streams.made().generators)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:
-        return tuple(self.streams.seeds)
+        """What they were made from; -1 where one was given."""
+        return tuple(self.streams.made().seeds)
 
     # What it is made of
 
@@ -257,7 +257,10 @@ class BeamVectorEnv(VectorEnv):
         return mask
 
     def _action(self, actions: Any) -> tuple[Tensor, Tensor]:
-        action = torch.as_tensor(actions, dtype=self.dtype, device=self.device)
+        try:
+            action = torch.as_tensor(actions, dtype=self.dtype, device=self.device)
+        except (TypeError, ValueError, RuntimeError):
+            raise ValueError(f"actions = {shown(actions)} were given; numbers {self.action_space.shape} are wanted") from None
         if action.shape != self.action_space.shape:
             raise ValueError(f"actions of shape {tuple(action.shape)} were given; {self.action_space.shape} is wanted")
         invalid = ~(action.abs() < torch.inf).all(-1)

@@ -57,7 +57,11 @@ class SingleEnv(gymnasium.Env):
 
     @np_random.setter
     def np_random(self, value: np.random.Generator) -> None:
-        self.one.streams.generators = [value]
+        self.one.streams.put(0, value)
+
+    @property
+    def np_random_seed(self) -> int:
+        return self.one.np_random_seed[0]
 
 
 def _first(info: dict) -> dict:

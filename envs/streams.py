@@ -17,18 +17,28 @@ class Streams:
         self.generators: list[np.random.Generator] = []
         self.seeds: list[int] = []
 
+    def made(self) -> Streams:
+        """With generators; those that are not there yet are made from seeds of the system."""
+        if not self.generators:
+            self.generators, self.seeds = map(list, zip(*(seeding.np_random() for _ in range(self.count)), strict=True))
+        return self
+
+    def put(self, i: int, generator: np.random.Generator) -> None:
+        """A generator in the place of sub-env i's; its seed is unknown, -1, as Gymnasium has it."""
+        self.made().generators[i], self.seeds[i] = generator, -1
+
     def seed(self, seed: Any, mask: Any) -> None:
         """Seed the streams in the mask (n,): s gives sub-env i the seed s + i, a list one each; None goes on with those there
         are. Raises ValueError for what is no seed.
         """
         one = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
         each = [None if seed is None else int(seed) + i for i in range(self.count)] if seed is None or one else seed
-        if not isinstance(each, (Sequence, np.ndarray)) or isinstance(each, str) or any(not _is_seed(s) for s in each):
+        listed = (isinstance(each, Sequence) and not isinstance(each, str)) or (isinstance(each, np.ndarray) and each.ndim)
+        if not listed or any(not _is_seed(s) for s in each):
             raise ValueError(f"seed = {seed!r} was given; a whole number from 0, one for each sub-env, or None is wanted")
         if len(each) != self.count:
             raise ValueError(f"{len(each)} seeds were given; {self.count} are wanted, one for each sub-env")
-        if not self.generators:
-            self.generators, self.seeds = map(list, zip(*(seeding.np_random() for _ in each), strict=True))
+        self.made()
         for i, own in enumerate(each):
             if own is not None and mask[i]:
                 self.generators[i], self.seeds[i] = seeding.np_random(int(own))

@@ -33,20 +33,18 @@ def rotations(space, *lead, turn=0.4):
 
 def element_of(space):
     """A midpoint element: forces, gap, and its tangent."""
-    def element(r_i, r_j, q_i, q_j, qe_i, qe_j, stress, length, h, reference, S, tau, half_i, half_j):
-        law = ViscoelasticLaw(S, S, False, tau)
-        local = MidpointElement(space, law, length, h, reference, Ends(r_j, 2 * r_i, qe_j, q_i), 0.0)
+    def element(r_i, r_j, q_i, q_j, qe_i, qe_j, qs_i, qs_j, stress, length, h, reference, S, tau, half_i, half_j):
+        law, start = ViscoelasticLaw(S, S, False, tau), Ends(-r_i, -r_j, qs_i, qs_j)
+        local = MidpointElement(space, law, length, h, reference, start, 0.0)
         found = local.balance(stress, Ends(r_i, r_j, q_i, q_j), Ends(2 * r_i, 2 * r_j, qe_i, qe_j))
-        tangent = local.tangent(found, stress, lambda: (half_i, half_j))
-        return dict(forces=found.forces, gap=found.gap, tangent=tangent)
+        return dict(forces=found.forces, gap=found.gap, tangent=local.tangent(found, stress, lambda: (half_i, half_j)))
     return element
 
 
 def element_inputs(space, *lead):
     p, s, k = space.position, space.spin, space.strain
-    q = {name: rotations(space, *lead, 1) for name in ("q_i", "q_j", "qe_i", "qe_j")}
-    one = {"r_i": (p,), "r_j": (p,), "stress": (k,), "reference": (k,), "S": (k, k), "half_i": (s, s),
-           "half_j": (s, s)}
+    q = {name: rotations(space, *lead, 1) for name in ("q_i", "q_j", "qe_i", "qe_j", "qs_i", "qs_j")}
+    one = {"r_i": (p,), "r_j": (p,), "stress": (k,), "reference": (k,), "S": (k, k), "half_i": (s, s), "half_j": (s, s)}
     others = {name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}
     return {**q, **others, "length": 0.5 + torch.rand(*lead, 1, 1), "h": 0.1 + torch.rand(*lead, 1, 1),
             "tau": torch.rand(*lead, 1, 1, 1)}
@@ -56,12 +54,12 @@ def node_of(space):
     """A node of one midpoint step with an eccentric mass, in a frame that turns: its balance and tangent."""
     def node(mass, inertia, offset, position, rotation, velocity, spin, v, omega, h, u, m):
         state = State(position, rotation, velocity, spin, position, position, h, h, h, h)
-        masses = Inertia(space, LumpedMass(mass), RotaryInertia(space, inertia), Lever(space, offset))
-        motion = MidpointMotion(masses, state, h, TurningFrame(space, TranslatingFrame(space, v), omega), ())
+        frame = TurningFrame(space, TranslatingFrame(space, v), omega)
+        local = Inertia(space, LumpedMass(mass), RotaryInertia(space, inertia), Lever(space, offset))
+        motion = MidpointMotion(local, state, h, frame, ())
         way = motion.kinematics(u, m)
-        balance = motion.balance(way)
-        tangent = MidpointTangent(motion, way).inertia(balance)[0]
-        return balance.wrench, tangent, (way.velocity_end, way.centre_end)
+        forces = motion.balance(way)
+        return forces.wrench, MidpointTangent(motion, way).inertia(forces)[0], way.velocity_end
     return node
 
 

@@ -218,6 +218,21 @@ def test_bad_arguments_are_refused(arguments, message):
         TipReachVectorEnv(**arguments)
 
 
+def test_a_generator_that_was_given_is_used_and_gives_way_to_a_seed():
+    """Gymnasium's `np_random` may be set before the first reset; the seed that is told is that of the generator."""
+    env = TipReachEnv(**SMALL)
+    assert env.np_random.random() == gymnasium.utils.seeding.np_random(env.np_random_seed)[0].random()
+    env = TipReachEnv(**SMALL)
+    env.np_random = np.random.default_rng(5)
+    given = env.reset()[0]
+    assert env.np_random_seed == -1
+    env.np_random = np.random.default_rng(5)
+    np.testing.assert_array_equal(env.reset()[0], given)
+    seeded = env.reset(seed=3)[0]
+    assert env.np_random_seed == 3
+    np.testing.assert_array_equal(seeded, TipReachEnv(**SMALL).reset(seed=3)[0])
+
+
 def test_bad_calls_are_refused():
     env = TipReachVectorEnv(2, **SMALL)
     with pytest.raises(gymnasium.error.ResetNeeded):
@@ -227,6 +242,11 @@ def test_bad_calls_are_refused():
         env.step(np.zeros((3, 2)))
     with pytest.raises(ValueError, match="reset option"):
         env.reset(options={"targets": 1})
+    for actions in (None, "push", [[1, 2], [3]]):
+        with pytest.raises(ValueError, match="actions = "):
+            env.step(actions)
+    with pytest.raises(ValueError, match="seed = "):
+        env.reset(seed=np.array(3))
     with pytest.raises(ValueError, match="seeds"):
         env.reset(seed=[1, 2, 3])
 

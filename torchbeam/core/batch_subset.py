@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import FunctionType, MethodType
+from types import CellType, FunctionType, MethodType
 from typing import Any
 
 import numpy as np
@@ -94,13 +94,23 @@ class BatchSubset:
         return value
 
 
-def _same(a: Any, b: Any) -> bool:
-    """Whether two functions, or things that they hold, are one, or are made alike."""
+def _same(a: Any, b: Any, met: frozenset[tuple[int, int]] = frozenset()) -> bool:
+    """Whether two functions, or things that they hold, are one, or are made alike; pairs that hold themselves were `met`."""
     if a is b or type(a) is not type(b):
         return a is b
     if isinstance(a, Tensor):
         return a.shape == b.shape and bool((a == b).all())
     if isinstance(a, FunctionType):
-        held = [(*(f.__defaults__ or ()), *(cell.cell_contents for cell in f.__closure__ or ())) for f in (a, b)]
-        return a.__code__ is b.__code__ and all(map(_same, *held))
+        one, other = map(_held, (a, b))
+        if a.__code__ is not b.__code__ or one.keys() != other.keys():
+            return False
+        pair = id(a), id(b)
+        return pair in met or all(_same(one[name], other[name], met | {pair}) for name in one)
     return isinstance(a, (MethodType, *PLAIN)) and a == b
+
+
+def _held(function: FunctionType) -> dict[Any, Any]:
+    """Defaults of a function by place and by name, and the variables that it closes over, those that have a value."""
+    cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+    filled = {f"closed over {name}": cell.cell_contents for name, cell in cells if cell != CellType()}
+    return {**dict(enumerate(function.__defaults__ or ())), **(function.__kwdefaults__ or {}), **filled}

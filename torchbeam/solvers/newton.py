@@ -30,8 +30,8 @@ class Outcome(NamedTuple):
     iterations: Tensor
 
 
-def newton(problem: Problem, x: Any, active: Tensor | None = None, tolerance: float | None = None, limit: int = LIMIT
-           ) -> Outcome:
+def newton(problem: Problem, x: Any, active: Tensor | None = None, tolerance: float | None = None, limit: int = LIMIT,
+           trust_start: bool = True) -> Outcome:
     """Solve problem.residual(x) = 0. Samples that have converged stop changing, so that none depends on its neighbours;
     those outside of `active` (...) never start. Once few are left, those alone go on (see `BatchSubset`): the same answers, but
     that products of another shape may round differently.
@@ -40,13 +40,15 @@ def newton(problem: Problem, x: Any, active: Tensor | None = None, tolerance: fl
     from r to s, the next is s (s/r)^2 where convergence is quadratic, and s (s/r) where the tangent is not exact; this is
     trusted once s < r/100. The update is made either way. A sample whose residual stops being finite has failed and is left
     alone.
+
+    trust_start  whether r may be the residual of x; not where that is the size of a step to come, whatever the balance lacks
     """
     with no_derivatives():
-        return _iterate(problem, x, active, None, tolerance, limit)
+        return _iterate(problem, x, active, None, tolerance, limit, trust_start)
 
 
 def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | None, tolerance: float | None,
-             limit: int) -> Outcome:
+             limit: int, trust_start: bool) -> Outcome:
     """`before` (...): the scaled residual of the iteration before; None = there was none."""
     first = before is None
     for k in range(limit):
@@ -63,7 +65,7 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
             few = None if active is None else BatchSubset.worthwhile(~over)
             part = None if few is None else _part(problem, few)
             if part is not None:
-                rest = _iterate(part, _taken(few, x), None, None, tolerance, limit)
+                rest = _iterate(part, _taken(few, x), None, None, tolerance, limit, trust_start)
                 reaction = size.new_zeros(*size.shape, *rest.reaction.shape[-2:])
                 return _joined(few, Outcome(x, reaction, torch.where(over, SUCCESS, status), iterations), rest)
         tangent = problem.linearise(x, *about)
@@ -76,13 +78,13 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
         iterations = iterations + ~over
         done = done | (~over & converged(size, before, exact, tolerance))
         over = done | ~torch.isfinite(size)
-        before = size
+        before = size if trust_start or not first or k else before
         if concrete(over).all():
             break
         few = BatchSubset.worthwhile(~over) if k < limit - 1 else None
         part = None if few is None else _part(problem, few)
         if part is not None:
-            rest = _iterate(part, _taken(few, x), None, few.take(before, 0), tolerance, limit - 1 - k)
+            rest = _iterate(part, _taken(few, x), None, few.take(before, 0), tolerance, limit - 1 - k, True)
             return _joined(few, Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations), rest)
     return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
 

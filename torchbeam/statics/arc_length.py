@@ -1,7 +1,7 @@
-"""Bordered: the balance with the load factor as one more unknown and one more equation that says how far to go.
+"""Arc-length problem: the balance with the load factor as one more unknown and one more equation that says how far to go.
 
-Both borders are eliminated, by two solves with the same tangent (Batoz and Dhatt 1979): K a = -g, K b = -dg/d(factor), the
-move is a + b d(factor), and the other equation gives d(factor).
+Both are found by two solves with the same tangent (Batoz and Dhatt 1979): K a = -g, K b = -dg/d(factor), the move is
+a + b d(factor), and the other equation gives d(factor).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from ..core.functions_of_time import rate_along
 from ..core.leaves import Tree, leaf
 from ..nodal.balance import Linearisation, Residual
 from ..nodal.model import Model
@@ -92,7 +93,7 @@ class ArcLengthProblem(Tree):
 
     def linearise(self, x: PathPoint, kin: Any, row: Tensor, missing: Tensor) -> ArcLengthTangent:
         inner = self.loaded(x.factor[..., 0, 0]).linearise(x.shape, kin)
-        return ArcLengthTangent(inner, load_slope(self.loaded, x), row, self.by_factor, missing)
+        return ArcLengthTangent(inner, *load_slope(self.loaded, x), row, self.by_factor, missing)
 
     def update(self, x: PathPoint, move: Tensor, dstress: Tensor, dfactor: Tensor) -> PathPoint:
         shape = self.loaded(x.factor[..., 0, 0]).update(x.shape, move, dstress)
@@ -102,6 +103,7 @@ class ArcLengthProblem(Tree):
 class ArcLengthTangent(NamedTuple):
     inner: Linearisation
     load: Tensor
+    load_strain: Tensor
     row: Tensor
     by_factor: Tensor
     missing: Tensor
@@ -112,7 +114,7 @@ class ArcLengthTangent(NamedTuple):
 
     def solve(self, g: Tensor, g_strain: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         move, dstress, root = self.inner.solve(g, g_strain)
-        by_move, by_dstress, by_root = self.inner.solve(self.load, torch.zeros_like(g_strain))
+        by_move, by_dstress, by_root = self.inner.solve(self.load, self.load_strain)
         pivot = (self.row * by_move).sum((-1, -2)) + self.by_factor
         change = (self.missing - (self.row * move).sum((-1, -2))) / pivot
         wide = change[..., None, None]
@@ -128,10 +130,16 @@ def where(mask: Tensor, a: Any, b: Any) -> Any:
     return type(a)(*parts) if hasattr(a, "_fields") else tuple(parts)
 
 
-def load_slope(loaded: LoadedProblem, x: PathPoint) -> Tensor:
-    """(..., N+1, 6) what a unit of the factor adds to the residual."""
-    factor = x.factor[..., 0, 0]
-    return loaded(factor + 1).residual(x.shape)[0].nodes - loaded(factor).residual(x.shape)[0].nodes
+def load_slope(loaded: LoadedProblem, x: PathPoint) -> tuple[Tensor, Tensor]:
+    """Derivatives of the residual, nodes (..., N+1, w) and strain (..., N, k), by the factor: with it go loads, eigenstrain and
+    the motion of supports.
+    """
+    def residual(factor: Tensor) -> tuple[Tensor, Tensor]:
+        found = loaded(factor).residual(x.shape)[0]
+        return found.nodes, found.strain
+
+    factor = x.factor[..., 0, 0].contiguous()
+    return rate_along(residual, (factor,), (torch.ones_like(factor),))[1]
 
 
 def gradient(still: SteadyProblem, x: Configuration, control: Callable[[Configuration], Tensor]) -> tuple[Tensor, Tensor]:

@@ -113,7 +113,7 @@ class Continuation:
             width = None if first is None else self.target - first
             goal = None if first is None else first + width * (at + step).clamp(max=1)
             problem, guess = self.problem(now, behind, step, final, leap, goal, None if first is None else width.abs() * step)
-            outcome = newton(problem, guess, going, self.tolerance, ITERATIONS)
+            outcome = newton(problem, guess, going, self.tolerance, ITERATIONS, trust_start=False)
             x, factor = outcome.x, outcome.x.factor[..., 0, 0]
             space = self.model.space
             turn = space.multiply(space.inverse(now.place.rotation), x.rotation)
@@ -162,8 +162,11 @@ class Continuation:
         return ArcLengthProblem(self.loaded, row, by_factor, now.factor, goal, goal.abs()), start
 
     def settle(self, x: PathPoint, before: Tensor, reaction: Tensor | None, least: Tensor | None) -> PathState:
-        """Stability and tangent at an equilibrium that was come to from the factor `before`; the tangent leads on."""
+        """Stability and tangent at an equilibrium that was come to from the factor `before`, its supports where that of `x` has
+        them; the tangent leads on.
+        """
         still = self.loaded(x.factor[..., 0, 0])
+        x = PathPoint(*still.apply_supports(x.shape), x.factor, x.way)
         residual, *about = still.residual(x.shape)
         tangent = still.linearise(x.shape, *about)
         blocks, sound = finite_pivots(tangent.D, tangent.L, tangent.U)  # where one is not, the point is no place to stop at
@@ -172,7 +175,7 @@ class Continuation:
         least = eigenvalues.amin((-1, -2)).clamp(min=0) if least is None else least
         negative = (eigenvalues < -NEUTRAL * least[..., None, None]).sum((-1, -2))
         sign = torch.linalg.slogdet(blocks).sign.prod(-1).long().expand(shape)
-        move, _, root = tangent.solve(load_slope(self.loaded, x), torch.zeros_like(residual.strain))
+        move, _, root = tangent.solve(*load_slope(self.loaded, x))
         sound = sound & torch.isfinite(move).all(-1).all(-1)
         length = ((self.size * move**2).sum((-1, -2)) + 1 / self.span[1] ** 2).sqrt()
         on = (self.size * move * x.way).sum((-1, -2)) + (x.factor[..., 0, 0] - before) / self.span[1] ** 2

@@ -121,9 +121,21 @@ def test_a_function_is_merged_where_it_holds_the_same():
     def cloud(rate, values):
         return Cloud((), law=lambda t: rate * values * t)
 
+    def named(rate):
+        return Cloud((), law=lambda t, *, rate=rate: rate * t)
+
+    def recursive(rate):
+        def law(t):
+            return rate * t if t < 1 else law(t / 2)
+        return Cloud((), law=law)
+
     whole = cloud(2.0, torch.ones(3))
     assert one.merge(whole, cloud(2.0, torch.ones(3))) is whole
-    for part in (cloud(2.0, torch.ones(1)), cloud(3.0, torch.ones(3)), Cloud((), law=torch.sin)):
+    pairs = [(whole, part) for part in (cloud(2.0, torch.ones(1)), cloud(3.0, torch.ones(3)), Cloud((), law=torch.sin))]
+    for kind in (named, recursive):
+        pairs.append((kind(1.0), kind(2.0)))
+        assert one.merge(kind(1.0), kind(1.0)).law(0.5) == 0.5
+    for whole, part in pairs:
         with pytest.raises(ValueError, match="a function that holds other things"):
             one.merge(whole, part)
 

@@ -49,6 +49,27 @@ def test_a_named_input_alone_is_scaled():
     assert_close(path.state.tip.position[-1], want, rtol=0, atol=1e-6)  # 1e-8 of the load, times 12
 
 
+def test_supports_and_eigenstrain_go_with_the_factor():
+    """A displaced end, an actuated beam under a load: each point is the equilibrium of that share of all of it, to Newton's
+    tolerance (1e-8 of the loads, 6 N, beside the softest stiffness, 1 N m^2).
+    """
+    section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2)
+    beam = tb.Beam.straight(1.0, 4, section)
+
+    def displaced(share):
+        supports = [tb.Support(0), tb.Support(-1, displacement=(0.01 * share, 0.0, 0.1 * share))]
+        return tb.Scene(beam, [tb.LineLoad(force=(0, 0, share))], supports=supports)
+
+    def actuated(share):
+        return tb.Scene(beam, [tb.Actuation(curvature=(0, 3.0 * share, 0)), tb.TipLoad(force=(0, 0, -5.0 * share))])
+
+    for scene in (displaced, actuated):
+        path = tb.path(scene(1.0), step=0.2)
+        assert path.reached
+        for factor, nodes in zip(path.factor[1:].tolist(), path.state.nodes[1:], strict=True):
+            assert_close(nodes, tb.equilibrium(scene(factor)).nodes, rtol=0, atol=1e-7)
+
+
 def test_many_samples_take_the_path_that_each_takes_alone():
     """80 loads, most of them small: Newton's method goes on with the few that have not converged, by their own problem."""
     section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=1.0, mass=1.0, inertia=0.01)

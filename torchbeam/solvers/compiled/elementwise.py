@@ -1,7 +1,8 @@
 """Operations of torch that work element by element, and over axes, on arrays of nodes: int64 tensors.
 
 `ELEMENTWISE` are functions of scalars, broadcast; `REDUCTIONS` functions of several scalars, over axes. Where they are not
-smooth, or an argument is NaN, they are torch's; half powers of -inf are NaN here.
+smooth, or an argument is NaN, they are torch's; but half powers of -inf are NaN here, a bound of clamp that is NaN does not
+bound, and the largest of what holds NaN is the last.
 """
 
 from __future__ import annotations
@@ -21,6 +22,11 @@ def _arithmetic(op: str) -> Callable[..., int]:
 
 def _scaled(op: str) -> Callable[..., int]:
     return lambda g, a, b, *, alpha=1: g.make(op, g.number(a), g.make("mul", g.const(float(alpha)), g.number(b)))
+
+
+def _sum(g: Graph, a: int, b: int, *, alpha: float = 1) -> int:
+    """Of truth values, whether one of them is true."""
+    return g.make("or", a, b) if g.truths[a] and g.truths[b] else _scaled("add")(g, a, b, alpha=alpha)
 
 
 def _logical(op: str) -> Callable[..., int]:
@@ -78,12 +84,12 @@ def _finite(g: Graph, x: int) -> int:
 
 def _unlike(op: str) -> Callable[..., int]:
     """Of numbers an arithmetic operation, of truth values a logical one."""
-    names = {"mul": "and", "add": "or", "max": "or", "min": "and"}
+    names = {"mul": "and", "max": "or", "min": "and"}
     return lambda g, a, b: g.make(names[op], a, b) if g.truths[a] and g.truths[b] else _arithmetic(op)(g, a, b)
 
 
 ELEMENTWISE: dict[str, Callable[..., int]] = {
-    "add": _scaled("add"), "sub": _scaled("sub"), "rsub": lambda g, a, b: _scaled("sub")(g, b, a),
+    "add": _sum, "sub": _scaled("sub"), "rsub": lambda g, a, b: _scaled("sub")(g, b, a),
     "mul": _unlike("mul"), "div": _arithmetic("div"), "true_divide": _arithmetic("div"),
     **{name: _arithmetic(name) for name in ("neg", "sqrt", "sin", "cos", "atan2", "exp", "log", "tanh", "abs", "floor",
                                             "round")},

@@ -56,5 +56,5 @@ def evaluate(function: Function, inputs: dict[str, Tensor]) -> dict[str, Tensor]
         same = all(graph.truths[x] for x in out.nodes)
         rows = [values[x] if same else values[x].to(like.dtype) for x in out.nodes]
         rows = torch.stack([x.expand(lead) for x in rows], -1) if rows else like.new_zeros(*lead, 0)
-        found[name] = rows.reshape(*lead, *out.shape)
+        found[name] = rows.reshape((*lead, *out.shape))
     return found

@@ -36,7 +36,8 @@ ELEMENTWISE = {
     "logic": lambda x, y: ((x > 0) & ~(y > 0)) | torch.logical_and(x < 1, y < 1),
     "masked_fill": lambda x, y: x.masked_fill(y > 0, 3.0),
     "truth as number": lambda x, y: (x > 0).to(x) + (y > 0) * x.clamp(-3, 3) + y,
-    "product of truths": lambda x, y: (x > 0) * (y > 0), "lerp": lambda x, y: torch.lerp(x, y + 1, 0.25),
+    "product of truths": lambda x, y: (x > 0) * (y > 0), "sum of truths": lambda x, y: (x > 0) + (y > 0),
+    "lerp": lambda x, y: torch.lerp(x, y + 1, 0.25),
     "addcmul": lambda x, y: torch.addcmul(x, x, y, value=0.5), "addcdiv": lambda x, y: torch.addcdiv(x, x, y + 9, value=0.5),
     "in place": lambda x, y: (x * 2).add_(y).mul_(3).clamp_(max=4.0),
 }
@@ -153,6 +154,10 @@ def test_values_of_the_example_do_not_matter():
     v = torch.randn(3)
     nan = trace(quat.exponential, {"phi": v * math.nan})
     assert nan.graph.ops == trace(quat.exponential, {"phi": v}).graph.ops
+
+
+def test_a_number_of_numbers_is_evaluated_without_leading_axes():
+    assert evaluate(trace(lambda x: x.sum(), {"x": V}), {"x": V})["out"] == V.sum()
 
 
 def test_single_precision_is_traced_and_evaluated_in_single_precision():
