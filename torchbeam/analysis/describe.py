@@ -11,12 +11,14 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import constant, map_leaves
+from ..dynamics.compiled.coverage import refusal
 from ..dynamics.stepper import METHODS, Stepper
 from ..linear.modes import modes
 from ..mixed.model import MixedModel
 from ..nodal.coordinates.planar import PLANES
 from ..nodal.coordinates.selection import only_numbers
 from ..nodal.discretise import discretise
+from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene.effects import POSITION, Along, Effect, Input, PerElement
 from ..scene.scene import Scene
@@ -79,6 +81,7 @@ def describe(scene: Scene) -> Description:
         "unknowns": (f"{unknowns}; {space.strain} stresses an element are condensed",),
         "forms": tuple(f"{name}: " + (f"no, {refusals[name]}" if count is None else f"{count} states")
                        for name, count in states.items()),
+        "engine": _engine(model),
         "frequencies": _frequencies(scene),
     }
     return Description(lines, plane, planes, free, states, refusals)
@@ -106,6 +109,12 @@ def _forms(scene: Scene, free: int) -> tuple[dict[str, int | None], dict[str, st
         except ValueError as error:
             states[name], refusals[name] = None, str(error)
     return states, refusals
+
+
+def _engine(model: Model) -> tuple[str, ...]:
+    """Which engine steps the scene, and whether the other one would."""
+    reason = refusal(model, "midpoint")
+    return ("eager; 'compiled' takes it" if reason is None else f"eager; 'compiled' does not take it: {reason}",)
 
 
 def _beam(scene: Scene) -> Iterator[str]:

@@ -33,6 +33,7 @@ from ..nodal.balance import Linearisation, Residual, largest, restrained_forces,
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import InertiaForces
 from ..nodal.loads import Nodes
+from ..nodal.mass import Blocks
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..state.state import State
@@ -179,14 +180,29 @@ class MidpointProblem(Tree):
         model, moving = self.model, self.model.loads[0]
         return self._dead + external.external(model, self.nodes(way), self.t, self.inputs, moving) if moving else self._dead
 
+    def node_balance(self, x: MidpointUnknowns) -> tuple[StepKinematics, InertiaForces, Tensor | float]:
+        """Motion of the nodes, what it asks of them, and loads; each node's own, but for the mass that neighbours share."""
+        way = self.motion.kinematics(x.u, x.m)
+        return way, self.motion.balance(way), self.external(way)
+
+    def node_tangent(self, way: StepKinematics, inertia: InertiaForces) -> tuple[MidpointTangent, Blocks]:
+        """Derivatives of the motion, and those of inertia less loads, see `mass`, by the nodes' moves."""
+        nodes = self.TANGENT(self.motion, way)
+        D, *between = nodes.inertia(inertia)
+        if self.model.loads[0]:
+            D = D - self.load_tangent(nodes)
+        return nodes, (D, *between)
+
+    def element_balance(self, x: MidpointUnknowns, way: StepKinematics) -> ElementBalance:
+        """The elements, whose nodes move so."""
+        return self.element.balance(x.stress, *(Ends.of(*pose) for pose in way.poses))
+
     def residual(self, x: MidpointUnknowns) -> tuple[Residual, StepKinematics, ElementBalance, InertiaForces]:
         """The balance at x; with it what the nodes and the elements do there."""
         model, h = self.model, self.model.length
         x = self.apply_supports(x)
-        way = self.motion.kinematics(x.u, x.m)
-        inertia = self.motion.balance(way)
-        element = self.element.balance(x.stress, *(Ends.of(*pose) for pose in way.poses))
-        load = self.external(way)
+        way, inertia, load = self.node_balance(x)
+        element = self.element_balance(x, way)
         nodes = inertia.wrench + model.space.to_nodes(element.forces) - load
         restrained = restrained_forces(model, element.acting, self.eigenstrain, h)
         sizes = largest(model.space.position, h, element.forces, load, inertia.wrench, restrained)
@@ -196,12 +212,9 @@ class MidpointProblem(Tree):
     def linearise(self, x: MidpointUnknowns, way: StepKinematics, element: ElementBalance, inertia: InertiaForces
                   ) -> Linearisation:
         """The tangent by the nodes' moves, see `TANGENT`."""
-        nodes = self.TANGENT(self.motion, way)
+        nodes, blocks = self.node_tangent(way, inertia)
         tangent = self.element.tangent(element, x.stress, lambda: ends(nodes.half, 2))
-        D, *between = nodes.inertia(inertia)
-        if self.model.loads[0]:
-            D = D - self.load_tangent(nodes)
-        return Linearisation.condense(self.model, tangent.stiffness, (D, *between), tangent.hB, self.C, tangent.E)
+        return Linearisation.condense(self.model, tangent.stiffness, blocks, tangent.hB, self.C, tangent.E)
 
     def load_tangent(self, nodes: MidpointTangent) -> Tensor | float:
         """Derivative of `external` by the nodes' moves, (..., N+1, w, w)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import torch
@@ -31,6 +31,7 @@ from .torchdiffeq_bridge import ADVICE, integrate, leaves, status_at
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 
 FORMS = ("nodal", "minimal", "block_rate")
+AT_ONCE = 64  # steps that native code is asked for
 STEPS = 200  # of the default step, over the whole of t
 
 
@@ -58,7 +59,7 @@ def simulate(
                               then fit in memory, for one more forward. Nothing under torch.autograd.forward_ad, whose
                               derivatives go forward with the steps: they are right, and need no memory of the past
                  progress=    called with (steps done, steps in all) after each step
-                 lumped=, conserve=, tolerance=, iterations=, halvings=    see `Stepper`
+                 lumped=, conserve=, tolerance=, iterations=, halvings=, engine=    see `Stepper`
              "generalized_alpha" with the same but conserve=, and rho_inf=
              or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=, and begin=
              (...) s, the instant of each sample from which t counts (None = t is that of all); the mixed forms also take
@@ -111,14 +112,27 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     def kind(*values: Any) -> State:
         return type(states[0])(**dict(zip(names, values, strict=True)))
 
+    def steps(state: State, part: list[tuple[int, int, int]]) -> Iterator[tuple[State | None, Tensor]]:
+        """The state after each step of a part of the plan, where it is asked for and at the end, and iterations."""
+        done, size = 0, 1
+        while done < len(part):
+            few = part[done:done + size]
+            dt = [(t[k + 1] - t[k]) / count for k, _, count in few]
+            now = [t[k] + i * length for (k, i, _), length in zip(few, dt, strict=True)]
+            held = [inputs_at(inputs, at + instant * length, t) for at, length in zip(now, dt, strict=True)]
+            made = stepper.ahead(state, dt, now, held, [i == count - 1 for _, i, count in few])
+            if made:
+                size = min(2 * size, AT_ONCE)
+            else:
+                made, size = [(stepper.advance(state, held[0], dt=dt[0], t=now[0]), stepper.iterations)], 1
+            yield from made
+            done, state = done + len(made), made[-1][0]
+
     def march(part: list[tuple[int, int, int]], *fields: Tensor) -> tuple[Tensor, ...]:
         """Fields of the states that `part` of the plan asks for and of the last, then the iterations of each step."""
-        state, wanted, counted = kind(*fields), [], []
-        for k, i, count in part:
-            dt = (t[k + 1] - t[k]) / count
-            now = t[k] + i * dt
-            state = stepper.advance(state, inputs_at(inputs, now + instant * dt, t), dt=dt, t=now)
-            counted.append(stepper.iterations)
+        wanted, counted = [], []
+        for (k, i, count), (state, iterations) in zip(part, steps(kind(*fields), part), strict=True):
+            counted.append(iterations)
             if i == count - 1:
                 wanted.append(state)
             if progress is not None:

@@ -22,13 +22,16 @@ from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..scene.scene import Scene
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
-from ..solvers.newton import LIMIT, newton
+from ..solvers.newton import LIMIT, TOLERANCE, newton
 from ..state.start import on_supports
 from ..state.state import State, check_state, of_mesh, rest, with_optional_fields
+from .compiled.coverage import compiled_step
+from .compiled.step import CompiledStep, Steps
 from .failure import Failure
 from .generalized_alpha import AlphaState, GeneralizedAlphaProblem
 from .midpoint import MidpointProblem
 
+ENGINES = ("auto", "eager", "compiled")
 METHODS = {"midpoint": MidpointProblem, "generalized_alpha": GeneralizedAlphaProblem}
 QUICK = 12  # iterations of a step that can still be made in parts: one that takes more is quicker so
 TURN = 1.2  # rad that a node may turn in one step; larger turns have more than one solution, and the wrong one gains energy
@@ -50,14 +53,20 @@ class Stepper:
     tolerance  of the scaled residual, default 1e-8 in float64 and 1e-4 in float32
     iterations at most this many in a Newton solve (12 where its step can still be made in parts)
     halvings   a failed step is made again in 2, 4, ... 2^halvings parts
+    engine     "eager": torch operations. "compiled": native code for many samples at once on the CPU (llvmlite, the extra
+               `fast`), the same answers up to rounding, and gradients (reverse mode); compiled at the first step. Made eagerly
+               there: forward mode, torch.func, gradients where strains are impossible or next to, some of the parts of a failed
+               step. What a user's function of the motion closes over is taken here, once. "auto": eager, for the time being
 
-    Raises ValueError for an unknown method, a step that is not positive, or a scene that the nodal form does not take.
+    Raises ValueError for an unknown method, a step that is not positive, a scene that the nodal form does not take, or that
+    the engine does not.
     """
 
     def __init__(self, scene: Scene, dt: float | Tensor, method: str = "midpoint", *, lumped: bool = False,
                  tolerance: float | None = None, iterations: int = LIMIT, halvings: int = 6,
-                 conserve: bool = False, rho_inf: float | None = None) -> None:
+                 conserve: bool = False, rho_inf: float | None = None, engine: str = "auto") -> None:
         choice("method", method, METHODS)
+        choice("engine", engine, ENGINES)
         own = dict(conserve=boolean("conserve", conserve))
         if method == "generalized_alpha":
             if conserve:
@@ -84,6 +93,7 @@ class Stepper:
         self.tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
         self.limit = count("iterations", iterations)
         self.halvings = count("halvings", halvings, least=0)
+        self.compiled = compiled_step(self.model, method, conserve) if engine == "compiled" else None
         self.iterations: Tensor | None = None  # (...) of the last step
         self.failures: dict[int, Failure] = {}  # the first of each status
 
@@ -171,6 +181,38 @@ class Stepper:
                 break
         return after, failed & ~left, counted
 
+    def ahead(self, state: State, dt: list[Tensor], t: list[Tensor], inputs: list[dict[str, Any]], wanted: list[bool]
+              ) -> list[tuple[State | None, Tensor]]:
+        """As many of the steps dt from the times t, each with its own inputs, as native code makes at once and all samples make
+        well: states after those that are wanted and after the last, and iterations; none, where `advance` has to make the next.
+        """
+        if self.compiled is None:
+            return []
+        held = all(value is inputs[0][name] for one in inputs[1:] for name, value in one.items())
+        given = [self.scene.tensors(one) for one in (inputs[:1] if held else inputs)]
+        state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
+        of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
+        start = self.model.space.to_reduced(with_optional_fields(state, self.scene))
+        shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
+                          *(value.shape[:-1] for one in given for value in one.values()))
+        moving = (state.status == SUCCESS).expand(shape)
+        given = given[0] if held else {name: torch.stack([one[name].expand(*shape, -1) for one in given])
+                                       for name in self.scene.inputs}
+        limit = min(self.limit, QUICK) if self.halvings else self.limit
+        lengths = torch.stack(dt)
+        found = self._natively(start, lengths, torch.stack(t) + self.method.INSTANT * lengths, given, moving, limit)
+        if found is None:
+            return []
+        well = [*(found.status == SUCCESS).reshape(len(dt), -1).all(1).tolist(), False]
+        made, now, status, iterations = [], state.t, state.status.expand(shape), found.iterations.unbind()
+        for k in range(well.index(False)):
+            now = torch.where(moving, now + dt[k], now)
+            after = None
+            if wanted[k] or not well[k + 1]:
+                after = self.model.space.to_public(replace(found.after(start, k), t=now, status=status))
+            made.append((after, iterations[k]))
+        return made
+
     def _length(self, dt: float | Tensor | None) -> Tensor:
         """Of a step, s."""
         if dt is None:
@@ -216,16 +258,24 @@ class Stepper:
         """
         merged = copy(self)
         merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))
+        merged.compiled = None if self.compiled is None else CompiledStep(merged.model)
         merged.iterations, merged.failures = None, {}
         return merged
 
     def _attempt(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, last: bool
                  ) -> tuple[State, Tensor, Tensor]:
         """One Newton solve: (state after, of a failed sample before; status; iterations). Without `last`, parts can follow."""
-        problem = self._step(model, state, dt, t, inputs)
         limit = self.limit if last else min(self.limit, QUICK)
+        if self.compiled is not None and model is self.model:
+            shape = torch.broadcast_shapes(self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values()))
+            found = self._natively(state, dt[None], t[None], inputs, moving.expand(shape), limit)
+            if found is not None:
+                after, status, iterations = found.after(state, 0), found.status[0], found.iterations[0]
+                good = moving & (status == SUCCESS)
+                return replace(after, t=torch.where(good, state.t + dt, state.t)), status, iterations
+        problem = self._step(model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(problem, problem.predictor(), moving, self.tolerance, limit)
-        turned = self.model.space.cosine(x.m).amin(-1) < math.cos(TURN * problem.PART / 2)
+        turned = self.model.space.cosine(x.m).amin(-1) < self._least
         status = torch.where((status == SUCCESS) & turned, DIVERGED, status)
         good = moving & (status == SUCCESS)
         if differentiated(problem, x):
@@ -237,3 +287,12 @@ class Stepper:
             x, reaction = implicit_gradient(problem, x, good)
         after = problem.finish(x, reaction)
         return (after if concrete(good).all() else after.where(good, state)), status, iterations
+
+    @property
+    def _least(self) -> float:
+        """Cosine of half the angle that a node may turn by up to where the unknown of its rotation is."""
+        return math.cos(TURN * self.method.PART / 2)
+
+    def _natively(self, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, limit: int) -> Steps | None:
+        """Steps of dt (K) with middles t (K, ...), see `CompiledStep`; None where they are to be made eagerly."""
+        return self.compiled(state, dt, t, inputs, moving, self.tolerance or TOLERANCE[self.scene.dtype], self._least, limit)

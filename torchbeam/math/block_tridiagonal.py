@@ -12,24 +12,32 @@ def block_tridiagonal(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
     D (..., n, k, k), L and U (..., n-1, k, k), b (..., n, k); leading axes broadcast. A singular pivot block gives
     infinities or NaN in that sample alone.
     """
-    n, k = b.shape[-2:]
-    ahead, y = [], []  # D'_i^-1 U_i and D'_i^-1 b'_i
+    n = b.shape[-2]
+    ahead, y = [], []
     for i in range(n):
-        diagonal, right = D[..., i, :, :], b[..., i, :, None]
-        if i > 0:
-            below = L[..., i - 1, :, :]
-            diagonal = diagonal - below @ ahead[-1]
-            right = right - below @ y[-1]
-        if i < n - 1:
-            solved = _solve(diagonal, U[..., i, :, :], right)
-            ahead.append(solved[..., :k])
-            y.append(solved[..., k:])
-        else:
-            y.append(_solve(diagonal, right))
+        above = U[..., i, :, :] if i < n - 1 else None
+        before = () if i == 0 else (L[..., i - 1, :, :], ahead[-1], y[-1])
+        *solved, right = eliminated(D[..., i, :, :], above, b[..., i, :, None], *before)
+        ahead.extend(solved)
+        y.append(right)
     x = [y[-1]]
     for i in range(n - 2, -1, -1):
         x.append(y[i] - ahead[i] @ x[-1])
     return torch.cat(torch.broadcast_tensors(*x[::-1]), -1).mT
+
+
+def eliminated(diagonal: Tensor, above: Tensor | None, right: Tensor, below: Tensor | None = None, ahead: Tensor | None = None,
+               y: Tensor | None = None) -> tuple[Tensor, ...]:
+    """D'^-1 U and D'^-1 b' (..., k, 1) of a row D, U, b, from L of the row (below) and both of the row before; of the last row,
+    where above is None, D'^-1 b' alone.
+    """
+    if below is not None:
+        diagonal = diagonal - below @ ahead
+        right = right - below @ y
+    if above is None:
+        return (_solve(diagonal, right),)
+    solved = _solve(diagonal, above, right)
+    return solved[..., :-1], solved[..., -1:]
 
 
 def _solve(A: Tensor, *right: Tensor) -> Tensor:

@@ -40,14 +40,20 @@ class Residual(NamedTuple):
 
     def measure(self) -> Tensor:
         """(...) the scaled residual: each equation over the largest term in it; not finite where anything is not."""
-        number = torch.finfo(self.nodes.dtype)
         free = self.constraints.unknown(self.nodes.detach()).abs()
         p = (free.shape[-1] + 1) // 2  # of 6: 3, of 3: 2
-        force = free[..., :p].amax((-1, -2)) / (self.force + number.tiny)
-        moment = free[..., p:].amax((-1, -2)) / (self.moment + number.tiny)
-        # strains below ROUNDING eps are differences of positions that floating point does not hold
-        gap = (self.strain.detach().abs().amax((-1, -2)) - ROUNDING * number.eps).clamp(min=0)
-        return torch.maximum(torch.maximum(force, moment), gap / (self.size_strain + number.eps))
+        gap = self.strain.detach().abs().amax((-1, -2))
+        return scaled(free[..., :p].amax((-1, -2)), free[..., p:].amax((-1, -2)), gap, *self[3:])
+
+
+def scaled(force: Tensor, moment: Tensor, gap: Tensor, largest_force: Tensor, largest_moment: Tensor, size_strain: Tensor
+           ) -> Tensor:
+    """(...) the largest that is left of forces, moments and strains, each over the largest term in its equation."""
+    number = torch.finfo(force.dtype)
+    # strains below ROUNDING eps are differences of positions that floating point does not hold
+    gap = (gap - ROUNDING * number.eps).clamp(min=0)
+    over = torch.maximum(force / (largest_force + number.tiny), moment / (largest_moment + number.tiny))
+    return torch.maximum(over, gap / (size_strain + number.eps))
 
 
 ROUNDING = 1000.0
@@ -78,20 +84,34 @@ class Linearisation(NamedTuple):
         """What a residual asks for: move (..., N+1, w), zero where the beam is held, d[F; M] (..., N, k); and the supports'
         balances after it, the reactions (..., K, w).
         """
-        pushed = g + self.space.to_nodes((self.hB.mT @ times(self.C, g_strain[..., None]))[..., 0])
+        pushed = g + self.space.to_nodes(self.pushed(g_strain))
         solve = ChainSolve.apply if recorded() else block_tridiagonal
         free = solve(self.D, self.L, self.U, self.constraints.unknown(-pushed))
         move = pad(free, (0, 0, self.constraints.first, 0))
-        dstress = times(self.C, g_strain[..., None] + self.E @ self.space.to_elements(move)[..., None])[..., 0]
-        return move, dstress, self.constraints.reaction(self.rows, pushed, move)
+        change = dstress(self.C, self.E, g_strain, self.space.to_elements(move))
+        return move, change, self.constraints.reaction(self.rows, pushed, move)
+
+    def pushed(self, g_strain: Tensor) -> Tensor:
+        """h B^T C g_eps (..., N, p + 2 s): what an element's strain gap asks of its nodes."""
+        return (self.hB.mT @ times(self.C, g_strain[..., None]))[..., 0]
 
     @property
     def exact(self) -> Tensor:
         """(...) bool: whether C is the law's, and no impossible strain was given more flexibility than the law gives it."""
-        return (self.C == self.law.detach()).all(-1).all(-1).all(-1)
+        return same_law(self.C, self.law)
 
     def detach(self) -> Linearisation:
         return Linearisation(self.space, self.constraints, *(x.detach() for x in self[2:]))
+
+
+def same_law(C: Tensor, law: Tensor) -> Tensor:
+    """(...) bool: whether C of a tangent is that of the law in all elements (..., N or 1, k, k or 1)."""
+    return (C == law.detach()).all(-1).all(-1).all(-1)
+
+
+def dstress(C: Tensor, E: Tensor, g_strain: Tensor, move: Tensor) -> Tensor:
+    """d[F; M] = C (g_eps + E move), (..., N, k), of elements after a move (..., N, p + 2 s)."""
+    return times(C, g_strain[..., None] + E @ move[..., None])[..., 0]
 
 
 def restrained_forces(model: Model, kin: Any, own: Tensor | float, h: Tensor) -> Tensor | float:
@@ -122,4 +142,9 @@ def largest(p: int, length: Tensor, *terms: Tensor | float) -> tuple[Tensor, Ten
             sizes.append((term[..., :p].amax((-1, -2)), term[..., p:].amax((-1, -2))))
     force, moment = (torch.stack(torch.broadcast_tensors(*part)).amax(0) for part in zip(*sizes, strict=True))
     length = length.detach()
-    return torch.maximum(force, moment / length.sum((-1, -2))), moment + force * length.amax((-1, -2))
+    return mixed(force, moment, length.sum((-1, -2)), length.amax((-1, -2)))
+
+
+def mixed(force: Tensor, moment: Tensor, total: Tensor, longest: Tensor) -> tuple[Tensor, Tensor]:
+    """What `largest` makes of the largest force and the largest moment, for a beam's length and its longest element."""
+    return torch.maximum(force, moment / total), moment + force * longest

@@ -76,9 +76,7 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
         x = type(x)(*(torch.where(keep, a, b) for a, b in zip(x, problem.update(x, *change), strict=True)))
         reaction = torch.where(keep, size.new_zeros(()) if k == 0 else reaction, root)
         iterations = iterations + ~over
-        drop = size / before
-        coming = size * drop * torch.where(exact, drop, 1.0)
-        done = done | (~over & ((size <= tolerance) | ((drop < TRUSTED) & (coming <= tolerance))))
+        done = done | (~over & converged(size, before, exact, tolerance))
         over = done | ~torch.isfinite(size)
         before = size if trust_start or not first or k else before
         if concrete(over).all():
@@ -89,6 +87,15 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
             rest = _iterate(part, _taken(few, x), None, few.take(before, 0), tolerance, limit - 1 - k, True)
             return _joined(few, Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations), rest)
     return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
+
+
+def converged(size: Tensor, before: Tensor, exact: Tensor, tolerance: float | Tensor) -> Tensor:
+    """Whether a scaled residual (...), with that of the iteration before, is small enough, see `newton`; exact (...): whether
+    the tangent is.
+    """
+    drop = size / before
+    coming = size * drop * torch.where(exact, drop, 1.0)
+    return (size <= tolerance) | ((drop < TRUSTED) & (coming <= tolerance))
 
 
 def _part(problem: Problem, few: BatchSubset) -> Problem | None:

@@ -1,0 +1,106 @@
+"""Adjoint program: the derivatives of a step's local functions, for the constants that want them."""
+
+from __future__ import annotations
+
+from functools import partial
+from math import prod
+
+from ...solvers.compiled.derivative import bar, vjp
+from ...solvers.compiled.function import Function
+from .adjoint_driver import AdjointDriver
+from .layout import ELEMENTS, MOVES, NODES, ONE, SUPPORTS, TWO, Layout
+from .local_functions import LocalFunctions
+from .local_problem import NODE, NodeKind
+from .native import NativeProgram
+from .tracing import Tracing
+
+SAMPLE = ("good", "work_bar", "work_grad")
+
+
+class AdjointProgram(NativeProgram):
+    """wanted: names of the constants' fields whose cotangents are asked for."""
+
+    driver = AdjointDriver
+
+    def __init__(self, local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool, wanted: frozenset[str]) -> None:
+        self.wanted = wanted
+        super().__init__(local, kinds, held)
+
+    def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        wanted, w, shapes, node = self.wanted, self.w, self.shapes, traced.node
+        start = (*NODE, *wanted)
+        found = {"solution": traced(local.solution, {
+            "position": shapes["position"], "rotation": shapes["rotation"], "after_position": shapes["position"],
+            "after_rotation": shapes["rotation"]})}
+        for k, kind in enumerate(self.kinds):
+            whole = traced(partial(local.node, kind), node)
+            found[f"node bar {k}"] = _derivative(whole.only(["balance"]), start)
+            found[f"block {k}"] = whole.only(["D"])
+            finish = traced(partial(local.finish, kind), node)
+            found[f"finish bar {k}"] = _derivative(finish, (*start, "u", "m"), keep=("u", "m"))
+            update = vjp(traced(partial(local.update, kind), {**node, "move": (w,)}), ["move"])
+            found[f"update bar {k}"] = update.with_constants({"move": [0.0] * w})
+        whole = traced(local.element, traced.element)
+        ends = [f"{side}.{name}" for side in "ij" for name in start if not name.startswith(("element", "common"))]
+        ends += [name for name in wanted if name.startswith(("element", "common"))]
+        found["element bar"] = _derivative(whole.only(["i.balance", "j.balance", "gap"]), ends)
+        found["blocks"] = whole.only(["i.D", "j.D", "U", "L"])
+        found["law"] = whole.only(["E", "hB"])
+        law = {name: whole.outputs[name].shape for name in ("gap", "E", "hB")}
+        stress = traced(local.stress, {**traced.element, **law, "move_i": (w,), "move_j": (w,)})
+        found["stress bar"] = vjp(stress, ["gap", "move_i", "move_j"])
+        found["pushed bar"] = vjp(traced(local.pushed, {**traced.element, **law}), ["gap"])
+        row = {"own.D": (w, w), "left.D": (w, w), "right.D": (w, w), "left.U": (w, w), "right.L": (w, w), "right": (w,),
+               "ahead": (w, w), "y": (w,)}
+        near = {f"{name}_{at}": (w,) for name in ("free", "push") for at in ("before", "here", "after")}
+        found["row"] = traced(partial(local.transposed_row, False), row)
+        if self.held:
+            found["held row"] = traced(partial(local.transposed_row, True), row | near)
+            found["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
+        found["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
+        found["balance_bar"] = traced(local.balance_bar, {"move": (w,), "push": (w,), "free": (w,)})
+        return {name: function.only(function.outputs) for name, function in found.items()}
+
+    def _layout(self) -> Layout:
+        w, k, layout = self.w, self.k, Layout()
+        state = [(name, prod(self.shapes[name])) for name in NODE]
+        for kind, rows in (("node", NODES), ("element", ELEMENTS), ("common", ONE)):
+            outputs = (one for name in self.functions for one in self.outputs(name))  # a derivative need not read what it is by
+            found = {name: size for out, size in outputs
+                     if (name := out.removeprefix("i.").removeprefix("j.").removesuffix("_bar")).startswith(f"{kind}.")}
+            layout.record(kind, rows, self.constants(kind))
+            layout.record(f"{kind}_bar", rows, sorted(found.items()))
+        for name in ("state", "state_bar", "state_grad", "start_bar"):
+            layout.record(name, NODES, state)
+        layout.record("after", NODES, [(f"after_{name}", size) for name, size in state[:2]])
+        layout.record("unknown", NODES, [("u", state[0][1]), ("m", state[1][1])])
+        for name in ("stress", "stress_bar", "stress_grad"):
+            layout.record(name, ELEMENTS, [("stress", k)])
+        for name in ("asked", "push", "move", "found"):
+            layout.record(name, MOVES, [(name, w)])
+        layout.record("law", ELEMENTS, [*self.outputs("law"), ("gap_bar", k)])
+        layout.record("at_node", ONE, [("D", w * w)])
+        layout.record("left", TWO, [("D", w * w), ("U", w * w)])
+        layout.record("right", ONE, [("D", w * w), ("L", w * w)])
+        layout.record("row", NODES, [("ahead", w * w), ("y", w)])
+        layout.record("nothing", ONE, [("zeros", 2 * w * w + k)])
+        change = layout.record("change", ONE, [("gap_bar", k)])
+        for name in self.functions:
+            if name.startswith(("node bar", "finish bar", "stress bar")):
+                for out in self.outputs(name):
+                    change.add(*out)
+        layout.record("of_element", ONE, self.outputs("element bar"))
+        layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
+        layout.record("free", NODES, [("free", w)])
+        if self.held:
+            for name in ("reaction_bar", "reaction_grad"):
+                layout.record(name, SUPPORTS, [("reaction", w)])
+        return layout
+
+
+def _derivative(function: Function, by: tuple[str, ...] | list[str], keep: tuple[str, ...] = ()) -> Function:
+    """Cotangents of the inputs `by` that the function has; without those that are zero, but for `keep`."""
+    found = vjp(function, [name for name in by if name in function.inputs])
+    zero = found.graph.zero
+    return found.only(name for name, out in found.outputs.items()
+                      if name in map(bar, keep) or any(node != zero for node in out.nodes))

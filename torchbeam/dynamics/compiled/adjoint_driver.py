@@ -1,0 +1,184 @@
+"""Native adjoint of steps: from the last to the first, cotangents of a state become those of the one before.
+
+With the residual g (balance and strain gaps), the solution follows x' = -K^-1 g', so that a cotangent goes through the
+transposed matrix once, and from there through the derivatives of g by the start and the constants. Nothing is kept of a step
+but the states that it lies between. One pass over the elements makes the rows of the transposed system, which are eliminated as
+they come; another takes what its solution asks of them.
+"""
+
+from __future__ import annotations
+
+from ...solvers.compiled.derivative import bar
+from .chain_code import ChainCode
+from .local_problem import NODE
+
+
+class AdjointDriver(ChainCode):
+    """Cotangents, step by step backwards."""
+
+    ARGS = ("inputs", "input_count", "outputs", "output_count", "stepwises", "stepwise_count", "samples", "steps", "elements",
+            "memory", "bases", "kinds", "held", "support_of", "support_nodes", "supports", "first_group", "end_group")
+
+    def _group(self, first: str) -> None:
+        code, N = self.code, self.args["elements"]
+        last = code.sub(self.args["steps"], 1)
+        nodes, supports = code.add(N, 1), ((("reaction_bar", self.args["supports"]),) if self.held else ())
+        for record, count in (("state_bar", nodes), ("stress_bar", N), *supports, ("node_bar", nodes), ("element_bar", N),
+                              ("common_bar", 1)):
+            with code.loop(0, count) as k:
+                self._fill(self.at(record, k), self.layout.records[record].size)
+        self._fill(self.at("sample", 0, "work_bar"), 1)
+        with code.loop(last, -1, -1) as step:
+            self._transfer("gather", "input", first, step, last)
+            self._step()
+            self._transfer("drain", "stepwise", first, step, last)
+        self._transfer("scatter", "output", first, 0)
+
+    def _step(self) -> None:
+        code, N = self.code, self.args["elements"]
+        nodes, moves = code.add(N, 1), self.layout.records["move"].size
+        for to, source, count in (("state_bar", "state_grad", nodes), ("stress_bar", "stress_grad", N),
+                                  *((("reaction_bar", "reaction_grad", self.args["supports"]),) if self.held else ())):
+            with code.loop(0, count) as k:
+                self._add(self.at(to, k), self.at(source, k), self.layout.records[to].size)
+        self._add(self.at("sample", 0, "work_bar"), self.at("sample", 0, "work_grad"), 1)
+        self._fill(self.at("nothing"), self.layout.records["nothing"].size)
+        with code.loop(0, code.add(N, 3)) as j:
+            for record in ("asked", "push", "move", "found"):
+                self._fill(self.at(record, j), moves)
+        with code.loop(0, nodes) as j:
+            self._ends(j)
+        with code.loop(0, N) as e:
+            self._laws(e)
+        if self.held:
+            with code.loop(0, self.args["supports"]) as k:
+                node = code.load(code.at(self.args["support_nodes"], k))
+                places = {"reaction_bar": self.at("reaction_bar", k), "free": self.at("free", node),
+                          "> push": self.at("push", code.add(node, 1))}
+                self._call("push", lambda f: places[f])
+        with code.loop(0, nodes) as j:
+            self._row(j)
+        with code.loop(N, -1, -1) as j:
+            places = {"next": code.add(j, 2), "> move": code.add(j, 1)}
+            self._call("back", lambda f: self.at("move", places[f]) if f in places else self.at("row", j, f))
+            places = {"move": ("move", code.add(j, 1)), "push": ("push", code.add(j, 1)), "free": ("free", j),
+                      f"> {bar('balance')}": ("found", code.add(j, 1))}
+            self._call("balance_bar", lambda f: self.at(*places[f]))
+        with code.loop(0, N) as e:
+            self._element(e)
+        with code.loop(0, nodes) as j:
+            with self._kind(j) as kinds:
+                for k in kinds:
+                    self._call(f"node bar {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
+                               self.at("found", code.add(j, 1)) if f == bar("balance") else self._of_node(f, j))
+                    self._spread(f"node bar {k}", j)
+        good = self.at("sample", 0, "good")
+        with code.loop(0, nodes) as j:
+            self._take(self.at("state_bar", j), self.at("start_bar", j), good, self.layout.records["state_bar"].size)
+        with code.loop(0, N) as e:
+            self._take(self.at("stress_bar", e), self.at("nothing"), good, self.layout.records["stress_bar"].size)
+        if self.held:
+            with code.loop(0, self.args["supports"]) as k:
+                self._take(self.at("reaction_bar", k), self.at("nothing"), good, moves)
+
+    def _ends(self, j: str) -> None:
+        """Of a node: the solution between its states, what its end's cotangents ask of the start and of the move."""
+        code = self.code
+        self._call("solution", lambda f: self.at("unknown", j, f[2:]) if f[0] == ">" else
+                   self.at("after", j, f) if f.startswith("after") else self.at("state", j, f))
+        self._fill(self.at("start_bar", j), self.layout.records["start_bar"].size)
+
+        def where(f: str) -> str:
+            if f[0] == ">":
+                return self.at("change", 0, f[2:])
+            name = f.removesuffix("_bar")
+            if f != name:
+                return self.at("state_bar", j, name) if name in NODE else self.at("sample", 0, f)
+            return self._of_node(f, j)
+
+        with self._kind(j) as kinds:
+            for k in kinds:
+                self._call(f"finish bar {k}", where)
+                self._spread(f"finish bar {k}", j)
+                self._call(f"update bar {k}", lambda f: self.at("asked", code.add(j, 1)) if f[0] == ">" else
+                           self.at("change", 0, f) if f.endswith("_bar") else self._of_node(f, j))
+
+    def _of_element(self, field: str, e: str) -> str:
+        side, _, name = field.partition(".")
+        if side in ("i", "j"):
+            return self._of_node(name, e if side == "i" else self.code.add(e, 1))
+        for record in ("element", "stress", "law"):
+            if field in self.layout.records[record].fields:
+                return self.at(record, e, field)
+        return self.at("common", 0, field)
+
+    def _laws(self, e: str) -> None:
+        """What the stress's cotangent asks of the nodes' moves."""
+        code = self.code
+        self._call("law", lambda f: self.at("law", e, f[2:]) if f[0] == ">" else self._of_element(f, e))
+        places = {f"> {bar('gap')}": ("law", e, "gap_bar"), bar("stress"): ("stress_bar", e)}
+        self._call("stress bar", lambda f: self.at(*places[f]) if f in places else
+                   self.at("change", 0, f[2:]) if f[0] == ">" else self._of_element(f, e))
+        for k, name in enumerate(("move_i", "move_j"), 1):
+            self._add(self.at("asked", code.add(e, k)), self.at("change", 0, bar(name)), self.layout.records["move"].size)
+
+    def _row(self, j: str) -> None:
+        code = self.code
+        with self._kind(j) as kinds:
+            for k in kinds:
+                self._call(f"block {k}", lambda f: self.at("at_node", 0, f[2:]) if f[0] == ">" else self._of_node(f, j))
+        last, left, right, behind = self._sides(j)
+        with code.when(code.new(f"xor i1 {last}, true")):
+            places = {"i.D": ("right", self.at("right"), "D"), "L": ("right", self.at("right"), "L"),
+                      "j.D": ("left", behind, "D"), "U": ("left", behind, "U")}
+            self._call("blocks", lambda f: self._inside(*places[f[2:]]) if f[0] == ">" else self._of_element(f, j))
+        near = self._near(j) if self.held else {}
+        if self.held:
+            near |= {f"push_{name}": self.at("push", code.add(j, k)) for k, name in enumerate(("before", "here", "after"))}
+
+        def where(field: str) -> str:
+            side, _, name = field.partition(".")
+            if field[0] == ">":
+                return self.at("row", j, field[2:])
+            if name and side in ("left", "right"):
+                return self._inside(side, left if side == "left" else right, name)
+            if field == "right":
+                return self.at("asked", code.add(j, 1))
+            if side == "own":
+                return self.at("at_node", 0, name)
+            return near[field] if field in near else self._row_before(field, j)
+
+        if not self.held:
+            self._call("row", where)
+            return
+        held = code.compare("ne", code.load(code.at(self.args["held"], j)), 0)
+        with code.when(code.new(f"xor i1 {held}, true")):
+            self._call("row", where)
+        with code.when(held):
+            self._call("held row", where)
+
+    def _element(self, e: str) -> None:
+        """What the solution asks of an element: of its gap through the balance, then of its start and its constants."""
+        code = self.code
+        found = {f"{side}_bar": self.at("found", code.add(e, k)) for k, side in enumerate("ij", 1)}
+        self._call("pushed bar", lambda f: self.at("change", 0, "gap_bar") if f[0] == ">" else
+                   found[f] if f in found else self._of_element(f, e))
+        self._add(self.at("law", e, "gap_bar"), self.at("change", 0, "gap_bar"), self.layout.records["stress"].size)
+        given = {bar("i.balance"): found["i_bar"], bar("j.balance"): found["j_bar"], bar("gap"): self.at("law", e, "gap_bar")}
+        self._call("element bar", lambda f: self.at("of_element", 0, f[2:]) if f[0] == ">" else
+                   given[f] if f in given else self._of_element(f, e))
+        self._spread("element bar", e)
+
+    def _spread(self, name: str, j: str) -> None:
+        """Add the cotangents that a function gives to those of the start and of the constants; u's and m's stay."""
+        records = self.layout.records
+        source = "of_element" if name == "element bar" else "change"
+        for out in self.functions[name].outputs:
+            field, at = out.removesuffix("_bar"), j
+            if field[:2] in ("i.", "j."):
+                at, field = (j if field[0] == "i" else self.code.add(j, 1)), field[2:]
+            for record in ("start_bar", "node_bar", "element_bar", "common_bar"):
+                if field in records[record].fields:
+                    row = 0 if record == "common_bar" else at
+                    self._sum(self.at(record, row, field), self.at(source, 0, out), self.at("sample", 0, "good"),
+                              records[record].fields[field][1])

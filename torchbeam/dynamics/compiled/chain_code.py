@@ -1,0 +1,228 @@
+"""Native code for passes over a chain: where the fields of records lie, calls of functions, masks, transfers.
+
+A table says what is taken from tensors, or written to them: rows of 64-bit integers in the order of `ENTRY`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from ...solvers.compiled.function import Function
+from ...solvers.compiled.llvm import Module
+from .code import Code
+from .layout import Layout
+
+ENTRY = ("pointer", "sample", "step", "row", "rows", "components", "place", "row_size")  # strides and places in numbers
+POINTERS = ("memory", "bases", "kinds", "held", "support_of", "support_nodes")
+
+
+class ChainCode:
+    """Text of `run(ptr args)`, with 64-bit integers and pointers in the order of `ARGS`, for functions by name; those of kinds
+    of nodes end with the number of the kind.
+    """
+
+    ARGS: tuple[str, ...] = ()
+
+    def __init__(self, module: Module, functions: dict[str, Function], layout: Layout, kinds: int, held: bool) -> None:
+        self.module, self.functions, self.layout, self.kinds, self.held = module, functions, layout, kinds, held
+        self.lanes = module.lanes
+        self.bytes = self.lanes.count * self.lanes.bytes  # of a component
+        self.code = Code("run", ["ptr %args"])
+        self.args: dict[str, str] = {}
+        self.base: dict[str, str] = {}
+
+    def text(self) -> str:
+        """Definitions of `run` and of the small loops that it calls."""
+        code = self.code
+        for k, name in enumerate(self.ARGS):
+            self.args[name] = code.load(code.at("%args", k))
+        pointer = {name: code.new(f"inttoptr i64 {self.args[name]} to ptr") for name in POINTERS}
+        self.args |= pointer
+        for k, name in enumerate(self.layout.records):
+            begin = code.mul(code.load(code.at(pointer["bases"], k)), self.bytes)
+            self.base[name] = code.at(pointer["memory"], begin, "i8")
+        with code.loop(self.args["first_group"], self.args["end_group"]) as group:
+            self._group(code.mul(group, self.lanes.count))
+        return "\n\n".join((*self._loops(), code.text()))
+
+    def _group(self, first: str) -> None:
+        """All steps of the samples from the first of a group on."""
+        raise NotImplementedError
+
+    # Where fields lie
+
+    def at(self, record: str, index: str | int = 0, field: str | None = None) -> str:
+        """Pointer to a field of a record's row."""
+        one = self.layout.records[record]
+        first = 0 if field is None else one.place(field)
+        if isinstance(index, int):
+            return self.code.at(self.base[record], (index * one.size + first) * self.bytes, "i8")
+        begin = self.code.mul(index, one.size * self.bytes)
+        return self.code.at(self.code.at(self.base[record], begin, "i8"), first * self.bytes, "i8")
+
+    def _call(self, name: str, where: Callable[[str], str]) -> None:
+        function = self.functions[name]
+        self.code.call(name, *(where(field) for field in (*function.inputs, *(f"> {field}" for field in function.outputs))))
+
+    def _of_node(self, field: str, j: str) -> str:
+        """A field that is held at a node, or by all."""
+        for record in ("node", "state", "unknown"):
+            if field in self.layout.records[record].fields:
+                return self.at(record, j, field)
+        return self.at("common", 0, field)
+
+    def _near(self, j: str) -> dict[str, str]:
+        """What is free of the node before, of node j and of the next, where there are any."""
+        code = self.code
+        before = code.choose(code.compare("eq", j, 0), 0, code.sub(j, 1))
+        after = code.choose(code.compare("eq", j, self.args["elements"]), j, code.add(j, 1))
+        return {f"free_{name}": self.at("free", at, "free") for name, at in (("before", before), ("here", j), ("after", after))}
+
+    def _row_before(self, field: str, j: str) -> str:
+        """ahead or y of the row before; zeros in front of the first."""
+        code = self.code
+        first = code.compare("eq", j, 0)
+        at = self.at("row", code.choose(first, j, code.sub(j, 1)), field)
+        return code.choose(first, self.at("nothing"), at, "ptr")
+
+    def _sides(self, j: str) -> tuple[str, str, str, str]:
+        """Whether node j is the last, and the records that the elements before and behind it leave at it, and where the one
+        behind leaves what is of the next node.
+        """
+        code = self.code
+        last, odd = code.compare("eq", j, self.args["elements"]), code.new(f"and i64 {j}, 1")
+        left = code.choose(code.compare("eq", j, 0), self.at("nothing"), self.at("left", odd), "ptr")
+        right = code.choose(last, self.at("nothing"), self.at("right"), "ptr")
+        return last, left, right, self.at("left", code.sub(1, odd))
+
+    def _inside(self, record: str, pointer: str, field: str) -> str:
+        """A field of a record that begins at the pointer."""
+        return self.code.at(pointer, self.layout.records[record].place(field) * self.bytes, "i8")
+
+    # Pieces
+
+    @contextmanager
+    def _kind(self, j: str) -> Iterator[Iterator[int]]:
+        """The kinds of nodes one after the other; what is written for each runs where node j is of it."""
+        code = self.code
+        kind = code.load(code.at(self.args["kinds"], j))
+
+        def each() -> Iterator[int]:
+            for k in range(self.kinds):
+                if self.kinds == 1:
+                    yield k
+                    continue
+                with code.when(code.compare("eq", kind, k)):
+                    yield k
+
+        yield each()
+
+    def _sized(self, name: str, size: int, *pointers: str) -> None:
+        given = ", ".join(f"ptr {p}" for p in pointers)
+        self.code.line(f'call void @"{name}"({given}, i64 {size})')
+
+    def _fill(self, to: str, size: int) -> None:
+        self._sized("zero", size, to)
+
+    def _copy_to(self, to: str, source: str, size: int) -> None:
+        self._sized("copy", size, to, source)
+
+    def _blend(self, to: str, source: str, mask: str, size: int) -> None:
+        """Take the source where the mask is 0."""
+        self._sized("keep", size, to, source, mask)
+
+    def _sum(self, to: str, source: str, mask: str, size: int) -> None:
+        """Add the source where the mask is not 0."""
+        self._sized("sum", size, to, source, mask)
+
+    def _add(self, to: str, source: str, size: int) -> None:
+        self._sized("add", size, to, source)
+
+    def _take(self, to: str, source: str, mask: str, size: int) -> None:
+        """Take the source where the mask is not 0."""
+        self._sized("take", size, to, source, mask)
+
+    def _transfer(self, name: str, table: str, first: str, step: str | int, begin: str | int = 0) -> None:
+        """`gather`, `scatter`, or `drain` (scatter, and leave zeros), as a table says, at a step of those that begin so."""
+        pointer = self.code.new(f"inttoptr i64 {self.args[table + 's']} to ptr")
+        self.code.line(f'call void @"{name}"(ptr {pointer}, i64 {self.args[table + "_count"]}, ptr {self.args["memory"]}, '
+                       f'i64 {first}, i64 {self.args["samples"]}, i64 {step}, i64 {begin})')
+
+    def _loops(self) -> list[str]:
+        """Small functions of lanes."""
+        V, T, scalar, W, size = self.lanes.vector, self.lanes.truth, self.lanes.scalar, self.lanes.count, self.lanes.bytes
+        zero, one, align = self.lanes.constant(0.0), self.lanes.constant(1.0), f"align {size}"
+        load = "{0} = load " + V + ", ptr {1}, " + align
+
+        def straight(name: str, given: str, *lines: str) -> str:
+            return "\n".join((f'define internal void @"{name}"({given}) alwaysinline nounwind {{', *("  " + x for x in lines),
+                              "  ret void", "}"))
+
+        def over(name: str, given: list[str], *lines: str) -> str:
+            """A loop over components: %0, %1 ... point to those of the given pointers."""
+            code = Code(name, [*(f"ptr %{p}" for p in given), "i64 %size"])
+            with code.loop(0, "%size") as k:
+                places = {p: code.at(f"%{p}", k, V) for p in ("to", "source") if p in given}
+                for text in lines:
+                    code.line(text.format(**places))
+            return code.text().replace("define void", "define internal void").replace(") nounwind", ") alwaysinline nounwind")
+
+        def chosen(name: str, compared: str) -> str:
+            return over(name, ["to", "source", "mask"], load.format("%m", "%mask"), load.format("%a", "{to}"),
+                        load.format("%b", "{source}"), f"%c = fcmp {compared} {V} %m, {zero}",
+                        f"%r = select {T} %c, {V} %b, {V} %a", f"store {V} %r, ptr {{to}}, {align}")
+
+        def extreme(name: str, compared: str) -> str:
+            return straight(name, "ptr %to, ptr %source", load.format("%a", "%to"), load.format("%b", "%source"),
+                            f"%c = fcmp {compared} {V} %a, %b", f"%n = fcmp uno {V} %a, %a", f"%d = or {T} %c, %n",
+                            f"%r = select {T} %d, {V} %a, {V} %b", f"store {V} %r, ptr %to, {align}")
+
+        each = Code("all", ["ptr %mask", "ptr %result"])
+        left = each.slot()
+        each.store(1, left)
+        with each.loop(0, W) as lane:
+            one_of = each.load(each.at("%mask", lane, scalar), scalar)
+            each.store(each.choose(each.new(f"fcmp une {scalar} {one_of}, 0.0"), each.load(left), 0), left)
+        each.store(each.load(left), "%result")
+        return [
+            over("zero", ["to"], f"store {V} {zero}, ptr {{to}}, {align}"),
+            over("copy", ["to", "source"], load.format("%a", "{source}"), f"store {V} %a, ptr {{to}}, {align}"),
+            chosen("keep", "oeq"), chosen("take", "one"), extreme("largest", "ogt"), extreme("least", "olt"),
+            straight("opposite", "ptr %to, ptr %source", load.format("%a", "%source"), f"%r = fsub {V} {one}, %a",
+                     f"store {V} %r, ptr %to, {align}"),
+            over("sum", ["to", "source", "mask"], load.format("%m", "%mask"), load.format("%a", "{to}"),
+                 load.format("%b", "{source}"), f"%c = fcmp one {V} %m, {zero}", f"%s = fadd {V} %a, %b",
+                 f"%r = select {T} %c, {V} %s, {V} %a", f"store {V} %r, ptr {{to}}, {align}"),
+            over("add", ["to", "source"], load.format("%a", "{to}"), load.format("%b", "{source}"),
+                 f"%s = fadd {V} %a, %b", f"store {V} %s, ptr {{to}}, {align}"),
+            each.text().replace("define void", "define internal void"),
+            *(self._moved(name) for name in ("gather", "scatter", "drain"))]
+
+    def _moved(self, name: str) -> str:
+        """Numbers between tensors and memory, as a table says. What does not change from step to step is moved at the first
+        alone; lanes beyond the samples have the last one's numbers, and are not scattered.
+        """
+        code = Code(name, ["ptr %table", "i64 %count", "ptr %memory", "i64 %first", "i64 %samples", "i64 %step", "i64 %begin"])
+        scalar, W = self.lanes.scalar, self.lanes.count
+        with code.loop(0, "%count") as k:
+            entry = code.at("%table", code.mul(k, len(ENTRY)))
+            numbers = (code.load(code.at(entry, i)) for i in range(len(ENTRY)))
+            pointer, sample, step, row, rows, components, place, size = numbers
+            pointer = code.at(code.new(f"inttoptr i64 {pointer} to ptr"), code.mul(step, "%step"), scalar)
+            fresh = code.new(f"or i1 {code.compare('eq', '%step', '%begin')}, {code.compare('ne', step, 0)}")
+            with code.when(fresh), code.loop(0, rows) as r, code.loop(0, components) as c, code.loop(0, W) as lane:
+                at = code.add("%first", lane)
+                inside = code.compare("slt", at, "%samples")
+                at = code.choose(inside, at, code.sub("%samples", 1))
+                there = code.at(pointer, code.add(code.add(code.mul(at, sample), code.mul(r, row)), c), scalar)
+                component = code.add(code.add(place, code.mul(r, size)), c)
+                here = code.at("%memory", code.add(code.mul(component, W), lane), scalar)
+                if name == "gather":
+                    code.store(code.load(there, scalar), here, scalar)
+                else:
+                    with code.when(inside):
+                        code.store(code.load(here, scalar), there, scalar)
+                    if name == "drain":
+                        code.store("0.0", here, scalar)
+        return code.text().replace("define void", "define internal void")

@@ -1,0 +1,108 @@
+"""Cotangents: steps that native code has made, as a function that torch differentiates backwards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from ...core.leaves import detached
+from ...nodal.model import Model
+from .call import Call, Field
+from .constants import flattened
+from .local_functions import LocalFunctions
+from .local_problem import NODE, NodeKind
+from .program import adjoint_of
+
+STATE = {**{name: ("state", name) for name in NODE}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
+         "work": ("sample", "work")}
+
+
+def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
+    """The tensors of the trees of nodes, elements and what they have in common."""
+    for record, tree in zip(("node", "element", "common"), trees, strict=True):
+        for k, (x, axes) in enumerate(flattened(tree)):
+            yield Field(record, f"{record}.{k}", x, axes)
+
+
+class Adjoint:
+    """What the cotangents of K steps that a call has made are found from; kinds: of the nodes; trees: of the constants; good
+    (K, B): which samples moved.
+    """
+
+    def __init__(self, call: Call, model: Model, kinds: list[NodeKind], trees: tuple[Any, ...], good: Tensor) -> None:
+        self.call, self.model, self.kinds, self.good = call, model, kinds, good
+        self.trees = tuple(map(detached, trees))
+        self.fields = list(constant_fields(self.trees))
+
+    def cotangents(self, start: list[Tensor], made: tuple[Tensor, ...], grads: tuple[Tensor | None, ...], wanted: list[bool]
+                   ) -> list[Tensor | None]:
+        """Of the constants that are wanted, and of the start, from those of the states after each step."""
+        model, (K, B) = self.model, self.good.shape
+        names = frozenset(one.name for one, asked in zip(self.fields, wanted, strict=False) if asked)
+        program = adjoint_of(self.call.program, LocalFunctions(model, *self.trees), names)
+        batch, layout, stepped = self.call.batch, program.layout, set()
+        call = Call(program, model, self.kinds, batch, K, self.call.lanes)
+        inputs = [*self.fields, Field("free", "free", model.constraints.moving, 2),
+                  Field("sample", "good", self.good, 0, flat=True)]
+        outputs, stepwise, found = [], [], {}
+        for name, x, after, grad in zip(STATE, start, made, grads, strict=True):
+            own = after.shape[2:]
+            grad = after.new_zeros(own) if grad is None else grad.contiguous()
+            record, field = {"stress": ("stress", "stress"), "reaction": ("reaction", "reaction"),
+                             "work": ("sample", "work")}.get(name, ("state", name))
+            if name in NODE:
+                first = x.expand(*batch, *own).reshape(1, B, *own)
+                inputs.append(Field("state", name, torch.cat((first, after[:-1])), 2, flat=True))
+                inputs.append(Field("after", f"after_{name}", after, 2, flat=True))
+            elif name == "stress":
+                inputs.append(Field("stress", "stress", after, 2, flat=True))
+            found[name] = after.new_zeros(B, *own)
+            if name == "work":
+                inputs.append(Field("sample", "work_grad", grad, 0, flat=True))
+                outputs.append(Field("sample", "work_bar", found[name], 0, flat=True))
+            else:
+                inputs.append(Field(f"{record}_grad", field, grad, 2, flat=True))
+                outputs.append(Field(f"{record}_bar", field, found[name], 2, flat=True))
+        for one in self.fields:
+            record = layout.records[f"{one.record}_bar"]
+            if one.name not in record.fields:
+                continue
+            rows = one.record != "common"
+            every = (layout.rows(record, model.count, len(call.supports)),) * rows
+            steps = one.value.ndim - one.axes > len(batch)
+            found[one.name] = call.empty(*every, *one.value.shape[one.value.ndim - one.axes + rows:], steps=steps)
+            field = Field(record.name, one.name, found[one.name], one.axes, flat=True)
+            (stepwise if steps else outputs).append(field)
+            stepped |= {one.name} if steps else set()
+        call.run(inputs=inputs, outputs=outputs, stepwises=stepwise)
+
+        def of(name: str, x: Tensor, asked: bool) -> Tensor | None:
+            if not asked or name not in found:
+                return None
+            shape = found[name].shape
+            shape = (K, *batch, *shape[2:]) if name in stepped else (*batch, *shape[1:])
+            return found[name].reshape(shape).sum_to_size(x.shape)
+
+        every = [*((one.name, one.value) for one in self.fields), *zip(STATE, start, strict=True)]
+        return [of(*one, asked) for one, asked in zip(every, wanted, strict=True)]
+
+
+class Differentiated(torch.autograd.Function):
+    """The states after steps that were made, as functions of the constants and the start."""
+
+    @staticmethod
+    def forward(ctx: Any, adjoint: Adjoint, made: tuple[Tensor, ...], *held: Tensor) -> tuple[Tensor, ...]:
+        ctx.adjoint = adjoint
+        ctx.save_for_backward(*held[-len(STATE):], *made)
+        return made
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
+        saved = ctx.saved_tensors
+        found = ctx.adjoint.cotangents([*saved[:len(STATE)]], saved[len(STATE):], grads, ctx.needs_input_grad[2:])
+        return None, None, *found

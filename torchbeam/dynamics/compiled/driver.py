@@ -1,0 +1,213 @@
+"""Native driver of a step: for each group of samples, a lane each, Newton's method on a chain, step by step.
+
+One iteration is one pass over the chain. Its rows are eliminated as they come: node j, the element behind it, then row j from
+these and from what the element before has left (two records that take turns), so that no block of the matrix is kept. Back
+substitution, and the updates of unknowns that are not over yet. Everything that is computed is in the functions of
+`LocalFunctions`; here is only in which order, and where their fields lie.
+"""
+
+from __future__ import annotations
+
+from ...solvers.compiled.split import HOISTED
+from .chain_code import ChainCode
+
+SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
+
+
+class Driver(ChainCode):
+    """Steps of Newton's method."""
+
+    ARGS = ("inputs", "input_count", "outputs", "output_count", "samples", "steps", "elements", "memory", "bases", "kinds",
+            "held", "support_of", "support_nodes", "supports", "limit", "first_group", "end_group")
+
+    def _group(self, first: str) -> None:
+        with self.code.loop(0, self.args["steps"]) as step:
+            self._transfer("gather", "input", first, step)
+            self._step()
+            self._transfer("scatter", "output", first, step)
+
+    # A step
+
+    def _step(self) -> None:
+        code, N = self.code, self.args["elements"]
+        nodes = code.add(N, 1)
+        with code.loop(0, nodes) as j:
+            with self._kind(j) as kinds:
+                for k in kinds:
+                    self._call(f"predictor {k}", lambda f: self.at("unknown", j, f[2:]) if f[0] == ">" else self._of_node(f, j))
+                    self._call(f"before node {k}", lambda f: self.at("before node", j) if f[0] == ">" else self._of_node(f, j))
+        with code.loop(0, N) as e:
+            self._call("before element", lambda f: self._of_element(f, e))
+            self._copy_to(self.at("stress", e), self.at("start_stress", e), self.layout.records["stress"].size)
+        for name in ("over", "done"):
+            code.call("opposite", self.at("sample", 0, name), self.at("sample", 0, "moving"))
+        for name in ("before", "iterations"):
+            self._fill(self.at("sample", 0, name), 1)
+        self._fill(self.at("move", 0), self.layout.records["move"].size)
+        self._fill(self.at("move", code.add(N, 2)), self.layout.records["move"].size)
+        self._fill(self.at("nothing"), self.layout.records["nothing"].size)
+        count = code.slot()
+        code.store(0, count)
+        with code.until() as ends:
+            self._pass()
+            self._back()
+            self._judge()
+            made = code.add(code.load(count), 1)
+            code.store(made, count)
+            code.call("all", self.at("sample", 0, "over"), result := code.slot())
+            ends.append(code.new(f"or i1 {code.compare('sge', made, self.args['limit'])}, "
+                                 f"{code.compare('ne', code.load(result), 0)}"))
+        self._finish()
+
+    def _pass(self) -> None:
+        """Balance and elimination, from the first node to the last."""
+        code, N = self.code, self.args["elements"]
+        self._fill(self.at("sums"), len(SUMS))
+        with code.loop(0, code.add(N, 1)) as j:
+            with self._kind(j) as kinds:
+                for k in kinds:
+                    self._call(f"node {k}", lambda f: self.at("at_node", 0, f[2:]) if f[0] == ">" else
+                               self.at("before node", j) if f == HOISTED else self._of_node(f, j))
+            last, left, right, behind = self._sides(j)
+            with code.when(code.new(f"xor i1 {last}, true")):
+                self._call("element", lambda f: self._of_element(f, j, behind))
+                for name in ("force", "moment", "strain", "left_strain"):
+                    self._largest(name, "at_element")
+            self._row(j, left, right)
+            for name in ("force", "moment", "left_force", "left_moment"):
+                self._largest(name, "at_row")
+
+    def _of_element(self, field: str, j: str, behind: str = "") -> str:
+        records = self.layout.records
+        if field.removeprefix("> ") == HOISTED:
+            return self.at("before element", j)
+        if field[0] == ">":
+            side, _, name = field[2:].partition(".")
+            if side == "i" or field[2:] == "U":
+                return self.at("right", 0, name or "U")
+            if side == "j" or field[2:] == "L":
+                return self._inside("left", behind, name or "L")
+            return self.at("strain_law", j, side) if side in ("gap", "E") else self.at("at_element", 0, side)
+        side, _, name = field.partition(".")
+        if side in ("i", "j"):
+            return self._of_node(name, j if side == "i" else self.code.add(j, 1))
+        for record in ("element", "stress"):
+            if field in records[record].fields:
+                return self.at(record, j, field)
+        return self.at("common", 0, field)
+
+    def _row(self, j: str, left: str, right: str) -> None:
+        code, near = self.code, self._near(j) if self.held else {}
+
+        def where(field: str) -> str:
+            side, _, name = field.partition(".")
+            if field[0] == ">":
+                name = field[2:]
+                return self.at("row", j, name) if name in ("ahead", "y") else self.at("at_row", 0, name)
+            if side in ("left", "right"):
+                return self._inside(side, left if side == "left" else right, name)
+            if side == "own":
+                return self.at("at_node", 0, name)
+            return near[field] if field in near else self._row_before(field, j)
+
+        if not self.held:
+            self._call("row", where)
+            return
+        held = code.compare("ne", code.load(code.at(self.args["held"], j)), 0)
+        with code.when(code.new(f"xor i1 {held}, true")):
+            self._call("row", where)
+        with code.when(held):
+            self._call("held row", where)
+            support = code.load(code.at(self.args["support_of"], j))
+            with code.when(code.compare("sge", support, 0)):
+                for name in ("rows", "asked"):
+                    self._copy_to(self.at("support", support, name), self.at("at_row", 0, name),
+                                  self.layout.records["support"].fields[name][1])
+
+    def _back(self) -> None:
+        """Moves from the last node to the first; those of node j stand in row j + 1, between two that do not move."""
+        code, N = self.code, self.args["elements"]
+        with code.loop(N, -1, -1) as j:
+            places = {"next": code.add(j, 2), "> move": code.add(j, 1)}
+            self._call("back", lambda f: self.at("move", places[f], "move") if f in places else self.at("row", j, f))
+        over = self.at("sample", 0, "over")
+        if self.held:
+            with code.loop(0, self.args["supports"]) as k:
+                node = code.load(code.at(self.args["support_nodes"], k))
+                places = {"before": node, "here": code.add(node, 1), "after": code.add(node, 2)}
+
+                def of_support(f: str, k: str = k, node: str = node, places: dict[str, str] = places) -> str:
+                    if f in places:
+                        return self.at("move", places[f], "move")
+                    return self.at("free", node, "free") if f == "free" else self.at("support", k, f.removeprefix("> "))
+
+                self._call("reaction", of_support)
+                self._blend(self.at("support", k, "found"), self.at("support", k, "reaction"), over,
+                            self.layout.records["support"].fields["reaction"][1])
+        with code.loop(0, N) as e:
+            moves = {"move_i": code.add(e, 1), "move_j": code.add(e, 2)}
+
+            def of_law(f: str) -> str:
+                if f in moves:
+                    return self.at("move", moves[f], "move")
+                if f[0] == ">":
+                    return self.at("change", 0, "stress")
+                for record in ("stress", "strain_law", "element"):
+                    if f in self.layout.records[record].fields:
+                        return self.at(record, e, f)
+                return self.at("common", 0, f)
+
+            self._call("stress", of_law)
+            self._blend(self.at("stress", e), self.at("change", 0, "stress"), over, self.layout.records["stress"].size)
+        with code.loop(0, code.add(N, 1)) as j:
+            with self._kind(j) as kinds:
+                for k in kinds:
+                    self._call(f"update {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
+                               self.at("move", code.add(j, 1), "move") if f == "move" else self._of_node(f, j))
+            for name in ("u", "m"):
+                self._blend(self.at("unknown", j, name), self.at("change", 0, name), over,
+                            self.layout.records["unknown"].fields[name][1])
+
+    def _judge(self) -> None:
+        def where(f: str) -> str:
+            if f[0] == ">":
+                return self.at("judged", 0, f[2:])
+            record = "sums" if f in SUMS else "sample" if f in self.layout.records["sample"].fields else "common"
+            return self.at(record, 0, f)
+
+        self._call("judge", where)
+        for name in self.functions["judge"].outputs:
+            self._copy_to(self.at("sample", 0, name), self.at("judged", 0, name), 1)
+
+    def _largest(self, name: str, record: str) -> None:
+        if name in self.layout.records[record].fields:
+            self.code.call("largest", self.at("sums", 0, name), self.at(record, 0, name))
+
+    def _finish(self) -> None:
+        code, N, records = self.code, self.args["elements"], self.layout.records
+        nodes = code.add(N, 1)
+        cosine = self.at("sample", 0, "cosine")
+        with code.loop(0, nodes) as j:
+            self._call("cosine", lambda f: self.at("change", 0, "cosine") if f[0] == ">" else self.at("unknown", j, f))
+            with code.when(code.compare("eq", j, 0)):
+                self._copy_to(cosine, self.at("change", 0, "cosine"), 1)
+            code.call("least", cosine, self.at("change", 0, "cosine"))
+        places = {"before": "last_status", "> status": "found_status", "> moving": "good"}
+        self._call("outcome", lambda f: self.at("common", 0, f) if f in records["common"].fields else
+                   self.at("sample", 0, places.get(f, f)))
+        for name, found in (("last_status", "found_status"), ("moving", "good")):
+            self._copy_to(self.at("sample", 0, name), self.at("sample", 0, found), 1)
+        good = self.at("sample", 0, "good")
+        with code.loop(0, nodes) as j:
+            with self._kind(j) as kinds:
+                for k in kinds:
+                    self._call(f"finish {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else self._of_node(f, j))
+            for name, (_, size) in records["state"].fields.items():
+                self._take(self.at("state", j, name), self.at("change", 0, name), good, size)
+            self._sum(self.at("sample", 0, "work"), self.at("change", 0, "work"), good, 1)
+        with code.loop(0, N) as e:
+            self._take(self.at("start_stress", e), self.at("stress", e), good, records["stress"].size)
+        if self.held:
+            with code.loop(0, self.args["supports"]) as k:
+                self._take(self.at("support", k, "last"), self.at("support", k, "found"), good,
+                           records["support"].fields["last"][1])

@@ -1,0 +1,52 @@
+"""Layout of a step's memory: records of fields, one of each node or element, and what of them is taken from tensors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+NODES, ELEMENTS, SUPPORTS, MOVES, ONE, TWO = "nodes", "elements", "supports", "moves", "one", "two"  # rows of a record
+
+
+@dataclass
+class Record:
+    """Fields one after the other: name -> (first component, components); `rows` says how many records there are."""
+
+    name: str
+    rows: str
+    fields: dict[str, tuple[int, int]] = field(default_factory=dict)
+    size: int = 0
+
+    def add(self, name: str, components: int) -> None:
+        """A field, unless it is there."""
+        if name not in self.fields:
+            self.fields[name] = self.size, components
+            self.size += components
+
+    def place(self, name: str) -> int:
+        return self.fields[name][0]
+
+
+class Layout:
+    """Records by name. Where the records of a chain begin is told by `bases`: the same code serves any number of elements."""
+
+    def __init__(self) -> None:
+        self.records: dict[str, Record] = {}
+
+    def record(self, name: str, rows: str, fields: Iterable[tuple[str, int]] = ()) -> Record:
+        found = self.records.setdefault(name, Record(name, rows))
+        for one, components in fields:
+            found.add(one, components)
+        return found
+
+    def rows(self, record: Record, elements: int, supports: int) -> int:
+        """How many there are; of the nodes' moves one more on either side of the chain."""
+        return {NODES: elements + 1, ELEMENTS: elements, SUPPORTS: supports, MOVES: elements + 3, ONE: 1, TWO: 2}[record.rows]
+
+    def bases(self, elements: int, supports: int) -> tuple[list[int], int]:
+        """First component of each record's first row, in order; components in all."""
+        found, at = [], 0
+        for record in self.records.values():
+            found.append(at)
+            at += record.size * self.rows(record, elements, supports)
+        return found, at

@@ -1,0 +1,90 @@
+"""Native program: local functions traced, laid out in memory, and compiled for lanes of samples."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from functools import cache
+from math import prod
+from typing import Any
+
+import torch
+
+from ...solvers.compiled.function import Function
+from ...solvers.compiled.library import Library
+from ...solvers.compiled.llvm import Module
+from ...solvers.compiled.object_cache import ObjectCache
+from .chain_code import ChainCode
+from .layout import Layout
+from .local_functions import LocalFunctions
+from .local_problem import NodeKind
+from .tracing import Tracing
+
+
+class NativeProgram:
+    """kinds: of the nodes; held: whether there are supports.
+
+    functions  by name, as the driver calls them
+    layout     of the memory
+    """
+
+    driver: type[ChainCode]
+
+    def __init__(self, local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> None:
+        self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
+        self.w, self.k = local.model.space.unknowns, local.model.space.strain
+        tracing = Tracing(local)
+        self.shapes = tracing.shapes
+        self.functions = self._functions(tracing, local)
+        self.layout = self._layout()
+        self._libraries: dict[int, Any] = {}
+
+    def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        raise NotImplementedError
+
+    def _layout(self) -> Layout:
+        raise NotImplementedError
+
+    def run(self, lanes: int) -> Callable[[Any], None]:
+        """The native function for so many lanes: it takes an array of its arguments, see `ChainCode.ARGS`."""
+        if lanes not in self._libraries:
+            library = Library(self.text(lanes), ObjectCache())
+            function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(library.address("run"))
+            self._libraries[lanes] = library, function
+        return self._libraries[lanes][1]
+
+    def lanes(self) -> int:
+        """As many samples as a register of this processor holds."""
+        return vector_bytes() // torch.empty((), dtype=self.dtype).element_size()
+
+    def text(self, lanes: int) -> str:
+        """What the compiler gets."""
+        module = Module(lanes, self.dtype)
+        for name, function in self.functions.items():
+            module.define(name, function)
+        module.added.append(self.driver(module, self.functions, self.layout, len(self.kinds), self.held).text())
+        return module.text()
+
+    def given(self, record: str) -> list[tuple[str, int]]:
+        """(field, its number among the constants) of those that a record holds."""
+        return [(name, int(name.rpartition(".")[2])) for name in self.layout.records[record].fields if "." in name]
+
+    def outputs(self, name: str, *fields: str) -> list[tuple[str, int]]:
+        """(field, components) of a function's outputs, all or those of `fields` that it has."""
+        found = {field: len(out.nodes) for field, out in self.functions[name].outputs.items()}
+        return [(field, found[field]) for field in fields or found if field in found]
+
+    def constants(self, kind: str) -> list[tuple[str, int]]:
+        """(field, components) of the constants of a kind that functions read."""
+        read = {field.removeprefix("i.").removeprefix("j."): prod(shape)
+                for function in self.functions.values() for field, shape in function.inputs.items()}
+        return sorted((name, size) for name, size in read.items() if name.startswith(f"{kind}."))
+
+
+@cache
+def vector_bytes() -> int:
+    """Of a register of this processor."""
+    import llvmlite.binding as binding
+
+    features = binding.get_host_cpu_features()
+    return 64 if features.get("avx512f") else 32 if features.get("avx") else 16

@@ -1,0 +1,156 @@
+"""Program of a step: the functions of Newton's method on a chain; one for all scenes of a structure."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from torch import Tensor
+
+from ...core.derivatives import cache_of
+from ...core.leaves import Tree, map_leaves
+from ...nodal.coordinates.planar import Plane
+from ...solvers.compiled.function import Function
+from ...solvers.compiled.split import HOISTED, split
+from .adjoint import AdjointProgram
+from .driver import SUMS, Driver
+from .layout import ELEMENTS, MOVES, NODES, ONE, SUPPORTS, TWO, Layout
+from .local_functions import LocalFunctions
+from .local_problem import NODE, NodeKind
+from .native import NativeProgram
+from .tracing import Tracing
+
+SAMPLE = ("over", "done", "before", "iterations", "status", "moving", "cosine", "good", "found_status", "last_status", "work")
+SIDES = ("balance", "asked", "inertia", "D")
+
+
+class StepProgram(NativeProgram):
+    """Steps forwards; `adjoints` by the constants that want a gradient."""
+
+    driver = Driver
+
+    def __init__(self, local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> None:
+        super().__init__(local, kinds, held)
+        self.adjoints: dict[frozenset[str], AdjointProgram] = {}
+
+    def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        w, shapes, node = self.w, self.shapes, traced.node
+        still = {name: shape for name, shape in node.items() if name not in ("u", "m")}
+        found = {"cosine": traced(local.cosine, {"m": shapes["m"]})}
+        for k, kind in enumerate(self.kinds):
+            _split(found, f"node {k}", traced(partial(local.node, kind), node), ("u", "m"))
+            found[f"predictor {k}"] = traced(partial(local.predictor, kind), still)
+            found[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
+            found[f"finish {k}"] = traced(partial(local.finish, kind), node)
+        whole = traced(local.element, traced.element)
+        whole = whole.only(name for name in whole.outputs if name != "hB")
+        _split(found, "element", whole, ("i.u", "i.m", "j.u", "j.m", "stress"))
+        law = {name: whole.outputs[name].shape for name in ("gap", "E")}
+        moves = {"move_i": (w,), "move_j": (w,)}
+        found["stress"] = traced(local.stress, {**traced.element, **law, **moves})
+        sides = {"left": ("j", "L"), "right": ("i", "U")}
+        row = {f"own.{name}": out.shape for name, out in found["node 0"].outputs.items()}
+        for side, (end, block) in sides.items():
+            row |= {f"{side}.{name[2:]}": out.shape for name, out in whole.outputs.items() if name.startswith(f"{end}.")}
+            row[f"{side}.{block}"] = (w, w)
+        row |= {"ahead": (w, w), "y": (w,)}
+        found["row"] = traced(partial(local.row, False), row)
+        found["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
+        if self.held:
+            free = {f"free_{name}": (w,) for name in ("before", "here", "after")}
+            found["held row"] = traced(partial(local.row, True), row | free)
+            found["reaction"] = traced(local.reaction, {
+                "rows": (w, 3 * w), **{name: (w,) for name in ("asked", "free", "before", "here", "after")}})
+        found["judge"] = traced(local.judge, {name: () for name in (
+            *SUMS, "total", "longest", "exact", "tolerance", "before", "over", "done", "status", "iterations")})
+        found["outcome"] = traced(local.outcome, {name: () for name in (
+            "moving", "done", "status", "before", "cosine", "least")})
+        return found
+
+    def _layout(self) -> Layout:
+        inputs, outputs, w, k = self.constants, self.outputs, self.w, self.k
+        layout, row = Layout(), "held row" if self.held else "row"
+        layout.record("node", NODES, inputs("node"))
+        layout.record("element", ELEMENTS, inputs("element"))
+        constants = ("total", "longest", "exact", "tolerance", "least")
+        layout.record("common", ONE, [*inputs("common"), *((name, 1) for name in constants)])
+        layout.record("state", NODES, outputs("finish 0", *NODE))
+        layout.record("unknown", NODES, outputs("predictor 0"))
+        for name in ("stress", "start_stress"):
+            layout.record(name, ELEMENTS, [("stress", k)])
+        hoisted = [len(self.functions[f"before node {i}"].outputs[HOISTED].nodes) for i in range(len(self.kinds))]
+        layout.record("before node", NODES, [(HOISTED, max(hoisted))])
+        layout.record("before element", ELEMENTS, outputs("before element"))
+        layout.record("at_node", ONE, outputs("node 0"))
+        layout.record("at_element", ONE, outputs("element", "force", "moment", "strain", "left_strain"))
+        both = [(name[2:], size) for name, size in outputs("element") if name.startswith("i.") and name[2:] in SIDES]
+        layout.record("left", TWO, [*both, ("L", w * w)])
+        layout.record("right", ONE, [*both, ("U", w * w)])
+        layout.record("row", NODES, outputs(row, "ahead", "y"))
+        layout.record("at_row", ONE, outputs(row, "force", "moment", "left_force", "left_moment", "rows", "asked"))
+        layout.record("strain_law", ELEMENTS, outputs("element", "gap", "E"))
+        layout.record("move", MOVES, [("move", w)])
+        layout.record("nothing", ONE, [("zeros", layout.records["left"].size + w * w)])
+        layout.record("change", ONE, [*outputs("finish 0"), *outputs("update 0"), ("stress", k), ("cosine", 1)])
+        layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
+        layout.record("judged", ONE, outputs("judge"))
+        layout.record("sums", ONE, [(name, 1) for name in SUMS])
+        if self.held:
+            layout.record("free", NODES, [("free", w)])
+            layout.record("support", SUPPORTS, [*outputs(row, "rows", "asked"), *((name, w) for name in (
+                "reaction", "found", "last"))])
+        return layout
+
+
+def _split(found: dict[str, Function], name: str, function: Function, unknown: tuple[str, ...]) -> None:
+    """The function in two, of which the first does not depend on the unknowns."""
+    before, rest = split(function, [field for field in function.inputs if field not in unknown])
+    found[f"before {name}"], found[name] = before.only(before.outputs), rest
+
+
+PROGRAMS: dict[tuple, StepProgram] = {}  # by structure
+KEPT = 64  # of them; the oldest goes first
+
+
+def program_of(local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool, shared: bool) -> StepProgram:
+    """The program of a structure, that of an earlier scene if there was one; one of its own where it is not `shared`: what a
+    user's function closes over is part of it.
+    """
+    if not shared:
+        return StepProgram(local, kinds, held)
+    key = structure(local, kinds, held)
+    if key not in PROGRAMS:
+        if len(PROGRAMS) >= KEPT:
+            del PROGRAMS[next(iter(PROGRAMS))]
+        PROGRAMS[key] = StepProgram(local, kinds, held)
+    return PROGRAMS[key]
+
+
+def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str]) -> AdjointProgram:
+    """The adjoint of a program, for these constants."""
+    if wanted not in program.adjoints:
+        program.adjoints[wanted] = AdjointProgram(local, program.kinds, program.held, wanted)
+    return program.adjoints[wanted]
+
+
+def structure(local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> tuple:
+    """What the program of a step depends on; never the values of tensors, nor how many elements there are."""
+    model = local.model
+    space = model.space
+    plane = (space.name, tuple(space.section.flatten().tolist())) if isinstance(space, Plane) else None
+    return (type(space), plane, model.length.dtype, model.scene.beam.offset, bool(model.scene.loads), kinds, held,
+            *(_static(_shapes(tree, rows)) for tree, rows in ((local.nodes, 1), (local.elements, 1), (local.common, 0))))
+
+
+def _shapes(tree: Any, rows: int) -> Any:
+    return map_leaves(lambda x, axes: x.shape[x.ndim - axes + rows:] if isinstance(x, Tensor) else x, tree)
+
+
+def _static(x: Any) -> Any:
+    """What a tree holds, as something that can be a key."""
+    if isinstance(x, Tree):
+        return type(x), tuple((name, value is None if name == "node" else _static(value)) for name, value in vars(x).items()
+                              if not cache_of(x, name))
+    if isinstance(x, dict):
+        return tuple((name, _static(value)) for name, value in x.items())
+    return tuple(map(_static, x)) if isinstance(x, (tuple, list)) else x

@@ -1,0 +1,43 @@
+"""Tracing of local functions, with the shapes of the fields that they take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+
+from ...solvers.compiled.function import Function
+from ...solvers.compiled.trace import trace
+from .constants import flattened
+from .local_functions import LocalFunctions
+from .local_problem import NODE
+
+Shapes = dict[str, tuple[int, ...]]
+
+
+class Tracing:
+    """shapes: of the states' and unknowns' fields; constants: of a node's, an element's and the common ones; node, element: all
+    that a function of a node, or of an element, may read.
+    """
+
+    def __init__(self, local: LocalFunctions) -> None:
+        self.like = local.model.length.detach()
+        space = local.model.space
+        p, s, k = space.position, space.spin, space.strain
+        q = space.identity(self.like.new_zeros(p)).shape[-1]
+        self.shapes: Shapes = {"position": (p,), "rotation": (q,), "velocity": (p,), "spin": (s,), "u": (p,), "m": (q,),
+                               "stress": (k,)}
+        trees = (("node", local.nodes, 1), ("element", local.elements, 1), ("common", local.common, 0))
+        self.constants = {kind: {f"{kind}.{i}": tuple(x.shape[x.ndim - axes + rows:])
+                                 for i, (x, axes) in enumerate(flattened(tree))} for kind, tree, rows in trees}
+        own = {**self.constants["node"], **{name: self.shapes[name] for name in (*NODE, "u", "m")}}
+        self.node = {**own, **self.constants["common"]}
+        self.element = {**self.constants["element"], **self.constants["common"], "stress": self.shapes["stress"],
+                        **{f"{side}.{name}": shape for side in "ij" for name, shape in own.items()}}
+
+    def __call__(self, function: Callable, shapes: Shapes) -> Function:
+        """The function of fields of these shapes, without those that it does not read."""
+        generator = torch.Generator().manual_seed(0)
+        given = {name: torch.rand(shape, generator=generator, dtype=self.like.dtype) for name, shape in shapes.items()}
+        found = trace(function, given)
+        return found.only(found.outputs)
