@@ -114,7 +114,7 @@ class Case:
             self.dt = d.tensor("dt", torch.tensor(0.06), size=0.02, alone=True)
         else:
             fast = s.way in EXPLICIT
-            self.t = d.tensor("times", torch.tensor([0.17, 0.174, 0.1785] if fast else [0.17, 0.22, 0.27]), alone=True,
+            self.t = d.tensor("times", torch.tensor([0.17, 0.174, 0.1785] if fast else [0.17, 0.224, 0.277]), alone=True,
                               size=0.01 if fast else 0.1)
         self.moving = {}
         if d.inputs and "stepper" not in s.way and s.way != "equilibrium" and d.pick(False, True):
