@@ -237,8 +237,8 @@ def test_load_that_leaves_torch_is_refused():
 
 @pytest.mark.parametrize("name, load, matches", [
     ("Drag", lambda sin: Drag(1.0, 0.5, flow=lambda r, t: (0 * r[..., 0], 0.5, sin(t))), "Drag"),
-    ("CustomLoad", lambda sin: CustomLoad(lambda r, R, v, w, t: ((0.0, 0.0, sin(t)), None), node=None), "CustomLoad"),
-    ("at a node", lambda sin: CustomLoad(lambda r, R, v, w, t: ((0.0, 0.0, sin(t)), None), of=()), "CustomLoad"),
+    ("CustomLoad", lambda sin: CustomLoad(lambda r, R, v, w, t: ((0.0, 0.0, sin(t)), None), node=None), "Load"),
+    ("at a node", lambda sin: CustomLoad(lambda r, R, v, w, t: ((0.0, 0.0, sin(t)), None), of=()), "Load"),
     ("Along", lambda sin: LineLoad(force=Along(lambda s, t: (0 * s, 0.0, sin(t)))), "LineLoad"),
 ])
 def test_functions_of_more_than_time_are_looked_at(name, load, matches):
