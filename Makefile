@@ -20,7 +20,7 @@ test-long: .venv/dev.done
 	$(BIN)/$(PYTEST) -m long
 
 test-rounding: .venv/dev.done
-	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) tests/unit $(addprefix --ignore=tests/unit/,plot studies analysis)
+	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) tests/unit $(addprefix --ignore=tests/unit/,plot studies analysis dynamics/compiled)
 
 # Every dependency at the lowest version that pyproject.toml states, all at once.
 test-lowest: .venv-lowest/done
