@@ -207,8 +207,8 @@ def test_small_is_the_limit_of_3d():
     assert gaps[1] < 0.15 * gaps[0] and gaps[0] < 0.1
 
 
-@pytest.mark.parametrize("mass", [(), pytest.param(
-    (tb.PointMass(0.1, inertia=(0.01, 0.01, 0.01), offset=(0, 0.05, 0.02), node=0),), marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("mass", [(), (tb.PointMass(0.1, inertia=(0.01, 0.01, 0.01), offset=(0, 0.05, 0.02), node=0),)])
 def test_a_clamp_that_moves_by_small_rotations_explicitly(mass):
     """The explicit form's tip and reaction are those of short implicit steps with lumped mass; a batch of motions (as many as
     there are nodes, lest axes are mistaken) is each of them."""
