@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import torchbeam as tb
+from torchbeam.core.arguments import count
 from torchbeam.dynamics.simulate import FORMS
 from torchbeam.dynamics.stepper import METHODS as IMPLICIT_METHODS
 from torchbeam.dynamics.torchdiffeq_bridge import METHODS as ODE_METHODS
@@ -83,9 +84,9 @@ class BeamEnvConfig:
 
     def __post_init__(self) -> None:
         for name, least in (("substeps", 1), ("elements", 2), ("delay", 0)):
-            check_whole(name, getattr(self, name), least)
+            count(name, getattr(self, name), least)
         if self.max_episode_steps is not None:
-            check_whole("max_episode_steps", self.max_episode_steps, 1)
+            count("max_episode_steps", self.max_episode_steps, 1)
         self.check_numbers("failure_reward")
         self.check_numbers("control_interval", "length", above=0.0)
         self.check_numbers("control_cost", "noise", least=0.0)
@@ -153,9 +154,3 @@ class BeamEnvConfig:
 def is_number(value: Any) -> bool:
     """Whether it is one finite real number."""
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def check_whole(name: str, value: Any, least: int) -> None:
-    """ValueError unless it is a whole number of at least `least`."""
-    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{name} = {value!r} was given; a whole number of at least {least} is wanted")

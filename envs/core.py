@@ -16,9 +16,10 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 import torchbeam as tb
+from torchbeam.core.arguments import count
 from torchbeam.core.validation import shown
 
-from .config import BeamEnvConfig, check_whole
+from .config import BeamEnvConfig
 from .episodes import Episodes
 from .output import converted
 from .plant import Plant
@@ -69,7 +70,7 @@ class BeamVectorEnv(VectorEnv):
     def __init__(self, num_envs: int = 1, *, config: BeamEnvConfig | None = None,
                  autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, output: str = "numpy",
                  render_mode: str | None = None, **keywords: Any) -> None:
-        check_whole("num_envs", num_envs, 1)
+        count("num_envs", num_envs, 1)
         for name, value, wanted in (("output", output, OUTPUTS), ("render_mode", render_mode, (None, *RENDER_MODES))):
             if value not in wanted:
                 raise ValueError(f"{name} = {value!r} was given; {' or '.join(map(repr, wanted))} is wanted")

@@ -9,7 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .config import BeamEnvConfig, check_whole
+from torchbeam.core.arguments import count
+
+from .config import BeamEnvConfig
 from .core import BeamVectorEnv
 from .episodes import Episodes
 from .plant import Plant
@@ -39,7 +41,7 @@ class TipTrackConfig(BeamEnvConfig):
             raise ValueError(f"path = {self.path!r} was given; {', '.join(map(repr, PATHS))} or 'any' is wanted")
         self.check_numbers("reach", above=0.0, most=1.0)
         self.check_numbers("period", above=0.0)
-        check_whole("preview", self.preview, 1)
+        count("preview", self.preview, 1)
 
 
 class TipTrack(Task):

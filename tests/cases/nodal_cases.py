@@ -80,6 +80,12 @@ def state(of, seed=1, size=0.3):
                    velocity=free(1.0), spin=free(1.0), stress=torch.randn_like(start.stress))
 
 
+def energy_drifts(scene, t, steps, **options):
+    """Largest |kinetic + strain - work| of midpoint runs over t, of the largest strain energy: one for each length of step."""
+    runs = (tb.simulate(scene, t, step=step, **options).energy for step in steps)
+    return [((e.kinetic + e.strain - e.work).abs().max() / e.strain.max()).item() for e in runs]
+
+
 def orders(errors):
     """Observed order between neighbours of a series of errors whose step is halved each time."""
     errors = torch.as_tensor(errors)

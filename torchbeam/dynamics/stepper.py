@@ -126,8 +126,7 @@ class Stepper:
         of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
         broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                   *(value.shape[:-1] for value in given.values()))
-        state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
-        state = self.model.space.to_reduced(with_optional_fields(self._begin(state, dt, inputs=given), self.scene))
+        state = self._reduced(self._begin(state, dt, inputs=given))
         moving = state.status == SUCCESS
         if active is not None:
             moving = moving & mask("active", active, moving)
@@ -190,21 +189,20 @@ class Stepper:
             return []
         held = all(value is inputs[0][name] for one in inputs[1:] for name, value in one.items())
         given = [self.scene.tensors(one) for one in (inputs[:1] if held else inputs)]
-        state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
         of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-        start = self.model.space.to_reduced(with_optional_fields(state, self.scene))
+        start = self._reduced(state)
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                           *(value.shape[:-1] for one in given for value in one.values()))
-        moving = (state.status == SUCCESS).expand(shape)
+        moving = (start.status == SUCCESS).expand(shape)
         given = given[0] if held else {name: torch.stack([one[name].expand(*shape, -1) for one in given])
                                        for name in self.scene.inputs}
-        limit = min(self.limit, QUICK) if self.halvings else self.limit
         lengths = torch.stack(dt)
-        found = self._natively(start, lengths, torch.stack(t) + self.method.INSTANT * lengths, given, moving, limit)
+        found = self._natively(start, lengths, torch.stack(t) + self.method.INSTANT * lengths, given, moving,
+                               self._limit(last=not self.halvings))
         if found is None:
             return []
         well = [*(found.status == SUCCESS).reshape(len(dt), -1).all(1).tolist(), False]
-        made, now, status, iterations = [], state.t, state.status.expand(shape), found.iterations.unbind()
+        made, now, status, iterations = [], start.t, start.status.expand(shape), found.iterations.unbind()
         for k in range(well.index(False)):
             now = torch.where(moving, now + dt[k], now)
             after = None
@@ -212,6 +210,15 @@ class Stepper:
                 after = self.model.space.to_public(replace(found.after(start, k), t=now, status=status))
             made.append((after, iterations[k]))
         return made
+
+    def _reduced(self, state: State) -> State:
+        """A state in the space's coordinates, with all that the scene has, and the batch's axes on every field."""
+        state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
+        return self.model.space.to_reduced(with_optional_fields(state, self.scene))
+
+    def _limit(self, last: bool) -> int:
+        """Iterations of a solve; fewer where the step can still be made in parts."""
+        return self.limit if last else min(self.limit, QUICK)
 
     def _length(self, dt: float | Tensor | None) -> Tensor:
         """Of a step, s."""
@@ -265,7 +272,7 @@ class Stepper:
     def _attempt(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, last: bool
                  ) -> tuple[State, Tensor, Tensor]:
         """One Newton solve: (state after, of a failed sample before; status; iterations). Without `last`, parts can follow."""
-        limit = self.limit if last else min(self.limit, QUICK)
+        limit = self._limit(last)
         if self.compiled is not None and model is self.model:
             shape = torch.broadcast_shapes(self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values()))
             found = self._natively(state, dt[None], t[None], inputs, moving.expand(shape), limit)

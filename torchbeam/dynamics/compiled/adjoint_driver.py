@@ -148,14 +148,7 @@ class AdjointDriver(ChainCode):
                 return self.at("at_node", 0, name)
             return near[field] if field in near else self._row_before(field, j)
 
-        if not self.held:
-            self._call("row", where)
-            return
-        held = code.compare("ne", code.load(code.at(self.args["held"], j)), 0)
-        with code.when(code.new(f"xor i1 {held}, true")):
-            self._call("row", where)
-        with code.when(held):
-            self._call("held row", where)
+        self._call_row(j, where)
 
     def _element(self, e: str) -> None:
         """What the solution asks of an element: of its gap through the balance, then of its start and its constants."""

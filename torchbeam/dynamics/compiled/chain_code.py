@@ -102,6 +102,19 @@ class ChainCode:
 
     # Pieces
 
+    def _call_row(self, j: str, where: Callable[[str], str], after: Callable[[], None] = lambda: None) -> None:
+        """`row` of node j; where supports hold nodes, `held row` and what comes `after` it at those."""
+        if not self.held:
+            self._call("row", where)
+            return
+        code = self.code
+        held = code.compare("ne", code.load(code.at(self.args["held"], j)), 0)
+        with code.when(code.new(f"xor i1 {held}, true")):
+            self._call("row", where)
+        with code.when(held):
+            self._call("held row", where)
+            after()
+
     @contextmanager
     def _kind(self, j: str) -> Iterator[Iterator[int]]:
         """The kinds of nodes one after the other; what is written for each runs where node j is of it."""

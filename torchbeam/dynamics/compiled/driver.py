@@ -110,19 +110,14 @@ class Driver(ChainCode):
                 return self.at("at_node", 0, name)
             return near[field] if field in near else self._row_before(field, j)
 
-        if not self.held:
-            self._call("row", where)
-            return
-        held = code.compare("ne", code.load(code.at(self.args["held"], j)), 0)
-        with code.when(code.new(f"xor i1 {held}, true")):
-            self._call("row", where)
-        with code.when(held):
-            self._call("held row", where)
+        def keep() -> None:
             support = code.load(code.at(self.args["support_of"], j))
             with code.when(code.compare("sge", support, 0)):
                 for name in ("rows", "asked"):
                     self._copy_to(self.at("support", support, name), self.at("at_row", 0, name),
                                   self.layout.records["support"].fields[name][1])
+
+        self._call_row(j, where, keep)
 
     def _back(self) -> None:
         """Moves from the last node to the first; those of node j stand in row j + 1, between two that do not move."""
