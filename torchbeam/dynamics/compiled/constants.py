@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ...core.leaves import Tree, leaf, map_leaves, own_leaves
+from ...core.leaves import Tree, detached, leaf, map_leaves, own_leaves, with_values
 from ...nodal.constitutive_law import ElasticLaw
 from ...nodal.coordinates.linearised import LinearElement, Small
 from ...nodal.coordinates.planar import Plane
 from ...nodal.loads import Nodes, external
 from ...nodal.model import Model
-from ...scene.effects import Along, Inputs
+from ...scene.effects import Inputs
 from ...scene.effects.values import value_at
 from ...state.state import rest
 
@@ -25,7 +24,8 @@ from ...state.state import rest
 class NodeConstants(Tree):
     """Rows of nodes. mass, J, offset: see `LumpedMass`, `RotaryInertia`, `Lever`, None = absent; slide, turn: see
     `Constraints`; section_mass, tributary_length: see `Model`; s (..., N+1) m; dead (..., N+1, w) loads that depend on no
-    motion, None = none; frames, R: see `Small`, None in other coordinates.
+    motion, None = none; frames, R: see `Small`, None in other coordinates; loads: those of the loads that depend on the motion
+    that have values by place, rows in each of their leaves, None in the place of the others.
     """
 
     mass: Tensor = leaf(2)
@@ -39,6 +39,7 @@ class NodeConstants(Tree):
     dead: Tensor | None = leaf(2)
     frames: Tensor | None = leaf(2)
     R: Tensor | None = leaf(3)
+    loads: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,8 @@ class SupportPose(Tree):
 
 @dataclass(frozen=True)
 class Common(Tree):
-    """One of all nodes: dt and t (...) s of the step and of its middle, the loads that depend on the motion, inputs, the place
-    of a plane, and where a root's support stands.
+    """One of all nodes: dt and t (...) s of the step and of its middle, the loads that depend on the motion (None in the place
+    of those of `NodeConstants`), inputs, the place of a plane, and where a root's support stands.
     """
 
     dt: Tensor = leaf(0)
@@ -91,7 +92,7 @@ class Constants:
         self.nodes = NodeConstants(
             inertia.mass, getattr(inertia.rotary, "J", None), getattr(inertia.offset, "x", None), constraints.slide,
             constraints.turn, model.section_mass, model.tributary_length, model.s, None,
-            *((space.frames, space.R) if small else (None, None)))
+            *((space.frames, space.R) if small else (None, None)), ())
         self.elements = ElementConstants(
             model.length, model.reference, model.law, model.law.C, getattr(inertia.translational, "coupling", None), None,
             space.element if small else None)
@@ -103,28 +104,30 @@ class Constants:
         dead = external(model, self.still, t, inputs, model.loads[1]) if model.loads[1] else None
         own = model.eigenstrain(t, inputs) if model.scene.eigenstrains else None
         support = SupportPose(*model.prescribed_motion.root_pose(t)) if self.wants_support else None
-        loads = tuple(_resolved(load, t, inputs, model) for load in model.loads[0])
+        rows = tuple(load.at_sites(model.s, t, inputs, model.count) for load in model.loads[0])
+        loads = tuple(_resolved(load, t, inputs, model) if row is None else None
+                      for load, row in zip(model.loads[0], rows, strict=True))
         place = model.space.place if isinstance(model.space, Plane) else None
         elements = replace(self.elements, C=model.tangent_stiffness(dt.detach()), eigenstrain=own)
-        return replace(self.nodes, dead=dead), elements, Common(dt, t, loads, inputs, place, support)
+        return replace(self.nodes, dead=dead, loads=rows), elements, Common(dt, t, loads, inputs, place, support)
 
-
-    def moving_loads(self, t: Tensor, inputs: Inputs) -> Tensor:
-        """Loads (..., N+1, w) that depend on the motion, of the beam undeformed and at rest."""
-        position, turn = self.still.position, torch.zeros_like(self.still.position[..., :self.model.space.spin])
-        nodes = self.still._replace(velocity=torch.zeros_like(position), spin=turn, acceleration=torch.zeros_like(position),
-                                    angular_acceleration=turn)
-        return external(self.model, nodes, t, inputs, self.model.loads[0])
+    def closures(self, trees: tuple[Any, ...]) -> Tensor:
+        """Loads (..., N+1, w) that depend on the motion, of the beam undeformed and at rest, whose gradient is that of what
+        their functions close over.
+        """
+        nodes, _, common = map(detached, trees)
+        loads = tuple(row or load for row, load in zip(nodes.loads, common.loads, strict=True))
+        position, rotation = (x.detach() for x in self.still[:2])
+        zero, turn = torch.zeros_like(position), torch.zeros_like(position[..., :self.model.space.spin])
+        still = Nodes(position, rotation, zero, turn, acceleration=zero, angular_acceleration=turn)
+        return external(detached(self.model), still, common.t, common.inputs, loads)
 
 
 def _resolved(load: Any, t: Tensor, inputs: Inputs, model: Model) -> Any:
     """A load whose functions of t are the values at t."""
-    like, made = model.scene.beam.nodes, load
-    for one in own_leaves(load):
-        if one.axes == 1 and callable(one.value) and not isinstance(one.value, (Tensor, Along)):  # that is traced
-            made = copy(load) if made is load else made
-            object.__setattr__(made, one.name, value_at(one.value, t, inputs, like))
-    return made
+    found = {one.name: value_at(one.value, t, inputs, model.length) for one in own_leaves(load)
+             if one.axes == 1 and callable(one.value)}
+    return with_values(load, **found) if found else load
 
 
 def flattened(tree: Any) -> list[tuple[Tensor, int]]:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import Any
 
 from ...nodal.model import Model
-from ...scene.effects import CustomLoad, LineLoad, PerElement
 from ...solvers.compiled.trace import NotTraceable
 from .step import CompiledStep
 
@@ -23,17 +21,8 @@ def refusal(model: Model, method: str, conserve: bool = False) -> str | None:
         "a frame that moves": scene.frame is not None,
         "a support or root that moves": scene.has_prescribed_motion or scene.root is not None,
         "a load with internal states": bool(model.internal_states),
-        **{f"{type(load).__name__} along the beam with values of each element or node": True
-           for load in model.loads[0] if _by_place(load)},
     }
     return next((reason for reason, given in reasons.items() if given), None)
-
-
-def _by_place(load: Any) -> bool:
-    """Whether a load that depends on the motion has values of its own in each element or node."""
-    if isinstance(load, LineLoad):
-        return any(isinstance(value, PerElement) for value in (load.force, load.moment))
-    return isinstance(load, CustomLoad) and load.node is None and bool(load.values)
 
 
 def compiled_step(model: Model, method: str, conserve: bool = False) -> CompiledStep:

@@ -4,14 +4,13 @@ without mass. An element knows the coupling of the half-consistent mass; a node 
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from ...core.leaves import leaf
+from ...core.leaves import leaf, with_values
 from ...nodal.constraints import Constraints
 from ...nodal.coordinates.linearised import Small
 from ...nodal.coordinates.planar import Plane
@@ -96,7 +95,7 @@ class LocalProblems:
     def of_node(self, fields: Fields, kind: NodeKind) -> tuple[MidpointProblem, MidpointUnknowns]:
         rows = filled(self.nodes, lambda k: fields[f"node.{k}"][None])
         common = self._common(fields)
-        loads = tuple(_at_only_node(common.loads[k]) for k in kind.acting)
+        loads = tuple(_at_only_node(rows.loads[k] or common.loads[k]) for k in kind.acting)
         given = {name: fields[name][None] for name in (*NODE, "u", "m") if name in fields}
         return self._problem(rows, None, common, loads, given, kind.hinge)
 
@@ -151,8 +150,4 @@ DEAD = TipLoad(force=torch.zeros(3), moment=torch.zeros(3))
 
 def _at_only_node(load: Any) -> Any:
     """A load at a node, for a chain that is this node alone."""
-    if vars(load).get("node") is None:
-        return load
-    load = copy(load)
-    object.__setattr__(load, "node", -1)
-    return load
+    return load if vars(load).get("node") is None else with_values(load, node=-1)

@@ -49,7 +49,7 @@ class CompiledStep:
         # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
         self.dims = max(1, *(x.ndim - axes for tree in trees for x, axes in flattened(tree)))
         loads = model.loads[0]
-        self.functions = any(one.axes is None for one in functions(loads))
+        self.functions = any(one.axes is None for one in functions((trees[0].loads, trees[2].loads)))
         acting = [tuple(k for k, load in enumerate(loads) if load.node is None or load.node % (N + 1) == j)
                   for j in range(N + 1)]
         hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
@@ -85,7 +85,7 @@ class CompiledStep:
         held = [*(one.value for one in given), *state.values()]
         if any(x is not concrete(x) or torch.autograd.forward_ad.unpack_dual(x).tangent is not None for x in held):
             return None
-        if self.functions and torch.is_grad_enabled() and wants_gradient(self.constants.moving_loads(t, inputs)):
+        if self.functions and torch.is_grad_enabled() and wants_gradient(self.constants.closures(trees)):
             return None
         exact = same_law(trees[1].C, model.law.C)
         differentiated = wants_gradient(*held)

@@ -179,8 +179,6 @@ def test_a_moving_load_along_the_beam_by_place_and_time():
     ("control flow", lambda: tb.Scene(straight(2), [tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None))]), {}),
     ("carries gradient", lambda: tb.Scene(straight(2), [tb.Load(
         lambda r, R, v, w, t: (GRADIENT * v, None))]), {}),
-    ("PerElement|each element", lambda: tb.Scene(straight(2), [
-        tb.LineLoad(force=tb.PerElement(torch.ones(2, 3)), follower=True)]), {}),
 ])
 def test_what_is_not_covered_is_refused_by_name(reason, scene, options):
     with pytest.raises(ValueError, match=f"engine = 'compiled' was given.*({reason}).*'eager' does"):
