@@ -15,6 +15,7 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.status import DIVERGED, STATUS
 from ..core.validation import concrete
+from ..dynamics.stepper import ENGINES
 from ..math.block_tridiagonal import finite_pivots, positive_definite
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
@@ -24,6 +25,7 @@ from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..state.state import State, check_state, rest
 from . import relaxation
 from .arc_length import LoadedProblem, where
+from .compiled import climb as compiled
 from .continuation import NEUTRAL
 from .load_steps import climb
 from .mechanism import unheld
@@ -39,7 +41,8 @@ UNRELAXED = "the damped run came to no rest; its loads may drive it on"
 
 
 def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, tolerance: float | None = None,
-                throw: bool = True, branch: str = "first", relax: bool = False, **inputs: Any) -> State:
+                throw: bool = True, branch: str = "first", relax: bool = False, engine: str = "auto", **inputs: Any
+                ) -> State:
     """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which stands as at t = 0.
 
     initial    where to start, at no load; None = the undeformed beam. What supports hold is put where they have it
@@ -49,6 +52,9 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
                load on, by arc length (see `path`), along the branches that bifurcate, to the side to which it leans
     relax      come there by a motion without inertia in a viscous fluid instead of by load steps, then by Newton's method: for
                what is far from where it starts and hardly stiff on the way, as a slack cable or a hinged beam that swings down
+    engine     "eager": torch operations. "compiled": the load is raised by native code, many samples at once on the CPU
+               (llvmlite, the extra `fast`), the same answers up to rounding; what follows (gradients, `branch`) is eager.
+               "auto": eager, for the time being
     inputs     by name, (..., size): by keyword, or all in a dictionary inputs={...}
 
     The load is raised in steps, per sample, where Newton's method needs it: a step in which it fails, or a node turns by more
@@ -63,6 +69,9 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     RuntimeError for a sample without equilibrium; where nothing holds a rigid motion of it, the sentence says which.
     """
     choice("branch", branch, ("first", "stable"))
+    choice("engine", engine, ENGINES)
+    if relax and engine == "compiled":
+        raise ValueError("engine = 'compiled' was given with relax=True; 'eager' does that")
     boolean("throw", throw)
     model = discretise(scene)
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
@@ -71,13 +80,20 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     time = instant("t", t, scene.beam.nodes)
     start = model.space.start(start)
     start = Configuration(start.position, start.rotation, start.stress)
-    x, reaction, status = (relaxation.relax if relax else climb)(model, time, given, start, tolerance)
+    conservative = all(load.conservative for load in scene.loads) and not turning(scene)
+    doubtful = found = None
+    if engine == "compiled":
+        found = compiled.climb(model, time, given, start, tolerance, judged=conservative or branch == "stable")
+    if found is None:
+        x, reaction, status = (relaxation.relax if relax else climb)(model, time, given, start, tolerance)
+    else:
+        x, reaction, status, doubtful = found
     good = status == 0
     problem = SteadyProblem(model, time, given, torch.ones_like(status, dtype=scene.dtype))
-    conservative = all(load.conservative for load in scene.loads) and not turning(scene)
     if branch == "stable":
-        unstable = good & _unstable(problem, x, start)
+        unstable = good & _unstable(problem, x, start, doubtful)
         if concrete(unstable).any():
+            doubtful = None
             with no_derivatives():
                 *stable, found = stable_branch(model, LoadedProblem(model, time, given), start, unstable, tolerance)
             x, reaction = where(found, tuple(stable), (x, reaction))
@@ -105,7 +121,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
             reason = f"nothing holds {loose}; a support or a spring would ({UNRELAXED if relax else SWING})"
         raise RuntimeError(f"{which} has no equilibrium: {reason}")
     if conservative:
-        unstable = ~failed & _unstable(problem, x, start)
+        unstable = ~failed & _unstable(problem, x, start, None if doubtful is None else doubtful & ~failed)
         if concrete(unstable).any():
             warnings.warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to "
                           "another (branch='stable' looks for it)", RuntimeWarning, stacklevel=2)
@@ -126,11 +142,15 @@ def _tangent(problem: SteadyProblem, x: Configuration) -> Linearisation:
     return problem.linearise(x, *problem.residual(x)[1:])
 
 
-def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration) -> Tensor:
-    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no load."""
+def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration, doubtful: Tensor | None = None) -> Tensor:
+    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no load; doubtful: whether the
+    tangent is not positive definite, None = not known.
+    """
     with no_derivatives():
+        if doubtful is not None and not concrete(doubtful).any():
+            return doubtful
         tangent = _tangent(problem, x)
-        doubtful = ~positive_definite(tangent.D, tangent.L, tangent.U)
+        doubtful = ~positive_definite(tangent.D, tangent.L, tangent.U) if doubtful is None else doubtful
         if not concrete(doubtful).any():
             return doubtful
         unloaded = _tangent(problem, start)

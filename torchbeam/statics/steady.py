@@ -13,6 +13,7 @@ from ..core.leaves import Tree, leaf
 from ..dynamics.step_element import ElementBalance
 from ..nodal import loads as external
 from ..nodal.balance import Linearisation, Residual, largest, restrained_forces, size_of_strain
+from ..nodal.coordinates.spatial import Space
 from ..nodal.frame import FixedFrame
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.mass import Blocks, add
@@ -148,11 +149,18 @@ class SteadyProblem(Tree):
         for support, fixed in zip(self.model.scene.supports, self.model.constraints.fixed, strict=True):
             at = support.node
             pose = self.model.prescribed_motion.pose(support, self.t, self.load_factor[..., None])
-            r, q = space.of_nodes(at).pose(*pose)
-            position = set_node(position, at, torch.where(fixed[:space.position] > 0, r, position[..., at, :]))
-            rotation = set_node(rotation, at, q) if bool(fixed[space.position:].all()) else rotation
+            r, q = placed(space.of_nodes(at), fixed, pose, position[..., at, :], rotation[..., at, :])
+            position, rotation = set_node(position, at, r), rotation if q is None else set_node(rotation, at, q)
         for at, axis in self.model.constraints.hinges:
             own, beam = space.of_nodes(at), self.model.scene.beam
             _, q = own.pose(beam.nodes[..., at, :], beam.frames[..., at, :])
             rotation = set_node(rotation, at, own.hinged(rotation[..., at, :], q, axis))
         return Configuration(position, rotation, x.stress)
+
+
+def placed(space: Space, fixed: Tensor, pose: tuple[Tensor, Tensor], position: Tensor, rotation: Tensor
+           ) -> tuple[Tensor, Tensor | None]:
+    """Position and rotation (None = as it is) of a node that a support has in a pose, as far as its freedoms are fixed (w)."""
+    r, q = space.pose(*pose)
+    p = space.position
+    return torch.where(fixed[:p] > 0, r, position), q if bool(fixed[p:].all()) else None

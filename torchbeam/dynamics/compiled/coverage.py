@@ -24,12 +24,12 @@ def refusal(model: Model, method: str, conserve: bool = False) -> str | None:
         "a support or root that moves": scene.has_prescribed_motion or scene.root is not None,
         "a load with internal states": bool(model.internal_states),
         **{f"{type(load).__name__} along the beam with values of each element or node": True
-           for load in model.loads[0] if _by_place(load)},
+           for load in model.loads[0] if by_place(load)},
     }
     return next((reason for reason, given in reasons.items() if given), None)
 
 
-def _by_place(load: Any) -> bool:
+def by_place(load: Any) -> bool:
     """Whether a load that depends on the motion has values of its own in each element or node."""
     if isinstance(load, LineLoad):
         return any(isinstance(value, PerElement) for value in (load.force, load.moment))
