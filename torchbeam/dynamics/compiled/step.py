@@ -18,7 +18,7 @@ from .call import Call, Field
 from .constants import Constants, flattened
 from .cotangents import STATE, Adjoint, Differentiated, constant_fields
 from .local_functions import LocalFunctions
-from .local_problem import NodeKind
+from .local_problem import node_kinds
 from .program import program_of
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
@@ -43,17 +43,13 @@ class CompiledStep:
 
     def __init__(self, model: Model) -> None:
         self.model, self.constants, self.batch = model, Constants(model), model.scene.batch_shape
-        like, N = model.length, model.count
+        like = model.length
         nothing = {name: like.new_zeros(size) for name, size in model.scene.inputs.items()}
         trees = self.constants.at(like.new_ones(()), like.new_zeros(()), nothing)
         # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
         self.dims = max(1, *(x.ndim - axes for tree in trees for x, axes in flattened(tree)))
-        loads = model.loads[0]
         self.functions = any(one.axes is None for one in functions((trees[0].loads, trees[2].loads)))
-        acting = [tuple(k for k, load in enumerate(loads) if load.node is None or load.node % (N + 1) == j)
-                  for j in range(N + 1)]
-        hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
-        self.kinds = [NodeKind(loads, hinges.get(j)) for j, loads in enumerate(acting)]
+        self.kinds = node_kinds(model)
         kinds = tuple(dict.fromkeys(self.kinds))
         self.program = program_of(LocalFunctions(model, *trees), kinds, bool(model.constraints.nodes), not self.functions)
 
