@@ -12,7 +12,7 @@ from torch import Tensor
 from ...nodal.model import Model
 from .chain_code import POINTERS
 from .layout import ONE
-from .local_problem import NodeKind
+from .local_problem import Kinds
 from .native import NativeProgram
 
 
@@ -29,9 +29,11 @@ class Field(NamedTuple):
 
 
 class Call:
-    """K steps of a batch of samples of a model with nodes of these kinds; lanes: None = as this processor has them."""
+    """K steps of a batch of samples of a model with nodes and elements of these kinds; lanes: None = as this processor has
+    them.
+    """
 
-    def __init__(self, program: NativeProgram, model: Model, kinds: list[NodeKind], batch: torch.Size, K: int,
+    def __init__(self, program: NativeProgram, model: Model, kinds: Kinds, batch: torch.Size, K: int,
                  lanes: int | None = None) -> None:
         self.program, self.batch, self.K, self.dtype = program, batch, K, model.length.dtype
         self.B, self.N, self.supports = batch.numel(), model.count, model.constraints.nodes
@@ -41,7 +43,8 @@ class Call:
         self.base = dict(zip(records, bases, strict=True))
         support_of = [self.supports.index(j) if j in self.supports else -1 for j in range(N + 1)]
         near = [int(any(support_of[i] >= 0 for i in range(max(j - 1, 0), min(j + 2, N + 1)))) for j in range(N + 1)]
-        lists = bases, [program.kinds.index(kind) for kind in kinds], near, support_of, [*self.supports, 0]
+        nodes, elements = ([there.index(kind) for kind in own] for there, own in zip(program.kinds, kinds, strict=True))
+        lists = bases, nodes, elements, near, support_of, [*self.supports, 0]
         self.chain = dict(zip(POINTERS[1:], map(_integers, lists), strict=True))
 
     def empty(self, *own: int, steps: bool = True) -> Tensor:

@@ -8,12 +8,13 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
-from ...core.leaves import Tree, detached, leaf, map_leaves, own_leaves, with_values
+from ...core.leaves import Tree, detached, functions, leaf, map_leaves, own_leaves, with_values
 from ...nodal.constitutive_law import ElasticLaw
 from ...nodal.coordinates.linearised import LinearElement, Small
 from ...nodal.coordinates.planar import Plane
-from ...nodal.loads import Nodes, external
+from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...scene.effects.values import value_at
@@ -24,7 +25,7 @@ from ...state.state import rest
 class NodeConstants(Tree):
     """Rows of nodes. mass, J, offset: see `LumpedMass`, `RotaryInertia`, `Lever`, None = absent; slide, turn: see
     `Constraints`; section_mass, tributary_length: see `Model`; s (..., N+1) m; dead (..., N+1, w) loads that depend on no
-    motion, None = none; frames, R: see `Small`, None in other coordinates; loads: those of the loads that depend on the motion
+    motion, None = none; frames, R: see `Small`, None in other coordinates; loads: those of the loads of `Common`
     that have values by place, rows in each of their leaves, None in the place of the others.
     """
 
@@ -69,8 +70,9 @@ class SupportPose(Tree):
 
 @dataclass(frozen=True)
 class Common(Tree):
-    """One of all nodes: dt and t (...) s of the step and of its middle, the loads that depend on the motion (None in the place
-    of those of `NodeConstants`), inputs, the place of a plane, and where a root's support stands.
+    """One of all nodes: dt and t (...) s of the step and of its middle, loads that depend on the motion or remember (None in
+    the place of those of `NodeConstants`), inputs, the place of a plane, where a root's support stands; of frame a, in the
+    middle of the step, its velocity and angular velocity (..., 3) and its orientation, see `State.frame`, None = at rest.
     """
 
     dt: Tensor = leaf(0)
@@ -79,6 +81,21 @@ class Common(Tree):
     inputs: Inputs = leaf(1)
     place: Tensor | None = leaf(0)
     support: SupportPose | None
+    velocity: Tensor | None = leaf(1)
+    angular_velocity: Tensor | None = leaf(1)
+    frame: Tensor | None = leaf(1)
+
+
+@dataclass(frozen=True)
+class SupportConstants(Tree):
+    """Rows of supports at the end of the step: position (..., S, 3) m and quaternion (..., S, 4) of those that move, velocity
+    (..., S, 3) m/s, absolute, frame a, and spin (..., S, 3) rad/s, absolute, section axes, of clamps; zeros of the others.
+    """
+
+    position: Tensor = leaf(2)
+    rotation: Tensor = leaf(2)
+    velocity: Tensor = leaf(2)
+    spin: Tensor = leaf(2)
 
 
 class Constants:
@@ -96,31 +113,94 @@ class Constants:
         self.elements = ElementConstants(
             model.length, model.reference, model.law, model.law.C, getattr(inertia.translational, "coupling", None), None,
             space.element if small else None)
-        self.wants_support = any(load.wants_support for load in model.loads[0])
+        self.loads = acting_loads(model)
+        self.dead = tuple(load for load in model.scene.loads if load not in self.loads)
+        self.wants_support = any(load.wants_support for load in self.loads)
 
-    def at(self, dt: Tensor, t: Tensor, inputs: Inputs) -> tuple[NodeConstants, ElementConstants, Common]:
-        """Of steps of dt (...) with loads as at t (...), which broadcast with the batch of the model."""
+    def at(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None
+           ) -> tuple[NodeConstants, ElementConstants, Common]:
+        """Of steps of dt (...) with loads as at t (...), which broadcast with the batch of the model; frame: that of frame
+        a then, None = it does not turn.
+        """
         model = self.model
-        dead = external(model, self.still, t, inputs, model.loads[1]) if model.loads[1] else None
+        dead = external(model, self.still._replace(frame=frame), t, inputs, self.dead) if self.dead else None
         own = model.eigenstrain(t, inputs) if model.scene.eigenstrains else None
         support = SupportPose(*model.prescribed_motion.root_pose(t)) if self.wants_support else None
-        rows = tuple(load.at_sites(model.s, t, inputs, model.count) for load in model.loads[0])
+        rows = tuple(load.at_sites(model.s, t, inputs, model.count) for load in self.loads)
         loads = tuple(_resolved(load, t, inputs, model) if row is None else None
-                      for load, row in zip(model.loads[0], rows, strict=True))
+                      for load, row in zip(self.loads, rows, strict=True))
         place = model.space.place if isinstance(model.space, Plane) else None
         elements = replace(self.elements, C=model.tangent_stiffness(dt.detach()), eigenstrain=own)
-        return replace(self.nodes, dead=dead, loads=rows), elements, Common(dt, t, loads, inputs, place, support)
+        common = Common(dt, t, loads, inputs, place, support, *model.prescribed_motion.frame(t), frame)
+        return replace(self.nodes, dead=dead, loads=rows), elements, common
 
-    def closures(self, trees: tuple[Any, ...]) -> Tensor:
-        """Loads (..., N+1, w) that depend on the motion, of the beam undeformed and at rest, whose gradient is that of what
-        their functions close over.
+    def supports(self, end: Tensor) -> SupportConstants | None:
+        """At the time `end` (...) of a step; None where nothing moves them."""
+        model = self.model
+        if not (model.scene.has_prescribed_motion and model.scene.supports):
+            return None
+        motion, like = model.prescribed_motion, model.length
+        none = {"pose": (like.new_zeros(3), like.new_zeros(4)), "absolute": (like.new_zeros(3),) * 2}
+        found = [(*(motion.pose(one, end) if one.moves else none["pose"]),
+                  *(motion.absolute(one, end) if one.clamp else none["absolute"])) for one in model.scene.supports]
+        return SupportConstants(*(torch.stack(torch.broadcast_tensors(*rows), -2) for rows in zip(*found, strict=True)))
+
+    def orientations(self, start: Tensor | None, dt: Tensor, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
+        """Of frame a in the middle and at the end of K steps of dt (K, ...) with the middles t, from `start` (...), in the
+        space's coordinates, (K, ..., q); None where it does not turn.
         """
-        nodes, _, common = map(detached, trees)
-        loads = tuple(row or load for row, load in zip(nodes.loads, common.loads, strict=True))
+        if start is None:
+            return None, None
+        space, frame = self.model.space, self.model.frame(t)
+        turns, half = (frame.orientation(space.identity(start[..., 1:]), part * dt) for part in (1.0, 0.5))
+        size = 1
+        while size < len(turns):  # each is that of all steps up to its own
+            turns = torch.cat((turns[:size], space.multiply(turns[:-size], turns[size:])))
+            size *= 2
+        end = space.multiply(start, turns)
+        begin = torch.cat((start.expand(1, *end.shape[1:]), end[:-1]))
+        return space.multiply(begin, half), end
+
+    def internal_rows(self, internal: Tensor) -> Tensor:
+        """Internal states (..., z) of a state as rows of nodes (..., N+1, Z): of each load in turn, zeros where it does not
+        act.
+        """
+        nodes, found, at = self.model.count + 1, [], 0
+        for load in self.loads:
+            size = load.internal_states(self.model.scene.beam)
+            own = internal[..., at:at + size]
+            at += size
+            if size:
+                j = 0 if load.node is None else load.node % nodes
+                rows = own.unflatten(-1, (-1, load.internal))
+                found.append(rows if load.node is None else pad(rows, (0, 0, j, nodes - 1 - j)))
+        return torch.cat(found, -1)
+
+    def of_rows(self, rows: Tensor) -> Tensor:
+        """The inverse."""
+        remembering = [load for load in self.loads if load.internal]
+        parts = zip(remembering, rows.split([load.internal for load in remembering], -1), strict=True)
+        return torch.cat([own.flatten(-2) if load.node is None else own[..., load.node, :] for load, own in parts], -1)
+
+    def closures(self, trees: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Loads (..., N+1, w) by functions of the motion, of the beam undeformed and at rest, and their internal states, whose
+        gradient is that of what these functions close over.
+        """
+        nodes, _, common, *_ = map(detached, trees)
+        loads = (row or load for row, load in zip(nodes.loads, common.loads, strict=True))
+        model = detached(self.model)
+        model = with_values(model, scene=with_values(model.scene, effects=tuple(load for load in loads if functions(load))))
         position, rotation = (x.detach() for x in self.still[:2])
-        zero, turn = torch.zeros_like(position), torch.zeros_like(position[..., :self.model.space.spin])
-        still = Nodes(position, rotation, zero, turn, acceleration=zero, angular_acceleration=turn)
-        return external(detached(self.model), still, common.t, common.inputs, loads)
+        zero, turn = torch.zeros_like(position), torch.zeros_like(position[..., :model.space.spin])
+        still = Nodes(position, rotation, zero, turn, common.frame, position.new_zeros(model.internal_states), common.dt, zero,
+                      turn)
+        return external(model, still, common.t, common.inputs), advanced(model, still, common.t, common.inputs)
+
+
+def acting_loads(model: Model) -> tuple[Any, ...]:
+    """Loads that depend on the motion, or have internal states."""
+    loads = zip(model.scene.loads, model.scene.internal_states, strict=True)
+    return tuple(load for load, states in loads if states or model.depends_on(load))
 
 
 def _resolved(load: Any, t: Tensor, inputs: Inputs, model: Model) -> Any:

@@ -14,29 +14,33 @@ from ...nodal.model import Model
 from .call import Call, Field
 from .constants import flattened
 from .local_functions import LocalFunctions
-from .local_problem import NODE, NodeKind
+from .local_problem import Kinds
 from .program import adjoint_of
 
-STATE = {**{name: ("state", name) for name in NODE}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
-         "work": ("sample", "work")}
+
+def state_fields(nodes: tuple[str, ...]) -> dict[str, tuple[str, str]]:
+    """Record and field of what a step changes, `nodes` of a node."""
+    return {**{name: ("state", name) for name in nodes}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
+            "work": ("sample", "work")}
 
 
 def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
-    """The tensors of the trees of nodes, elements and what they have in common."""
-    for record, tree in zip(("node", "element", "common"), trees, strict=True):
+    """The tensors of the trees of nodes, elements, what they have in common, and supports, if these are given."""
+    for record, tree in zip(("node", "element", "common", "support"), trees, strict=False):
         for k, (x, axes) in enumerate(flattened(tree)):
             yield Field(record, f"{record}.{k}", x, axes)
 
 
 class Adjoint:
-    """What the cotangents of K steps that a call has made are found from; kinds: of the nodes; trees: of the constants; good
-    (K, B): which samples moved.
+    """What the cotangents of K steps that a call has made are found from; kinds: of nodes and elements; trees: of the
+    constants; good (K, B): which samples moved.
     """
 
-    def __init__(self, call: Call, model: Model, kinds: list[NodeKind], trees: tuple[Any, ...], good: Tensor) -> None:
+    def __init__(self, call: Call, model: Model, kinds: Kinds, trees: tuple[Any, ...], good: Tensor) -> None:
         self.call, self.model, self.kinds, self.good = call, model, kinds, good
         self.trees = tuple(map(detached, trees))
         self.fields = list(constant_fields(self.trees))
+        self.state = [*state_fields(call.program.state)]
 
     def cotangents(self, start: list[Tensor], made: tuple[Tensor, ...], grads: tuple[Tensor | None, ...], wanted: list[bool]
                    ) -> list[Tensor | None]:
@@ -49,12 +53,14 @@ class Adjoint:
         inputs = [*self.fields, Field("free", "free", model.constraints.moving, 2),
                   Field("sample", "good", self.good, 0, flat=True)]
         outputs, stepwise, found = [], [], {}
-        for name, x, after, grad in zip(STATE, start, made, grads, strict=True):
+        for name, x, after, grad in zip(self.state, start, made, grads, strict=True):
             own = after.shape[2:]
             grad = after.new_zeros(own) if grad is None else grad.contiguous()
             record, field = {"stress": ("stress", "stress"), "reaction": ("reaction", "reaction"),
                              "work": ("sample", "work")}.get(name, ("state", name))
-            if name in NODE:
+            if name == "reaction":
+                inputs.append(Field("support", "found", after, 2, flat=True))
+            if name in self.call.program.state:
                 first = x.expand(*batch, *own).reshape(1, B, *own)
                 inputs.append(Field("state", name, torch.cat((first, after[:-1])), 2, flat=True))
                 inputs.append(Field("after", f"after_{name}", after, 2, flat=True))
@@ -87,7 +93,7 @@ class Adjoint:
             shape = (K, *batch, *shape[2:]) if name in stepped else (*batch, *shape[1:])
             return found[name].reshape(shape).sum_to_size(x.shape)
 
-        every = [*((one.name, one.value) for one in self.fields), *zip(STATE, start, strict=True)]
+        every = [*((one.name, one.value) for one in self.fields), *zip(self.state, start, strict=True)]
         return [of(*one, asked) for one, asked in zip(every, wanted, strict=True)]
 
 
@@ -97,12 +103,12 @@ class Differentiated(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, adjoint: Adjoint, made: tuple[Tensor, ...], *held: Tensor) -> tuple[Tensor, ...]:
         ctx.adjoint = adjoint
-        ctx.save_for_backward(*held[-len(STATE):], *made)
+        ctx.save_for_backward(*held[-len(made):], *made)
         return made
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
-        saved = ctx.saved_tensors
-        found = ctx.adjoint.cotangents([*saved[:len(STATE)]], saved[len(STATE):], grads, ctx.needs_input_grad[2:])
+        saved, count = ctx.saved_tensors, len(grads)
+        found = ctx.adjoint.cotangents([*saved[:count]], saved[count:], grads, ctx.needs_input_grad[2:])
         return None, None, *found

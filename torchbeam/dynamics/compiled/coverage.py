@@ -18,9 +18,6 @@ def refusal(model: Model, method: str, conserve: bool = False) -> str | None:
         f"method {method!r}": method != "midpoint",
         "conserve": conserve,
         f"the device {scene.device}": scene.device.type != "cpu",
-        "a frame that moves": scene.frame is not None,
-        "a support or root that moves": scene.has_prescribed_motion or scene.root is not None,
-        "a load with internal states": bool(model.internal_states),
     }
     return next((reason for reason, given in reasons.items() if given), None)
 

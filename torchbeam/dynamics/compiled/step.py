@@ -13,12 +13,12 @@ from ...core.validation import concrete
 from ...nodal.balance import same_law
 from ...nodal.model import Model
 from ...scene.effects import Inputs
-from ...state.state import State
+from ...state.state import State, rest
 from .call import Call, Field
 from .constants import Constants, flattened
-from .cotangents import STATE, Adjoint, Differentiated, constant_fields
+from .cotangents import Adjoint, Differentiated, constant_fields, state_fields
 from .local_functions import LocalFunctions
-from .local_problem import node_kinds
+from .local_problem import INTERNAL, Kinds, node_kinds
 from .program import program_of
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
@@ -45,13 +45,14 @@ class CompiledStep:
         self.model, self.constants, self.batch = model, Constants(model), model.scene.batch_shape
         like = model.length
         nothing = {name: like.new_zeros(size) for name, size in model.scene.inputs.items()}
-        trees = self.constants.at(like.new_ones(()), like.new_zeros(()), nothing)
+        frame = model.space.to_reduced(rest(model.scene, ())).frame
+        zero = like.new_zeros(())
+        trees = *self.constants.at(like.new_ones(()), zero, nothing, frame), self.constants.supports(zero)
         # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
         self.dims = max(1, *(x.ndim - axes for tree in trees for x, axes in flattened(tree)))
         self.functions = any(one.axes is None for one in functions((trees[0].loads, trees[2].loads)))
-        self.kinds = node_kinds(model)
-        kinds = tuple(dict.fromkeys(self.kinds))
-        self.program = program_of(LocalFunctions(model, *trees), kinds, bool(model.constraints.nodes), not self.functions)
+        self.kinds = Kinds.of(node_kinds(model))
+        self.program = program_of(LocalFunctions(model, *trees), self.kinds, bool(model.constraints.nodes), not self.functions)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies, also in other processes, are made from the model."""
@@ -75,13 +76,15 @@ class CompiledStep:
         dt, t = (x.reshape(K, *(1,) * (dims + 1 - x.ndim), *x.shape[1:]) for x in (dt, t))
         inputs = {name: x.reshape(K, *(1,) * (dims + 2 - x.ndim), *x.shape[1:]) if x.ndim > axes + 1 else x
                   for name, x in inputs.items()}
-        trees = self.constants.at(dt, t, inputs)
-        given = [*constant_fields(trees)]
-        state = {name: getattr(start, name) for name in STATE}
+        middle, frame = self.constants.orientations(start.frame, dt, t)
+        trees = *self.constants.at(dt, t, inputs, middle), self.constants.supports(t + dt / 2)
+        given, records = [*constant_fields(trees)], state_fields(self.program.state)
+        state = {name: self.constants.internal_rows(start.internal) if name == INTERNAL else getattr(start, name)
+                 for name in records}
         held = [*(one.value for one in given), *state.values()]
         if any(x is not concrete(x) or torch.autograd.forward_ad.unpack_dual(x).tangent is not None for x in held):
             return None
-        if self.functions and torch.is_grad_enabled() and wants_gradient(self.constants.closures(trees)):
+        if self.functions and torch.is_grad_enabled() and wants_gradient(*self.constants.closures(trees)):
             return None
         exact = same_law(trees[1].C, model.law.C)
         differentiated = wants_gradient(*held)
@@ -99,8 +102,8 @@ class CompiledStep:
             fields = [*given, Field("free", "free", model.constraints.moving, 2),
                       *(Field("common", name, x, 0) for name, x in numbers_given.items()),
                       Field("sample", "moving", moving, 0), Field("sample", "last_status", one(0.0), 0),
-                      *(Field(*STATE[name], x, 0 if name == "work" else 2) for name, x in state.items())]
-            out = [Field(*(STATE | NUMBERS)[name], x, x.ndim - 2, flat=True) for name, x in (made | numbers).items()]
+                      *(Field(*records[name], x, 0 if name == "work" else 2) for name, x in state.items())]
+            out = [Field(*(records | NUMBERS)[name], x, x.ndim - 2, flat=True) for name, x in (made | numbers).items()]
             call.run(limit, inputs=fields, outputs=out)
         if differentiated:
             good = (numbers["status"] == 0) & moving.expand(batch).reshape(-1)
@@ -108,4 +111,9 @@ class CompiledStep:
             made = dict(zip(made, Differentiated.apply(adjoint, tuple(made.values()), *held), strict=True))
         own = batch[dims - axes:] if batch[:dims - axes].numel() == 1 else batch
         made, numbers = ({name: x.reshape(K, *own, *x.shape[2:]) for name, x in part.items()} for part in (made, numbers))
+        if INTERNAL in made:
+            made[INTERNAL] = self.constants.of_rows(made[INTERNAL])
+        if frame is not None:
+            frame = frame.expand(K, *batch, frame.shape[-1]).reshape(K, *own, -1)
+            made["frame"] = torch.where(((numbers["status"] == 0) & moving)[..., None], frame, start.frame)
         return Steps(made, *(x.long() for x in numbers.values()))

@@ -123,7 +123,8 @@ class CustomLoad(Load):
         return at_time(wrench, t, own=1 if self.node is not None else 2)
 
     def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> CustomLoad | None:
-        return with_values(self, values=self._values_at(s, elements)) if self.values else None
+        along = self.node is None and self.values
+        return with_values(self, values=self._values_at(s, elements)) if along else None
 
     def _values_at(self, s: Tensor, elements: int) -> dict[str, Tensor]:
         """Parameters (..., sites)."""

@@ -15,7 +15,7 @@ from ...dynamics.compiled.call import Call, Field
 from ...dynamics.compiled.constants import Constants
 from ...dynamics.compiled.cotangents import constant_fields
 from ...dynamics.compiled.coverage import MISSING
-from ...dynamics.compiled.local_problem import node_kinds
+from ...dynamics.compiled.local_problem import Kinds, node_kinds
 from ...dynamics.compiled.program import program_of
 from ...nodal.balance import same_law
 from ...nodal.model import Model
@@ -73,7 +73,7 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
     trees = nodes, replace(elements, C=model.tangent_stiffness()), common
     kinds = _kinds(model)
     shared = not any(one.axes is None for one in functions((nodes.loads, common.loads)))
-    program = program_of(SteadyFunctions(model, *trees), tuple(dict.fromkeys(kinds)), bool(model.constraints.nodes), shared,
+    program = program_of(SteadyFunctions(model, *trees), kinds, bool(model.constraints.nodes), shared,
                          JudgedProgram if judged else LoadProgram)
     like, one = model.length, model.length.new_tensor
     numbers = {"total": like.sum((-1, -2)), "longest": like.amax((-1, -2)), "exact": same_law(trees[1].C, model.law.C),
@@ -98,13 +98,12 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
     return Climbed(Configuration(*shape), reaction, status.long(), indefinite != 0 if judged else None)
 
 
-def _kinds(model: Model) -> list[SteadyKind]:
-    """Of all nodes."""
+def _kinds(model: Model) -> Kinds:
     kinds = [SteadyKind(kind.acting, kind.hinge) for kind in node_kinds(model)]
     for support, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True):
         displaced = support.displacement is not None, support.turn is not None
         kinds[support.node] = kinds[support.node]._replace(fixed=tuple(fixed.tolist()), displaced=displaced)
-    return kinds
+    return Kinds.of(kinds)
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:

@@ -39,12 +39,7 @@ class LoadDriver(Driver):
     def _begin(self) -> None:
         """The first step, by the moves that all of the load would bring about."""
         code, N = self.code, self.args["elements"]
-        with code.loop(0, code.add(N, 1)) as j:
-            with self._kind(j) as kinds:
-                for k in kinds:
-                    self._call(f"before node {k}", lambda f: self.at("before node", j) if f[0] == ">" else self._of_node(f, j))
-        with code.loop(0, N) as e:
-            self._call("before element", lambda f: self._of_element(f, e))
+        self._hoisted()
         for name in ("reached", "last_status", "turn"):
             self._fill(self.at("sample", 0, name), 1)
         for name in ("load_factor", "over"):
