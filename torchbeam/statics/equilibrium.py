@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean, choice, instant
 from ..core.arguments import tolerance as check_tolerance
+from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.status import DIVERGED, STATUS
@@ -143,14 +145,19 @@ def _tangent(problem: SteadyProblem, x: Configuration) -> Linearisation:
 
 
 def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration, doubtful: Tensor | None = None) -> Tensor:
-    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no load; doubtful: whether the
+    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no load; doubtful: samples whose
     tangent is not positive definite, None = not known.
     """
+    if doubtful is not None and not concrete(doubtful).any():
+        return doubtful
+    few = None if doubtful is None else BatchSubset.worthwhile(doubtful)
+    if few is not None:
+        with suppress(NotSeparable):
+            at, begin = (Configuration(*(few.take(v, 2) for v in one)) for one in (x, start))
+            return few.put(torch.zeros_like(doubtful), _unstable(few.gather(problem), at, begin), 0)
     with no_derivatives():
-        if doubtful is not None and not concrete(doubtful).any():
-            return doubtful
         tangent = _tangent(problem, x)
-        doubtful = ~positive_definite(tangent.D, tangent.L, tangent.U) if doubtful is None else doubtful
+        doubtful = ~positive_definite(tangent.D, tangent.L, tangent.U)
         if not concrete(doubtful).any():
             return doubtful
         unloaded = _tangent(problem, start)
