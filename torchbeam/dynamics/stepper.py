@@ -127,6 +127,10 @@ class Stepper:
         broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                   *(value.shape[:-1] for value in given.values()))
         state = self._reduced(self._begin(state, dt, inputs=given))
+        if active is None and self.compiled is not None and (t is not None or not self._changes or state.t.ndim == 0):
+            found = self._quickly(state, dt, t, given)
+            if found is not None:
+                return found
         moving = state.status == SUCCESS
         if active is not None:
             moving = moving & mask("active", active, moving)
@@ -156,6 +160,18 @@ class Stepper:
         if failed is not lost:
             self._remember(state, dt, t, given, torch.where(moving, status, SUCCESS))
         return self.model.space.to_public(replace(after, status=torch.where(moving, status, state.status)))
+
+    def _quickly(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs) -> State | None:
+        """The state one step later where native code makes it of all samples at once; None where there is more to it."""
+        if concrete(state.status).any():
+            return None
+        t = (state.t if t is None else t) + self.method.INSTANT * dt if self.compiled.takes_time else None
+        found = self._natively(state, dt, t, inputs, None, self._limit(last=not self.halvings))
+        if found is None or not found.well:
+            return None
+        self.iterations, now = found.iterations, state.t + dt
+        now = now if now.shape == found.status.shape else now.expand(found.status.shape)
+        return self.model.space.to_public(replace(state, **found.fields, t=now, status=found.status))
 
     def _parts(self, model: Model, start: State, dt: Tensor, t: Tensor, inputs: Inputs, failed: Tensor
                ) -> tuple[State, Tensor, Tensor]:
@@ -198,17 +214,16 @@ class Stepper:
                                        for name in self.scene.inputs}
         lengths = torch.stack(dt)
         found = self._natively(start, lengths, torch.stack(t) + self.method.INSTANT * lengths, given, moving,
-                               self._limit(last=not self.halvings))
+                               self._limit(last=not self.halvings), len(dt))
         if found is None:
             return []
         well = [*(found.status == SUCCESS).reshape(len(dt), -1).all(1).tolist(), False]
-        made, now, status, iterations = [], start.t, start.status.expand(shape), found.iterations.unbind()
+        made, now, status = [], start.t, start.status.expand(shape)
         for k in range(well.index(False)):
-            now = torch.where(moving, now + dt[k], now)
-            after = None
+            now, one, after = torch.where(moving, now + dt[k], now), found[k], None
             if wanted[k] or not well[k + 1]:
-                after = self.model.space.to_public(replace(found.after(start, k), t=now, status=status))
-            made.append((after, iterations[k]))
+                after = self.model.space.to_public(replace(start, **one.fields, t=now, status=status))
+            made.append((after, one.iterations))
         return made
 
     def _reduced(self, state: State) -> State:
@@ -275,11 +290,11 @@ class Stepper:
         limit = self._limit(last)
         if self.compiled is not None and model is self.model:
             shape = torch.broadcast_shapes(self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values()))
-            found = self._natively(state, dt[None], t[None], inputs, moving.expand(shape), limit)
+            found = self._natively(state, dt, t, inputs, moving.expand(shape), limit)
             if found is not None:
-                after, status, iterations = found.after(state, 0), found.status[0], found.iterations[0]
-                good = moving & (status == SUCCESS)
-                return replace(after, t=torch.where(good, state.t + dt, state.t)), status, iterations
+                good = moving & (found.status == SUCCESS)
+                after = replace(state, **found.fields, t=torch.where(good, state.t + dt, state.t))
+                return after, found.status, found.iterations
         problem = self._step(model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(problem, problem.predictor(), moving, self.tolerance, limit)
         turned = self.model.space.cosine(x.m).amin(-1) < self._least
@@ -300,6 +315,8 @@ class Stepper:
         """Cosine of half the angle that a node may turn by up to where the unknown of its rotation is."""
         return math.cos(TURN * self.method.PART / 2)
 
-    def _natively(self, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, limit: int) -> Steps | None:
-        """Steps of dt (K) with middles t (K, ...), see `CompiledStep`; None where they are to be made eagerly."""
-        return self.compiled(state, dt, t, inputs, moving, self.tolerance or TOLERANCE[self.scene.dtype], self._least, limit)
+    def _natively(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, limit: int,
+                  K: int | None = None) -> Steps | None:
+        """A step of dt with the middle t (...), or K, see `CompiledStep`; None where they are to be made eagerly."""
+        tolerance = TOLERANCE[self.scene.dtype] if self.tolerance is None else float(self.tolerance)
+        return self.compiled(state, dt, t, inputs, moving, tolerance, self._least, limit, K)
