@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import threading
 from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import torch
@@ -159,7 +160,7 @@ class Call:
             return
         ends = [self.groups * k // threads for k in range(threads + 1)]
         parts = []
-        for first, end in zip(ends[:-1], ends[1:], strict=True):
+        for first, end in pairwise(ends):
             part = type(numbers).from_buffer_copy(numbers)
             part[place["first_group"]], part[place["end_group"]] = first, end
             parts.append(part)

@@ -187,17 +187,18 @@ class Constants:
 
 def _given(effect: Any) -> bool:
     """Whether an effect is one of the library's with numbers alone."""
-    return _of_library(effect) and constant(effect)
+    return of_library(effect) and constant(effect)
 
 
 def _by_inputs(load: Any) -> bool:
     """Whether a load is one of the library's, and holds inputs beside plain numbers."""
     values = [one.value for one in own_leaves(load) if one.value is not None]
-    return (_of_library(load) and any(isinstance(x, Input) for x in values)
+    return (of_library(load) and any(isinstance(x, Input) for x in values)
             and all(isinstance(x, (Tensor, Input)) for x in values) and not load.inputs)
 
 
-def _of_library(effect: Any) -> bool:
+def of_library(effect: Any) -> bool:
+    """Whether an effect's class is torchbeam's own."""
     return type(effect).__module__.startswith(f"{Effect.__module__.rpartition('.')[0]}.")
 
 
