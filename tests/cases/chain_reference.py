@@ -17,7 +17,8 @@ class Chain:
 
     def __init__(self, problem):
         model, self.problem = problem.model, problem
-        trees = Constants(model).at(problem.dt, problem.t, problem.inputs)
+        constants = Constants(model)
+        trees = constants.at(problem.dt, problem.t, problem.inputs)
         self.local, self.N, w = LocalFunctions(model, *trees), model.count, model.space.unknowns
         nodes, elements, common = map(flattened, trees)
         self.common = {f"common.{k}": x for k, (x, _) in enumerate(common)}
@@ -26,7 +27,7 @@ class Chain:
         self.element = [{f"element.{k}": row(x, axes, j) for k, (x, axes) in enumerate(elements)} | self.common
                         for j in range(self.N)]
         hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
-        self.kinds = [NodeKind(tuple(k for k, load in enumerate(model.loads[0])
+        self.kinds = [NodeKind(tuple(k for k, load in enumerate(constants.loads)
                                      if load.node is None or load.node % (self.N + 1) == j), hinges.get(j))
                       for j in range(self.N + 1)]
         self.free, self.zero = model.constraints.moving.to(model.length), {"vector": torch.zeros(w), "block": torch.zeros(w, w)}
