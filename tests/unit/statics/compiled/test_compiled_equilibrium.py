@@ -10,8 +10,9 @@ from compiled_step_cases import inputs_of, section, straight
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam.dynamics.compiled.native import NotCompiled
 from torchbeam.nodal.discretise import discretise
-from torchbeam.statics.compiled.climb import climb
+from torchbeam.statics.compiled import climb as compiled
 from torchbeam.statics.steady import Configuration
 
 pytest.importorskip("llvmlite")
@@ -164,7 +165,8 @@ def test_unstable_samples_are_named_alike():
     model = discretise(scene)
     start = model.space.start(tb.rest(scene, ()))
     start = Configuration(start.position, start.rotation, start.stress)
-    assert climb(model, torch.zeros(()), {"u": u}, start, None, judged=True).doubtful.tolist() == (u[:, 0] < -7.4).tolist()
+    doubtful = compiled.climb(model, torch.zeros(()), {"u": u}, start, None, judged=True).doubtful
+    assert doubtful.tolist() == (u[:, 0] < -7.4).tolist()
 
 
 @torch.no_grad()
@@ -173,6 +175,40 @@ def test_what_fails_is_raised_alike():
     for engine in ("compiled", "eager"):
         with pytest.raises(RuntimeError, match="nothing holds"):
             tb.equilibrium(scene, engine=engine)
+
+
+@torch.no_grad()
+def test_auto_compiles_for_many_samples(monkeypatch):
+    """But for functions of the motion, and what is not taken; TORCHBEAM_ENGINE says otherwise; a failed compiler warns."""
+    natively, found = compiled._climbed, []
+    monkeypatch.setattr(compiled, "_climbed", lambda *args: found.append(natively(*args)) or found[-1])
+    u, dead = pulls(4, 3.0), tb.TipLoad(force=tb.Input("u", 3))
+    own = tb.Scene(straight(8), [dead, tb.Load(lambda r, R, v, w, t: (-r, None))], plane="xz")
+    turned = cantilever(frame=tb.Frame(angular_velocity=(0, 0.1, 0)))
+
+    def made(scene=None, **options):
+        found.clear()
+        tb.equilibrium(scene or cantilever(), u=u, **options)
+        return len(found)
+
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "auto")
+    assert made() == 0 and made(engine="compiled") == 1
+    monkeypatch.setattr(compiled, "WORTH", 32)
+    assert made() == 1 and made(engine="eager") == made(own) == made(turned) == made(relax=True) == 0
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
+    assert made() == 0
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "compiled")
+    assert made() == 1
+    with pytest.raises(ValueError, match="a frame that moves"):
+        made(turned)
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "auto")
+    monkeypatch.setattr(compiled, "_climbed", lambda *args: raises(NotCompiled("no room")))
+    with pytest.warns(RuntimeWarning, match="equilibria are found eagerly.*no room"):
+        assert made() == 0
+
+
+def raises(error):
+    raise error
 
 
 @pytest.mark.parametrize("reason, scene, options", [
