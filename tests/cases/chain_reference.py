@@ -17,15 +17,16 @@ class Chain:
 
     def __init__(self, problem):
         model, self.problem = problem.model, problem
-        trees = Constants(model).at(problem.dt, problem.t, problem.inputs)
+        constants = Constants(model)
+        trees = constants.at(problem.dt, problem.t, problem.inputs)
         self.local, self.N, w = LocalFunctions(model, *trees), model.count, model.space.unknowns
-        nodes, elements, common = map(flattened, trees)
+        nodes, elements, common, _ = map(flattened, trees)
         self.common = {f"common.{k}": x for k, (x, _) in enumerate(common)}
         self.node = [{f"node.{k}": row(x, axes, j) for k, (x, axes) in enumerate(nodes)} | self.common
                      | {name: getattr(problem.start, name)[j] for name in NODE} for j in range(self.N + 1)]
         self.element = [{f"element.{k}": row(x, axes, j) for k, (x, axes) in enumerate(elements)} | self.common
                         for j in range(self.N)]
-        self.kinds = node_kinds(model)
+        self.kinds = node_kinds(model, constants.loads)
         self.free, self.zero = model.constraints.moving.to(model.length), {"vector": torch.zeros(w), "block": torch.zeros(w, w)}
         self.unknown = [self.local.predictor(kind, **node) for kind, node in zip(self.kinds, self.node, strict=True)]
         self.stress = list(problem.start.stress)

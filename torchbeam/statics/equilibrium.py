@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -11,11 +12,12 @@ from torch import Tensor
 
 from ..core.arguments import boolean, choice, instant
 from ..core.arguments import tolerance as check_tolerance
+from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.status import DIVERGED, STATUS
 from ..core.validation import concrete
-from ..dynamics.stepper import ENGINES
+from ..dynamics.compiled.coverage import ENGINES
 from ..math.block_tridiagonal import finite_pivots, positive_definite
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
@@ -54,7 +56,8 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
                what is far from where it starts and hardly stiff on the way, as a slack cable or a hinged beam that swings down
     engine     "eager": torch operations. "compiled": the load is raised by native code, many samples at once on the CPU
                (llvmlite, the extra `fast`), the same answers up to rounding; what follows (gradients, `branch`) is eager.
-               "auto": eager, for the time being
+               "auto": compiled for many samples (32,768 and more, times elements) where llvmlite is installed and the scene is
+               taken, but for functions of the motion; else eager (TORCHBEAM_ENGINE in the environment says otherwise)
     inputs     by name, (..., size): by keyword, or all in a dictionary inputs={...}
 
     The load is raised in steps, per sample, where Newton's method needs it: a step in which it fails, or a node turns by more
@@ -82,8 +85,9 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     start = Configuration(start.position, start.rotation, start.stress)
     conservative = all(load.conservative for load in scene.loads) and not turning(scene)
     doubtful = found = None
-    if engine == "compiled":
-        found = compiled.climb(model, time, given, start, tolerance, judged=conservative or branch == "stable")
+    if engine != "eager" and not relax:
+        native = compiled.climb if engine == "compiled" else compiled.automatic_climb
+        found = native(model, time, given, start, tolerance, judged=conservative or branch == "stable")
     if found is None:
         x, reaction, status = (relaxation.relax if relax else climb)(model, time, given, start, tolerance)
     else:
@@ -143,14 +147,19 @@ def _tangent(problem: SteadyProblem, x: Configuration) -> Linearisation:
 
 
 def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration, doubtful: Tensor | None = None) -> Tensor:
-    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no load; doubtful: whether the
+    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no load; doubtful: samples whose
     tangent is not positive definite, None = not known.
     """
+    if doubtful is not None and not concrete(doubtful).any():
+        return doubtful
+    few = None if doubtful is None else BatchSubset.worthwhile(doubtful)
+    if few is not None:
+        with suppress(NotSeparable):
+            at, begin = (Configuration(*(few.take(v, 2) for v in one)) for one in (x, start))
+            return few.put(torch.zeros_like(doubtful), _unstable(few.gather(problem), at, begin), 0)
     with no_derivatives():
-        if doubtful is not None and not concrete(doubtful).any():
-            return doubtful
         tangent = _tangent(problem, x)
-        doubtful = ~positive_definite(tangent.D, tangent.L, tangent.U) if doubtful is None else doubtful
+        doubtful = ~positive_definite(tangent.D, tangent.L, tangent.U)
         if not concrete(doubtful).any():
             return doubtful
         unloaded = _tangent(problem, start)

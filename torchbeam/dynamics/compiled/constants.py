@@ -10,15 +10,19 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ...core.leaves import Tree, detached, functions, leaf, map_leaves, own_leaves, with_values
+from ...core.leaves import Tree, constant, detached, functions, leaf, map_leaves, own_leaves, wants_gradient, with_values
+from ...core.validation import concrete
+from ...nodal.balance import same_law
 from ...nodal.constitutive_law import ElasticLaw
 from ...nodal.coordinates.linearised import LinearElement, Small
 from ...nodal.coordinates.planar import Plane
-from ...nodal.loads import Nodes, advanced, external
+from ...nodal.loads import Nodes, advanced, external, internal_slices
 from ...nodal.model import Model
-from ...scene.effects import Inputs
+from ...scene.effects import Effect, Input, Inputs, Pose
 from ...scene.effects.values import value_at
 from ...state.state import rest
+
+HELD = ("position", "rotation", "velocity", "spin")  # of a support
 
 
 @dataclass(frozen=True)
@@ -70,9 +74,9 @@ class SupportPose(Tree):
 
 @dataclass(frozen=True)
 class Common(Tree):
-    """One of all nodes: dt and t (...) s of the step and of its middle, loads that depend on the motion or remember (None in
-    the place of those of `NodeConstants`), inputs, the place of a plane, where a root's support stands; of frame a, in the
-    middle of the step, its velocity and angular velocity (..., 3) and its orientation, see `State.frame`, None = at rest.
+    """One of all nodes: dt and t (...) s of the step and of its middle, the loads that are evaluated natively (None in the
+    place of those of `NodeConstants`), inputs, the place of a plane, where a root's support stands; of frame a, in the middle
+    of the step, its velocity and angular velocity (..., 3) and its orientation, see `State.frame`, None = at rest.
     """
 
     dt: Tensor = leaf(0)
@@ -98,14 +102,29 @@ class SupportConstants(Tree):
     spin: Tensor = leaf(2)
 
 
-class Constants:
-    """Of a model's steps: what holds for all of them is kept."""
+Trees = tuple[NodeConstants, ElementConstants, Common, SupportConstants | None]
 
-    def __init__(self, model: Model) -> None:
+
+class Constants:
+    """Of a model's steps (or, without `steps`, of what stands still in it), in two parts: trees of what holds for all of them,
+    and values by name of what changes.
+
+    loads  those that are evaluated natively: of the motion, with internal states, and the library's own whose values are inputs
+    asks   whether anything is evaluated at t in torch
+    """
+
+    def __init__(self, model: Model, steps: bool = True) -> None:
         space, inertia, constraints, small = model.space, model.inertia, model.constraints, isinstance(model.space, Small)
-        self.model = model
+        self.model, self.prescribes = model, steps and model.scene.has_prescribed_motion
         still = space.to_reduced(rest(model.scene, ()))
         self.still = Nodes(still.position, still.rotation)
+        moving, dead = model.loads
+        self.loads = (*moving, *(load for load in dead if load.internal or _by_inputs(load)))
+        dead = [load for load in dead if load not in self.loads]
+        self.given = tuple(load for load in dead if _given(load) and not (model.turning and load.wants_axes))
+        self.asked = tuple(load for load in dead if load not in self.given)
+        none = {name: still.position.new_zeros(size) for name, size in model.scene.inputs.items()}
+        self.rows = tuple(self._rows(load, model.length.new_zeros(()), none) for load in self.loads)
         self.nodes = NodeConstants(
             inertia.mass, getattr(inertia.rotary, "J", None), getattr(inertia.offset, "x", None), constraints.slide,
             constraints.turn, model.section_mass, model.tributary_length, model.s, None,
@@ -113,44 +132,86 @@ class Constants:
         self.elements = ElementConstants(
             model.length, model.reference, model.law, model.law.C, getattr(inertia.translational, "coupling", None), None,
             space.element if small else None)
-        self.loads = acting_loads(model)
-        self.dead = tuple(load for load in model.scene.loads if load not in self.loads)
         self.wants_support = any(load.wants_support for load in self.loads)
+        self.given_eigenstrain = all(_given(effect) for effect in model.scene.eigenstrains)
+        self.rests = not model.scene.has_prescribed_motion and model.scene.root is None
+        self.of_time = {f"load {k} {one.name}": one.value for k, load in enumerate(self.loads) for one in own_leaves(load)
+                        if one.axes == 1 and callable(one.value) and self.rows[k] is None}
+        changing = any(row is not None and not _unchanging(load) for row, load in zip(self.rows, self.loads, strict=True))
+        self.asks = bool(self.asked or not self.given_eigenstrain or not self.rests or self.of_time or changing)
+        self._kept: dict[Any, Any] = {}
 
-    def at(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None
-           ) -> tuple[NodeConstants, ElementConstants, Common]:
-        """Of steps of dt (...) with loads as at t (...), which broadcast with the batch of the model; frame: that of frame
-        a then, None = it does not turn.
+    def forget(self) -> None:
+        """Take values afresh: a tensor that they were made from has been written to."""
+        self._kept = {}
+
+    @property
+    def sources(self) -> list[Tensor]:
+        """Tensors that values are made from, beside those of the model's own fields."""
+        scene = self.model.scene
+        by_place = tuple(load for load, row in zip(self.loads, self.rows, strict=True) if row is not None)
+        prescribed = () if self.rests else (scene.frame, scene.root, scene.supports)
+        return [x for x, _ in flattened((self.given, by_place, prescribed, scene.eigenstrains, self.model.law,
+                                         self.model.inertia))]
+
+    def changing(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None) -> dict[str, Tensor]:
+        """Values by name for steps of dt (...) with loads as at t (...), which broadcast with the batch of the model; frame:
+        orientation of frame a at t, None = it does not turn.
         """
         model = self.model
-        dead = external(model, self.still._replace(frame=frame), t, inputs, self.dead) if self.dead else None
-        own = model.eigenstrain(t, inputs) if model.scene.eigenstrains else None
-        support = SupportPose(*model.prescribed_motion.root_pose(t)) if self.wants_support else None
-        rows = tuple(load.at_sites(model.s, t, inputs, model.count) for load in self.loads)
-        loads = tuple(_resolved(load, t, inputs, model) if row is None else None
-                      for load, row in zip(self.loads, rows, strict=True))
-        place = model.space.place if isinstance(model.space, Plane) else None
-        elements = replace(self.elements, C=model.tangent_stiffness(dt.detach()), eigenstrain=own)
-        common = Common(dt, t, loads, inputs, place, support, *model.prescribed_motion.frame(t), frame)
-        return replace(self.nodes, dead=dead, loads=rows), elements, common
+        C, exact = self._tangent(dt)
+        found = {"dt": dt, "t": t, "C": C, "exact": exact}
+        still = self.still._replace(frame=frame)
+        if self.given or self.asked:
+            dead = self._recorded("dead", self.given, lambda: external(model, self.still, t, inputs, self.given))
+            found["dead"] = dead + external(model, still, t, inputs, self.asked) if self.asked else dead
+        if model.scene.eigenstrains:
+            found["eigenstrain"] = (
+                self._recorded("eigenstrain", model.scene.eigenstrains, lambda: model.eigenstrain(t, inputs))
+                if self.given_eigenstrain else model.eigenstrain(t, inputs))
+        if self.wants_support:
+            held = (model.scene.beam, model.scene.supports)
+            pose = (self._recorded("support", held, lambda: model.prescribed_motion.root_pose(t)) if self.rests
+                    else model.prescribed_motion.root_pose(t))
+            found |= {f"support {name}": x for name, x in zip(pose._fields, pose, strict=True) if x is not None}
+        for name, value in self.of_time.items():
+            found[name] = value_at(value, t, inputs, model.scene.beam.nodes)
+        for k, (load, row) in enumerate(zip(self.loads, self.rows, strict=True)):
+            if row is not None:
+                found |= self._row_values(k, load, t, inputs)
+        for name, x in inputs.items():
+            found[f"input {name}"] = x
+        return found | self._prescribed(t, t + dt / 2, frame)
 
-    def supports(self, end: Tensor) -> SupportConstants | None:
-        """At the time `end` (...) of a step; None where nothing moves them."""
-        model = self.model
-        if not (model.scene.has_prescribed_motion and model.scene.supports):
-            return None
-        motion, like = model.prescribed_motion, model.length
-        none = {"pose": (like.new_zeros(3), like.new_zeros(4)), "absolute": (like.new_zeros(3),) * 2}
-        found = [(*(motion.pose(one, end) if one.moves else none["pose"]),
-                  *(motion.absolute(one, end) if one.clamp else none["absolute"])) for one in model.scene.supports]
-        return SupportConstants(*(torch.stack(torch.broadcast_tensors(*rows), -2) for rows in zip(*found, strict=True)))
+    def _row_values(self, k: int, load: Any, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """Of a load by place."""
+        def values() -> list[Tensor]:
+            return [x for x, _ in flattened(self._rows(load, t, inputs))]
 
-    def orientations(self, start: Tensor | None, dt: Tensor, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
+        found = self._recorded(f"row {k}", (load, self.model.length), values) if _unchanging(load) else values()
+        return {f"row {k} {i}": x for i, x in enumerate(found)}
+
+    def _rows(self, load: Any, t: Tensor, inputs: Inputs) -> Any:
+        return load.at_sites(self.model.s, t, inputs, self.model.count)
+
+    def _prescribed(self, t: Tensor, end: Tensor, frame: Tensor | None) -> dict[str, Tensor]:
+        """Motion of frame a at t, and of supports at the time `end`."""
+        scene, motion, like = self.model.scene, self.model.prescribed_motion, self.model.length
+        if not self.prescribes:
+            return {}
+        found = dict(zip(("frame velocity", "frame angular_velocity", "frame"), (*motion.frame(t), frame), strict=True))
+        if scene.supports:
+            none = {"pose": (like.new_zeros(3), like.new_zeros(4)), "absolute": (like.new_zeros(3),) * 2}
+            rows = [(*(motion.pose(one, end) if one.moves else none["pose"]),
+                     *(motion.absolute(one, end) if one.clamp else none["absolute"])) for one in scene.supports]
+            for name, parts in zip(HELD, zip(*rows, strict=True), strict=True):
+                found[f"held {name}"] = torch.stack(torch.broadcast_tensors(*parts), -2)
+        return {name: x for name, x in found.items() if x is not None}
+
+    def orientations(self, start: Tensor, dt: Tensor, t: Tensor) -> tuple[Tensor, Tensor]:
         """Of frame a in the middle and at the end of K steps of dt (K, ...) with the middles t, from `start` (...), in the
-        space's coordinates, (K, ..., q); None where it does not turn.
+        space's coordinates, (K, ..., q).
         """
-        if start is None:
-            return None, None
         space, frame = self.model.space, self.model.frame(t)
         turns, half = (frame.orientation(space.identity(start[..., 1:]), part * dt) for part in (1.0, 0.5))
         size = 1
@@ -165,28 +226,46 @@ class Constants:
         """Internal states (..., z) of a state as rows of nodes (..., N+1, Z): of each load in turn, zeros where it does not
         act.
         """
-        nodes, found, at = self.model.count + 1, [], 0
+        nodes, found, places = self.model.count + 1, [], internal_slices(self.model)
         for load in self.loads:
-            size = load.internal_states(self.model.scene.beam)
-            own = internal[..., at:at + size]
-            at += size
-            if size:
+            if load.internal:
                 j = 0 if load.node is None else load.node % nodes
-                rows = own.unflatten(-1, (-1, load.internal))
+                rows = internal[..., places[id(load)]].unflatten(-1, (-1, load.internal))
                 found.append(rows if load.node is None else pad(rows, (0, 0, j, nodes - 1 - j)))
         return torch.cat(found, -1)
 
     def of_rows(self, rows: Tensor) -> Tensor:
         """The inverse."""
-        remembering = [load for load in self.loads if load.internal]
+        remembering, places = [load for load in self.loads if load.internal], internal_slices(self.model)
         parts = zip(remembering, rows.split([load.internal for load in remembering], -1), strict=True)
-        return torch.cat([own.flatten(-2) if load.node is None else own[..., load.node, :] for load, own in parts], -1)
+        found = {places[id(load)].start: own.flatten(-2) if load.node is None else own[..., load.node, :]
+                 for load, own in parts}
+        return torch.cat([found[first] for first in sorted(found)], -1)
 
-    def closures(self, trees: tuple[Any, ...]) -> tuple[Any, ...]:
+    def at(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None) -> Trees:
+        """The trees at once."""
+        return self.trees(self.changing(dt, t, inputs, frame))
+
+    def trees(self, values: dict[str, Tensor]) -> Trees:
+        """The trees with the values that change."""
+        rows = tuple(filled(row, lambda i, k=k: values[f"row {k} {i}"]) for k, row in enumerate(self.rows))
+        loads = tuple(with_values(load, **{one.name: values[name] for one in own_leaves(load)
+                                           if (name := f"load {k} {one.name}") in values}) if rows[k] is None else None
+                      for k, load in enumerate(self.loads))
+        support = SupportPose(*(values.get(f"support {name}") for name in Pose._fields)) if self.wants_support else None
+        place = self.model.space.place if isinstance(self.model.space, Plane) else None
+        inputs = {name: values[f"input {name}"] for name in self.model.scene.inputs}
+        frame = (values.get(name) for name in ("frame velocity", "frame angular_velocity", "frame"))
+        supports = SupportConstants(*(values[f"held {name}"] for name in HELD)) if f"held {HELD[0]}" in values else None
+        return (replace(self.nodes, dead=values.get("dead"), loads=rows),
+                replace(self.elements, C=values["C"], eigenstrain=values.get("eigenstrain")),
+                Common(values["dt"], values["t"], loads, inputs, place, support, *frame), supports)
+
+    def closures(self, values: dict[str, Tensor]) -> tuple[Any, ...]:
         """Loads (..., N+1, w) by functions of the motion, of the beam undeformed and at rest, and their internal states, whose
         gradient is that of what these functions close over.
         """
-        nodes, _, common, *_ = map(detached, trees)
+        nodes, _, common, _ = map(detached, self.trees(values))
         loads = (row or load for row, load in zip(nodes.loads, common.loads, strict=True))
         model = detached(self.model)
         model = with_values(model, scene=with_values(model.scene, effects=tuple(load for load in loads if functions(load))))
@@ -196,18 +275,44 @@ class Constants:
                       turn)
         return external(model, still, common.t, common.inputs), advanced(model, still, common.t, common.inputs)
 
+    def _recorded(self, name: str, effects: tuple[Any, ...], value: Callable[[], Tensor]) -> Tensor:
+        """A value that changes with nothing but what the effects hold: kept, unless a derivative by that is recorded."""
+        if torch.is_grad_enabled() and wants_gradient(*effects):
+            return value()
+        if name not in self._kept:
+            self._kept[name] = value()
+        return self._kept[name]
 
-def acting_loads(model: Model) -> tuple[Any, ...]:
-    """Loads that depend on the motion, or have internal states."""
-    loads = zip(model.scene.loads, model.scene.internal_states, strict=True)
-    return tuple(load for load, states in loads if states or model.depends_on(load))
+    def _tangent(self, dt: Tensor) -> tuple[Tensor, Tensor]:
+        """C of the tangent, and whether it is the law's; that of the last dt (0-dim) is kept."""
+        key = dt.item() if dt.ndim == 0 and dt is concrete(dt) else None
+        found = self._kept.get("tangent")
+        if found is None or key is None or found[0] != key:
+            C = self.model.tangent_stiffness(dt.detach())
+            found = self._kept["tangent"] = key, C, same_law(C, self.model.law.C).to(C)
+        return found[1:]
 
 
-def _resolved(load: Any, t: Tensor, inputs: Inputs, model: Model) -> Any:
-    """A load whose functions of t are the values at t."""
-    found = {one.name: value_at(one.value, t, inputs, model.length) for one in own_leaves(load)
-             if one.axes == 1 and callable(one.value)}
-    return with_values(load, **found) if found else load
+def _unchanging(load: Any) -> bool:
+    """Whether the values of a load by place are the same at all times and for all inputs."""
+    return all(constant(one.value) for one in own_leaves(load) if one.axes is not None)
+
+
+def _given(effect: Any) -> bool:
+    """Whether an effect is one of the library's with numbers alone."""
+    return of_library(effect) and constant(effect)
+
+
+def _by_inputs(load: Any) -> bool:
+    """Whether a load is one of the library's, and holds inputs beside plain numbers."""
+    values = [one.value for one in own_leaves(load) if one.value is not None]
+    return (of_library(load) and any(isinstance(x, Input) for x in values)
+            and all(isinstance(x, (Tensor, Input)) for x in values) and not load.inputs)
+
+
+def of_library(effect: Any) -> bool:
+    """Whether an effect's class is torchbeam's own."""
+    return type(effect).__module__.startswith(f"{Effect.__module__.rpartition('.')[0]}.")
 
 
 def flattened(tree: Any) -> list[tuple[Tensor, int]]:

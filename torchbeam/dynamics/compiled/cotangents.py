@@ -9,13 +9,8 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ...core.leaves import detached
-from ...nodal.model import Model
-from .call import Call, Field
+from .call import Call, Chain, Field
 from .constants import flattened
-from .local_functions import LocalFunctions
-from .local_problem import Kinds
-from .program import adjoint_of
 
 
 def state_fields(nodes: tuple[str, ...]) -> dict[str, tuple[str, str]]:
@@ -25,42 +20,38 @@ def state_fields(nodes: tuple[str, ...]) -> dict[str, tuple[str, str]]:
 
 
 def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
-    """The tensors of the trees of nodes, elements, what they have in common, and supports, if these are given."""
-    for record, tree in zip(("node", "element", "common", "support"), trees, strict=False):
+    """The tensors of the trees of nodes, elements, what they have in common, and supports."""
+    for record, tree in zip(("node", "element", "common", "support"), trees, strict=True):
         for k, (x, axes) in enumerate(flattened(tree)):
             yield Field(record, f"{record}.{k}", x, axes)
 
 
 class Adjoint:
-    """What the cotangents of K steps that a call has made are found from; kinds: of nodes and elements; trees: of the
-    constants; good (K, B): which samples moved.
+    """What the cotangents of K steps that a call has made are found from: chain of the adjoint program; fields of the
+    constants, without gradient; good (K, B): which samples moved.
     """
 
-    def __init__(self, call: Call, model: Model, kinds: Kinds, trees: tuple[Any, ...], good: Tensor) -> None:
-        self.call, self.model, self.kinds, self.good = call, model, kinds, good
-        self.trees = tuple(map(detached, trees))
-        self.fields = list(constant_fields(self.trees))
-        self.state = [*state_fields(call.program.state)]
+    def __init__(self, chain: Chain, call: Call, fields: list[Field], good: Tensor) -> None:
+        self.chain, self.call, self.fields, self.good = chain, call, fields, good
+        self.state = [*state_fields(chain.program.state)]
 
     def cotangents(self, start: list[Tensor], made: tuple[Tensor, ...], grads: tuple[Tensor | None, ...], wanted: list[bool]
                    ) -> list[Tensor | None]:
         """Of the constants that are wanted, and of the start, from those of the states after each step."""
-        model, (K, B) = self.model, self.good.shape
-        names = frozenset(one.name for one, asked in zip(self.fields, wanted, strict=False) if asked)
-        program = adjoint_of(self.call.program, LocalFunctions(model, *self.trees), names)
-        batch, layout, stepped = self.call.batch, program.layout, set()
-        call = Call(program, model, self.kinds, batch, K, self.call.lanes)
-        inputs = [*self.fields, Field("free", "free", model.constraints.moving, 2),
-                  Field("sample", "good", self.good, 0, flat=True)]
+        chain, (K, B) = self.chain, self.good.shape
+        layout, batch, stepped = chain.program.layout, self.call.batch, set()
+        call = Call(chain, batch, K, self.call.lanes)
+        inputs = [*self.fields, Field("free", "free", chain.free, 2), Field("sample", "good", self.good, 0, flat=True)]
         outputs, stepwise, found = [], [], {}
         for name, x, after, grad in zip(self.state, start, made, grads, strict=True):
-            own = after.shape[2:]
-            grad = after.new_zeros(own) if grad is None else grad.contiguous()
+            own = () if name == "work" else after.shape[-2:]
+            after = after.reshape(K, B, *own)
+            grad = after.new_zeros(own) if grad is None else grad.reshape(K, B, *own).contiguous()
             record, field = {"stress": ("stress", "stress"), "reaction": ("reaction", "reaction"),
                              "work": ("sample", "work")}.get(name, ("state", name))
             if name == "reaction":
                 inputs.append(Field("support", "found", after, 2, flat=True))
-            if name in self.call.program.state:
+            if name in chain.program.state:
                 first = x.expand(*batch, *own).reshape(1, B, *own)
                 inputs.append(Field("state", name, torch.cat((first, after[:-1])), 2, flat=True))
                 inputs.append(Field("after", f"after_{name}", after, 2, flat=True))
@@ -78,13 +69,13 @@ class Adjoint:
             if one.name not in record.fields:
                 continue
             rows = one.record != "common"
-            every = (layout.rows(record, model.count, len(call.supports)),) * rows
+            every = (layout.rows(record, chain.N, len(chain.supports)),) * rows
             steps = one.value.ndim - one.axes > len(batch)
             found[one.name] = call.empty(*every, *one.value.shape[one.value.ndim - one.axes + rows:], steps=steps)
             field = Field(record.name, one.name, found[one.name], one.axes, flat=True)
             (stepwise if steps else outputs).append(field)
             stepped |= {one.name} if steps else set()
-        call.run(inputs=inputs, outputs=outputs, stepwises=stepwise)
+        call.made(inputs=inputs, outputs=outputs, stepwises=stepwise)
 
         def of(name: str, x: Tensor, asked: bool) -> Tensor | None:
             if not asked or name not in found:
@@ -109,6 +100,7 @@ class Differentiated(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
-        saved, count = ctx.saved_tensors, len(grads)
+        saved = ctx.saved_tensors
+        count = len(grads)
         found = ctx.adjoint.cotangents([*saved[:count]], saved[count:], grads, ctx.needs_input_grad[2:])
         return None, None, *found

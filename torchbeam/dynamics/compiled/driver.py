@@ -40,6 +40,7 @@ class Driver(ChainCode):
             self._copy_to(self.at("stress", e), self.at("start_stress", e), self.layout.records["stress"].size)
         for name in ("over", "done"):
             code.call("opposite", self.at("sample", 0, name), self.at("sample", 0, "moving"))
+        self._border()
         self._newton()
         self._finish()
 
@@ -55,14 +56,18 @@ class Driver(ChainCode):
                 for k in kinds:
                     self._call(f"before element {k}", lambda f: self._of_element(f, e))
 
+    def _border(self) -> None:
+        """What is on either side of the chain: nothing, which does not move."""
+        size = self.layout.records["move"].size
+        self._fill(self.at("move", 0), size)
+        self._fill(self.at("move", self.code.add(self.args["elements"], 2)), size)
+        self._fill(self.at("nothing"), self.layout.records["nothing"].size)
+
     def _newton(self) -> None:
         """Iterations, until all samples are over."""
-        code, N = self.code, self.args["elements"]
+        code = self.code
         for name in ("before", "iterations"):
             self._fill(self.at("sample", 0, name), 1)
-        self._fill(self.at("move", 0), self.layout.records["move"].size)
-        self._fill(self.at("move", code.add(N, 2)), self.layout.records["move"].size)
-        self._fill(self.at("nothing"), self.layout.records["nothing"].size)
         count = code.slot()
         code.store(0, count)
         with code.until() as ends:

@@ -24,7 +24,7 @@ from ...nodal.rotary import NoRotaryInertia, RotaryInertia
 from ...scene.effects import Pose, TipLoad
 from ...state.state import State
 from ..midpoint import MidpointProblem, MidpointUnknowns
-from .constants import Common, ElementConstants, NodeConstants, SupportConstants, acting_loads, filled
+from .constants import Common, ElementConstants, NodeConstants, SupportConstants, filled
 
 Fields = dict[str, Tensor]
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
@@ -69,9 +69,9 @@ class Kinds(NamedTuple):
         return Kinds(*(tuple(dict.fromkeys(kinds)) for kinds in self))
 
 
-def node_kinds(model: Model) -> list[NodeKind]:
-    """Of all nodes."""
-    loads, nodes, supports = acting_loads(model), model.count + 1, {}
+def node_kinds(model: Model, loads: tuple[Any, ...]) -> list[NodeKind]:
+    """Of all nodes, on which these loads act."""
+    nodes, supports = model.count + 1, {}
     hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
     if model.scene.has_prescribed_motion:
         supports = {one.node: SupportKind(tuple(fixed.tolist()), one.moves, one.clamp)
@@ -178,7 +178,7 @@ class LocalProblems:
     @property
     def internal(self) -> tuple[int, ...]:
         """How many internal states each of the loads has at a node."""
-        return tuple(load.internal for load in acting_loads(self.model))
+        return tuple((row or load).internal for row, load in zip(self.nodes.loads, self.common.loads, strict=True))
 
     @property
     def state(self) -> tuple[str, ...]:

@@ -12,6 +12,8 @@ class LoadDriver(Driver):
     """Equilibria, each sample at its own pace."""
 
     def _group(self, first: str) -> None:
+        self.known = self.code.slot()  # whether the balance and elimination at hand are of the shape and load at hand
+        self.code.store(0, self.known)
         self._transfer("gather", "input", first, 0)
         self._begin()
         self._climb()
@@ -36,10 +38,21 @@ class LoadDriver(Driver):
         for field in self.functions[name].outputs:
             self._copy_to(self._of_sample(field), self.at("ruled", 0, field), 1)
 
+    def _pass(self) -> None:
+        with self.code.when(self.code.compare("eq", self.code.load(self.known), 0)):
+            super()._pass()
+        self.code.store(0, self.known)
+
     def _begin(self) -> None:
-        """The first step, by the moves that all of the load would bring about."""
+        """The first step, by the moves that all of the load would bring about; where that is all of the load for all samples,
+        Newton's method has its first balance.
+        """
         code, N = self.code, self.args["elements"]
         self._hoisted()
+        self._border()
+        if self.held:
+            with code.loop(0, self.args["supports"]) as k:
+                self._fill(self.at("support", k, "last"), self.layout.records["support"].fields["last"][1])
         for name in ("reached", "last_status", "turn"):
             self._fill(self.at("sample", 0, name), 1)
         for name in ("load_factor", "over"):
@@ -52,6 +65,8 @@ class LoadDriver(Driver):
             self._call("turn", lambda f: self.at("change", 0, "turn") if f[0] == ">" else self.at("move", j, f))
             code.call("largest", self.at("sample", 0, "turn"), self.at("change", 0, "turn"))
         self._rule("first_step")
+        self._rule("shares")
+        code.call("all", self.at("sample", 0, "whole"), self.known)
 
     def _return(self) -> None:
         """To the last shape that was in balance."""
@@ -79,7 +94,6 @@ class LoadDriver(Driver):
 
     def _climb(self) -> None:
         code = self.code
-        self._rule("shares")
         with code.until() as ends:
             self._return()
             self._place()

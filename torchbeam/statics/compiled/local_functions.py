@@ -108,10 +108,11 @@ class SteadyFunctions(LocalFunctions):
         return {"step": load_steps.first_step(turn)}
 
     def shares(self, reached: Tensor, step: Tensor, last_status: Tensor) -> Fields:
-        """See `load_steps`; over, done: of samples that are not on their way."""
+        """See `load_steps`; over, done: of samples that are not on their way; whole: whether it is all of the load."""
         climbing, share = load_steps.shares(reached, step, last_status)
         resting = (~climbing).to(share)
-        return {"climbing": climbing.to(share), "load_factor": share, "over": resting, "done": resting}
+        return {"climbing": climbing.to(share), "load_factor": share, "over": resting, "done": resting,
+                "whole": (share >= 1).to(share)}
 
     def advanced(self, climbing: Tensor, load_factor: Tensor, reached: Tensor, step: Tensor, last_status: Tensor, done: Tensor,
                  status: Tensor, cosine: Tensor) -> Fields:

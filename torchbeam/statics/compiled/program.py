@@ -12,7 +12,7 @@ from .driver import LoadDriver
 from .local_functions import POSE, SteadyFunctions
 
 SAMPLE = ("over", "done", "before", "iterations", "status", "cosine", "turn", "climbing", "reached", "step", "good",
-          "last_status", "indefinite")
+          "last_status", "whole", "indefinite")
 RULES = {"first_step": ("turn",), "shares": ("reached", "step", "last_status"),
          "advanced": ("climbing", "load_factor", "reached", "step", "last_status", "done", "status", "cosine")}
 
