@@ -155,7 +155,8 @@ class CompiledStep:
         """See `Constants.orientations`; of one step without the axis of steps."""
         if K is not None:
             return self.constants.orientations(start, dt.expand(K, *(1,) * dims) if dt.ndim == 0 else dt, t)
-        return tuple(x[0] for x in self.constants.orientations(start, dt[None], t[None]))
+        frame = self.model.frame(t)
+        return frame.orientation(start, dt / 2), frame.orientation(start, dt)
 
     def _look(self) -> None:
         """Take afresh what was looked up, where a tensor that it came from has been written to since."""

@@ -147,3 +147,20 @@ def test_steps_are_the_eager_ones(name):
         assert (x is None) == (found[field] is None), field
         if x is not None:
             assert_close(found[field], x, rtol=0, atol=1e-9 * float(x.abs().max()), msg=lambda m, f=field: f"{f}: {m}")
+
+
+@torch.no_grad()
+def test_single_steps_and_failures_in_a_frame_that_turns():
+    """A sample that is no number, and one that rests: their frames stand, and the others are as eager ones."""
+    scene = tb.Scene(tb.Beam.straight(1.0, 2, section()), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz",
+                     frame=tb.Frame(angular_velocity=(0, 1.5, 0)))
+    u, active = torch.tensor([[1.0, 0, 2], [torch.nan, 0, 0], [3, 0, 1]]), torch.tensor([True, True, False])
+    found = []
+    for engine in ("eager", "compiled"):
+        stepper = tb.Stepper(scene, 0.01, engine=engine)
+        state = stepper(stepper(tb.rest(scene, (3,)), u=u, active=active), u=u[:1], active=active)
+        assert state.status.tolist()[::2] == [0, 0] and state.status[1] != 0
+        found.append(state)
+    for field in ("position", "velocity", "frame", "t"):
+        assert_close(getattr(found[1], field), getattr(found[0], field), rtol=0, atol=1e-13)
+    assert torch.equal(found[1].frame[1:], tb.rest(scene, (2,)).frame)
