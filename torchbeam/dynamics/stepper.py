@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch._C import _functorch as functorch
 
 from ..core.arguments import boolean, choice, count, duration, mask, step_size
 from ..core.arguments import tolerance as check_tolerance
@@ -114,8 +115,10 @@ class Stepper:
 
     @property
     def compiled(self) -> CompiledStep | None:
-        """The steps by native code; None where they are made eagerly. "auto" decides when it is first asked."""
-        if not self._decided:
+        """The steps by native code; None where they are made eagerly. "auto" decides when it is first asked, outside of
+        torch.func, whose tensors are not to be kept.
+        """
+        if not self._decided and not functorch.peek_interpreter_stack():
             self._compiled, self._decided = automatic_step(self.model, *self._asked), True
         return self._compiled
 
@@ -188,15 +191,30 @@ class Stepper:
             self._remember(state, dt, t, given, torch.where(moving, status, SUCCESS))
         return self.model.space.to_public(replace(after, status=torch.where(moving, status, state.status)))
 
-    def _quickly(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs) -> State | None:
-        """The state one step later where native code makes it of all samples at once; None where there is more to it."""
+    def repeat(self, state: State, count: int, inputs: dict[str, Any], active: Tensor | None = None) -> State:
+        """The state `count` steps later, with the inputs held: as so many calls."""
+        if count > 1 and active is None and self.compiled is not None and not self._changes:
+            of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
+            found = self._quickly(self._reduced(state), self.dt, None, self.scene.tensors(inputs), count)
+            if found is not None:
+                return found
+        for _ in range(count):
+            state = self.advance(state, inputs, active=active)
+        return state
+
+    def _quickly(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, repeat: int = 1) -> State | None:
+        """The state one step later, or after as many alike, where native code makes it of all samples at once; None where there
+        is more to it.
+        """
         if concrete(state.status).any():
             return None
         t = (state.t if t is None else t) + self.method.INSTANT * dt if self.compiled.takes_time else None
-        found = self._natively(state, dt, t, inputs, None, self._limit(last=not self.halvings))
+        found = self._natively(state, dt, t, inputs, None, self._limit(last=not self.halvings), repeat=repeat)
         if found is None or not found.well:
             return None
-        self.iterations, now = found.iterations, state.t + dt
+        self.iterations, now = found.iterations, state.t
+        for _ in range(repeat):
+            now = now + dt
         now = now if now.shape == found.status.shape else now.expand(found.status.shape)
         return self.model.space.to_public(replace(state, **found.fields, t=now, status=found.status))
 
@@ -314,7 +332,8 @@ class Stepper:
         """
         merged = copy(self)
         merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))
-        merged._compiled = None if self._compiled is None else CompiledStep(merged.model)
+        merged._compiled = CompiledStep(merged.model) if self.engine == "compiled" else None
+        merged._decided = self.engine != "auto" or (self._decided and self._compiled is None)
         merged.iterations, merged.failures = None, {}
         return merged
 
@@ -350,11 +369,11 @@ class Stepper:
         return math.cos(TURN * self.method.PART / 2)
 
     def _natively(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, limit: int,
-                  K: int | None = None) -> Steps | None:
+                  K: int | None = None, repeat: int = 1) -> Steps | None:
         """A step of dt with the middle t (...), or K, see `CompiledStep`; None where they are to be made eagerly."""
         tolerance = TOLERANCE[self.scene.dtype] if self.tolerance is None else float(self.tolerance)
         try:
-            return self.compiled(state, dt, t, inputs, moving, tolerance, self._least, limit, K)
+            return self.compiled(state, dt, t, inputs, moving, tolerance, self._least, limit, K, repeat=repeat)
         except (NotCompiled, NotTraceable) as error:
             if self.engine == "compiled":
                 raise
