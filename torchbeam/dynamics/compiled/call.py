@@ -141,10 +141,10 @@ class Call:
         """For a flat field that is written."""
         return torch.empty(*(self.K,) * steps, self.B, *own, dtype=self.chain.dtype)
 
-    def made(self, **tables: Iterable[Field]) -> None:
+    def made(self, limit: int = 0, **tables: Iterable[Field]) -> None:
         """Run with these tables, by the names of the driver's arguments."""
         found = {name: Table(self.chain, [*fields], self.batch) for name, fields in tables.items()}
-        self.run({name: (table.array, table.count) for name, table in found.items()}, found)
+        self.run({name: (table.array, table.count) for name, table in found.items()}, found, limit)
 
     def run(self, tables: dict[str, tuple[Any, int]], held: Any, limit: int = 0) -> None:
         """tables: rows and their number, by the names of the driver's arguments; held: what lasts as long as the call."""

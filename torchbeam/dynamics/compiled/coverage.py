@@ -32,12 +32,12 @@ def refusal(model: Model, method: str, conserve: bool = False) -> str | None:
         "a support or root that moves": scene.has_prescribed_motion or scene.root is not None,
         "a load with internal states": bool(model.internal_states),
         **{f"{type(load).__name__} along the beam with values of each element or node": True
-           for load in model.loads[0] if _by_place(load)},
+           for load in model.loads[0] if by_place(load)},
     }
     return next((reason for reason, given in reasons.items() if given), None)
 
 
-def _by_place(load: Any) -> bool:
+def by_place(load: Any) -> bool:
     """Whether a load that depends on the motion has values of its own in each element or node."""
     if isinstance(load, LineLoad):
         return any(isinstance(value, PerElement) for value in (load.force, load.moment))
@@ -53,11 +53,16 @@ def why_eager(model: Model, method: str, conserve: bool = False) -> str | None:
         return reason
     if meaning() == "eager":
         return f"{VARIABLE} is 'eager'{TAKES}"
-    own = [load for load in model.loads[0] if not of_library(load) or any(
-        one.axes is None or isinstance(one.value, Along) for one in own_leaves(load))]
+    own = by_function(model)
     if own and meaning() == "auto":
         return f"{own[0].called} that depends on the motion by a function, whose variables may change{TAKES}, as they are"
     return None
+
+
+def by_function(model: Model) -> list[Any]:
+    """Loads that depend on the motion and are functions that a user wrote, or hold such."""
+    return [load for load in model.loads[0] if not of_library(load) or any(
+        one.axes is None or isinstance(one.value, Along) for one in own_leaves(load))]
 
 
 def meaning() -> str:
@@ -91,8 +96,8 @@ def automatic_step(model: Model, method: str, conserve: bool = False) -> Compile
         return None
 
 
-def given_up(error: Exception) -> None:
+def given_up(error: Exception, what: str = "steps are made") -> None:
     """The warning about a compiler that failed."""
     first = next(iter(str(error).splitlines()), "")
-    warnings.warn(f"steps are made eagerly, as no native code could be made: {type(error).__name__}: {first}", RuntimeWarning,
+    warnings.warn(f"{what} eagerly, as no native code could be made: {type(error).__name__}: {first}", RuntimeWarning,
                   stacklevel=2)

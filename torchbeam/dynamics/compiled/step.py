@@ -17,7 +17,7 @@ from .call import Call, Chain, Field, Table
 from .constants import Constants
 from .cotangents import STATE, Adjoint, Differentiated, constant_fields
 from .local_functions import LocalFunctions
-from .local_problem import NodeKind
+from .local_problem import node_kinds
 from .program import adjoint_of, program_of
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
@@ -56,16 +56,13 @@ class CompiledStep:
 
     def __init__(self, model: Model) -> None:
         self.model, self.constants, self.batch = model, Constants(model), model.scene.batch_shape
-        like, N = model.length, model.count
+        like = model.length
         nothing = {name: like.new_zeros(size) for name, size in model.scene.inputs.items()}
         values = self.constants.changing(like.new_ones(()), like.new_zeros(()), nothing)
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         self.trees = self.constants.trees(values)
         self.function = any(one.axes is None for one in functions(model.loads[0]))
-        acting = [tuple(k for k, load in enumerate(self.constants.loads) if load.node is None or load.node % (N + 1) == j)
-                  for j in range(N + 1)]
-        hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
-        self.kinds = [NodeKind(loads, hinges.get(j)) for j, loads in enumerate(acting)]
+        self.kinds = node_kinds(model, self.constants.loads)
         self.local = LocalFunctions(model, *self.trees)
         kinds = tuple(dict.fromkeys(self.kinds))
         self.program = program_of(self.local, kinds, bool(model.constraints.nodes), not self.function)
