@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import weakref
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -18,6 +19,7 @@ from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.functions_of_time import shared
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import broadcast, concrete, positive, real, shown
+from ..nodal.coordinates.planar import Plane
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -111,6 +113,7 @@ class Stepper:
         self._compiled = compiled_step(self.model, *self._asked) if self.engine == "compiled" else None
         self._decided = self.engine != "auto"
         self.iterations: Tensor | None = None  # (...) of the last step
+        self._last: tuple[Any, Any, State] | None = None  # the last state made, how often it was written to, and itself reduced
         self.failures: dict[int, Failure] = {}  # the first of each status
 
     @property
@@ -124,7 +127,7 @@ class Stepper:
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies decide for themselves, where "auto" does: they may be in another process."""
-        held = dict(vars(self))
+        held = {**vars(self), "_last": None}
         return held if self.engine != "auto" else {**held, "_compiled": None, "_decided": False}
 
     def rest(self, batch_shape: tuple[int, ...] | None = None) -> State:
@@ -216,7 +219,11 @@ class Stepper:
         for _ in range(repeat):
             now = now + dt
         now = now if now.shape == found.status.shape else now.expand(found.status.shape)
-        return self.model.space.to_public(replace(state, **found.fields, t=now, status=found.status))
+        reduced = replace(state, **found.fields, t=now, status=found.status)
+        after, space = self.model.space.to_public(reduced), self.model.space
+        if after is not reduced and isinstance(space, Plane) and space.reversible and not after.position.requires_grad:
+            self._last = weakref.ref(after), _versions(after), reduced
+        return after
 
     def _parts(self, model: Model, start: State, dt: Tensor, t: Tensor, inputs: Inputs, failed: Tensor
                ) -> tuple[State, Tensor, Tensor]:
@@ -280,6 +287,10 @@ class Stepper:
 
     def _reduced(self, state: State) -> State:
         """A state in the space's coordinates, with all that the scene has, and the batch's axes on every field."""
+        if self._last is not None and self._last[0]() is state:
+            _, seen, reduced = self._last
+            if seen is not None and seen == _versions(state):
+                return reduced
         state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
         return self.model.space.to_reduced(with_optional_fields(state, self.scene))
 
@@ -380,3 +391,8 @@ class Stepper:
             given_up(error)
             self._compiled = None
             return None
+
+
+def _versions(state: State) -> tuple[int, ...] | None:
+    """How often each field was written to in place; None = not known, in inference mode."""
+    return None if state.position.is_inference() else tuple([x._version for x in vars(state).values() if x is not None])

@@ -260,3 +260,20 @@ def test_derivatives_that_native_code_has_not_are_made_eagerly_by_auto(auto):
     torch.testing.assert_close(by_forward, by_reverse, rtol=1e-8, atol=1e-12)
     many = torch.func.vmap(tip)(torch.stack((u, 2 * u)))
     torch.testing.assert_close(many[1], tip(2 * u), rtol=1e-10, atol=1e-12)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("plane", ["xy", "xz"])
+def test_a_state_in_a_plane_that_is_written_to_is_read_again(plane):
+    """What a stepper knows of the state that it made last does not outlive a change of it."""
+    scene = tb.Scene(straight(3), [tb.TipLoad(force=tb.Input("u", 3))], plane=plane)
+    stepper = tb.Stepper(scene, 0.01, engine="compiled")
+    eager = tb.Stepper(scene, 0.01, engine="eager")
+    u = torch.ones(3)
+    state = stepper(moving(scene), u=u)
+    unchanged = stepper(state, u=u)
+    torch.testing.assert_close(unchanged.position, eager(state, u=u).position, rtol=1e-12, atol=1e-13)
+    state.velocity.mul_(2)
+    found = stepper(state, u=u)
+    torch.testing.assert_close(found.position, eager(state, u=u).position, rtol=1e-12, atol=1e-13)
+    assert not torch.equal(found.position, unchanged.position)
