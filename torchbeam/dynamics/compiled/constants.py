@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.leaves import Tree, constant, leaf, map_leaves, own_leaves, wants_gradient
+from ...core.leaves import Tree, constant, leaf, map_leaves, own_leaves
 from ...core.validation import concrete
 from ...nodal.balance import same_law
 from ...nodal.constitutive_law import ElasticLaw
@@ -87,6 +87,7 @@ class Constants:
 
     loads  those that are evaluated natively: of the motion, and the library's own whose values are inputs
     asks   whether anything is evaluated at t in torch
+    sources  tensors that values are made from
     """
 
     def __init__(self, model: Model) -> None:
@@ -111,16 +112,15 @@ class Constants:
         self.of_time = {f"load {k} {one.name}": one.value for k, load in enumerate(self.loads) for one in own_leaves(load)
                         if one.axes == 1 and callable(one.value) and not isinstance(one.value, (Tensor, Along))}
         self.asks = bool(self.asked or not self.given_eigenstrain or (self.wants_support and not self.rests) or self.of_time)
+        scene = model.scene
+        held = (self.given, scene.eigenstrains, scene.beam, scene.supports, model.law, inertia)
+        self.sources = [x for x, _ in flattened(held)]
+        self.sources += [model.length, model.section_mass, model.tributary_length]
         self._kept: dict[Any, Any] = {}
 
     def forget(self) -> None:
         """Take values afresh: a tensor that they were made from has been written to."""
         self._kept = {}
-
-    @property
-    def sources(self) -> list[Tensor]:
-        """Tensors that values are made from, beside those of the model's own fields."""
-        return [x for x, _ in flattened((self.given, self.model.scene.eigenstrains, self.model.law, self.model.inertia))]
 
     def changing(self, dt: Tensor, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Values by name for steps of dt (...) with loads as at t (...), which broadcast with the batch of the model."""
@@ -128,15 +128,14 @@ class Constants:
         C, exact = self._tangent(dt)
         found = {"dt": dt, "t": t, "C": C, "exact": exact}
         if self.given or self.asked:
-            dead = self._recorded("dead", self.given, lambda: external(model, self.still, t, inputs, self.given))
+            dead = self._held("dead", lambda: external(model, self.still, t, inputs, self.given))
             found["dead"] = dead + external(model, self.still, t, inputs, self.asked) if self.asked else dead
         if model.scene.eigenstrains:
             found["eigenstrain"] = (
-                self._recorded("eigenstrain", model.scene.eigenstrains, lambda: model.eigenstrain(t, inputs))
+                self._held("eigenstrain", lambda: model.eigenstrain(t, inputs))
                 if self.given_eigenstrain else model.eigenstrain(t, inputs))
         if self.wants_support:
-            held = (model.scene.beam, model.scene.supports)
-            pose = (self._recorded("support", held, lambda: model.prescribed_motion.root_pose(t)) if self.rests
+            pose = (self._held("support", lambda: model.prescribed_motion.root_pose(t)) if self.rests
                     else model.prescribed_motion.root_pose(t))
             found |= {f"support {name}": x for name, x in zip(pose._fields, pose, strict=True) if x is not None}
         for name, value in self.of_time.items():
@@ -167,9 +166,9 @@ class Constants:
                                     angular_acceleration=turn)
         return external(self.model, nodes, t, inputs, self.model.loads[0])
 
-    def _recorded(self, name: str, effects: tuple[Any, ...], value: Callable[[], Tensor]) -> Tensor:
-        """A value that changes with nothing but what the effects hold: kept, unless a derivative by that is recorded."""
-        if torch.is_grad_enabled() and wants_gradient(effects):
+    def _held(self, name: str, value: Callable[[], Any]) -> Any:
+        """A value that is the same at all steps: kept, unless a derivative by what it is made from is recorded."""
+        if torch.is_grad_enabled() and any(x.requires_grad for x in self.sources):
             return value()
         if name not in self._kept:
             self._kept[name] = value()
