@@ -6,7 +6,7 @@ import torch
 
 from torchbeam.dynamics.compiled.constants import Constants, flattened
 from torchbeam.dynamics.compiled.local_functions import LocalFunctions
-from torchbeam.dynamics.compiled.local_problem import NODE, NodeKind
+from torchbeam.dynamics.compiled.local_problem import NODE, node_kinds
 from torchbeam.dynamics.midpoint import MidpointUnknowns
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
@@ -17,7 +17,8 @@ class Chain:
 
     def __init__(self, problem):
         model, self.problem = problem.model, problem
-        trees = Constants(model).at(problem.dt, problem.t, problem.inputs)
+        constants = Constants(model)
+        trees = constants.at(problem.dt, problem.t, problem.inputs)
         self.local, self.N, w = LocalFunctions(model, *trees), model.count, model.space.unknowns
         nodes, elements, common = map(flattened, trees)
         self.common = {f"common.{k}": x for k, (x, _) in enumerate(common)}
@@ -25,10 +26,7 @@ class Chain:
                      | {name: getattr(problem.start, name)[j] for name in NODE} for j in range(self.N + 1)]
         self.element = [{f"element.{k}": row(x, axes, j) for k, (x, axes) in enumerate(elements)} | self.common
                         for j in range(self.N)]
-        hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
-        self.kinds = [NodeKind(tuple(k for k, load in enumerate(model.loads[0])
-                                     if load.node is None or load.node % (self.N + 1) == j), hinges.get(j))
-                      for j in range(self.N + 1)]
+        self.kinds = node_kinds(model, constants.loads)
         self.free, self.zero = model.constraints.moving.to(model.length), {"vector": torch.zeros(w), "block": torch.zeros(w, w)}
         self.unknown = [self.local.predictor(kind, **node) for kind, node in zip(self.kinds, self.node, strict=True)]
         self.stress = list(problem.start.stress)

@@ -114,8 +114,8 @@ class Case:
             self.dt = d.tensor("dt", torch.tensor(0.06), size=0.02, alone=True)
         else:
             fast = s.way in EXPLICIT
-            self.t = d.tensor("times", torch.tensor([0.17, 0.174, 0.1785] if fast else [0.17, 0.224, 0.277]), alone=True,
-                              size=0.01 if fast else 0.1)
+            self.t = d.tensor("times", torch.tensor([0.17, 0.1725, 0.1755] if fast else [0.17, 0.224, 0.277]), alone=True,
+                              size=0.006 if fast else 0.1)
         self.moving = {}
         if d.inputs and "stepper" not in s.way and s.way != "equilibrium" and d.pick(False, True):
             rate = d.number("input rate", 2.0, 5.0)
@@ -219,15 +219,13 @@ class Case:
             total = total + (self.weights[name] * value).sum(-1)
         return total
 
-    def rows(self, one_by_one: bool = False) -> list[Row]:
-        """Derivatives by every tensor, each in a direction of its own; those that take a batch as one batch. Or `one_by_one`,
-        without any batch: by all together, so scaled that each has a share in it.
+    def rows(self, one_by_one: bool = False, unbatched: bool = True) -> list[Row]:
+        """Derivatives by every tensor, each in a direction of its own; those that take a batch as one batch, the others
+        (`unbatched`) together. Or `one_by_one`, without any batch: by all together, so scaled that each has a share in it.
         """
         x, d = self.draw.tensors, self.draw
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            with torch.no_grad():
-                self(x)
             along = {n: d.size[n] * (torch.rand(v.shape, generator=d.random) + 0.3) * (
                 torch.rand(v.shape, generator=d.random) - 0.5).sign() for n, v in x.items()}
             leaves = {n: v.clone().requires_grad_() for n, v in x.items()}
@@ -248,7 +246,7 @@ class Case:
             forward = self._forward(x, along, names)
             rows = [self._refined(Row(n, reverse[n], f, *difference), x, {n: along[n]}) for n, f, difference in
                     zip(names, forward, self._differences(x, along, names), strict=False)]
-            if alone:
+            if alone and unbatched:
                 total = sum(reverse[n] for n in alone)
                 rows.append(self._refined(Row(" and ".join(alone), total, forward[-1], *self._one_by_one(x, alone)), x, alone))
         return rows
@@ -302,7 +300,7 @@ class Case:
     def _jvp(self, x: Tensors, tangents: Tensors) -> Tensor | None:
         """By dual numbers, and sometimes by torch.func.jvp, three times as slow. None where that is refused."""
         try:
-            if self.spec.seed % 4 == 0:
+            if self.spec.seed % 8 == 4:
                 return torch.func.jvp(self, (x,), (tangents,))[1]
             with forward_ad.dual_level():
                 y = forward_ad.unpack_dual(self({n: forward_ad.make_dual(v, tangents[n]) for n, v in x.items()}))

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import constant, map_leaves
-from ..dynamics.compiled.coverage import refusal
+from ..dynamics.compiled.coverage import why_eager
 from ..dynamics.stepper import METHODS, Stepper
 from ..linear.modes import modes
 from ..mixed.model import MixedModel
@@ -112,9 +112,9 @@ def _forms(scene: Scene, free: int) -> tuple[dict[str, int | None], dict[str, st
 
 
 def _engine(model: Model) -> tuple[str, ...]:
-    """Which engine steps the scene, and whether the other one would."""
-    reason = refusal(model, "midpoint")
-    return ("eager; 'compiled' takes it" if reason is None else f"eager; 'compiled' does not take it: {reason}",)
+    """Which engine steps the scene, and why the eager one does."""
+    reason = why_eager(model, "midpoint")
+    return ("compiled: native code" if reason is None else f"eager: {reason}",)
 
 
 def _beam(scene: Scene) -> Iterator[str]:

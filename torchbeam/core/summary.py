@@ -17,7 +17,7 @@ def span(value: Tensor) -> str:
     if value.numel() == 0:
         return "none"
     value = concrete(value.detach())
-    least, most = value.min().item(), value.max().item()
+    least, most = (value.min() + 0).item(), (value.max() + 0).item()  # -0 is 0
     return f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
 
 
@@ -33,8 +33,8 @@ def kind(shape: Sequence[int], like: Tensor) -> str:
     return f"{batch}, {str(like.dtype).removeprefix('torch.')}{device}"
 
 
-def counted(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+def counted(number: int, noun: str, plural: str = "") -> str:
+    return f"{number} {noun if number == 1 else plural or noun + 's'}"
 
 
 def statuses(status: Tensor) -> str:

@@ -124,6 +124,9 @@ def _depth(value: Value) -> int:
 
 def broadcast(what: str, *shapes: torch.Size) -> torch.Size:
     """Common broadcast shape; ValueError where there is none."""
+    different = {shape for shape in shapes if shape}
+    if len(different) < 2:  # as a rule
+        return torch.Size(next(iter(different), ()))
     try:
         return torch.broadcast_shapes(*shapes)
     except RuntimeError:

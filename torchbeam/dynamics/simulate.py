@@ -15,6 +15,7 @@ from ..core.arguments import boolean, choice, instance, keywords, step_size
 from ..core.arguments import function as check_function
 from ..core.arguments import options as check_options
 from ..core.functions_of_time import within_dual_numbers
+from ..core.leaves import constant
 from ..core.status import FAILED, STATUS
 from ..core.validation import as_tensor, concrete, increasing, shown
 from ..nodal.model import Model
@@ -26,12 +27,12 @@ from ..state.start import on_supports
 from ..state.state import State, check_state, rest, with_optional_fields
 from .mixed_forms import simulate_mixed
 from .stepper import METHODS as IMPLICIT_METHODS
-from .stepper import Stepper
+from .stepper import Ahead, Stepper
 from .torchdiffeq_bridge import ADVICE, integrate, leaves, status_at
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 
 FORMS = ("nodal", "minimal", "block_rate")
-AT_ONCE = 64  # steps that native code is asked for
+AT_ONCE, ROOM = 256, 2**18  # steps that native code is asked for at once, at most; positions of nodes in the states after them
 STEPS = 200  # of the default step, over the whole of t
 
 
@@ -103,56 +104,67 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     step = step_size("step", step) if step is not None else min(intervals.min().item(), (t[-1] - t[0]).item() / STEPS)
     rounding = 1e-6 + 2 * torch.finfo(t.dtype).eps * t.abs().max().item() / step  # of an interval, in steps
     counts = [max(1, math.ceil(gap / step - rounding)) for gap in intervals.tolist()]
-    plan = [(k, i, count) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it, of how many
+    plan = [(k, i) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it
+    interval, part = (torch.tensor(x, device=t.device) for x in zip(*plan, strict=True))
+    lengths = (t.diff() / t.new_tensor(counts))[interval]
+    begins = t[:-1][interval] + part * lengths
+    wanted = [i == counts[k] - 1 for k, i in plan]
     stepper = Stepper(scene, step, method, **options)
+    moved = any(callable(value) for value in inputs.values())
     first = inputs_at(inputs, t[0], t)
-    states, iterations = [stepper._begin(_begin(stepper.model, initial, t[0]), (t[1] - t[0]) / counts[0], inputs=first)], []
-    names, instant = tuple(vars(states[0])), stepper.method.INSTANT
+    start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
+    names, instant = tuple(vars(start)), stepper.method.INSTANT
 
     def kind(*values: Any) -> State:
-        return type(states[0])(**dict(zip(names, values, strict=True)))
+        return type(start)(**dict(zip(names, values, strict=True)))
 
-    def steps(state: State, part: list[tuple[int, int, int]]) -> Iterator[tuple[State | None, Tensor]]:
-        """The state after each step of a part of the plan, where it is asked for and at the end, and iterations."""
-        done, size = 0, 1
-        while done < len(part):
-            few = part[done:done + size]
-            dt = [(t[k + 1] - t[k]) / count for k, _, count in few]
-            now = [t[k] + i * length for (k, i, _), length in zip(few, dt, strict=True)]
-            held = [inputs_at(inputs, at + instant * length, t) for at, length in zip(now, dt, strict=True)]
-            made = stepper.ahead(state, dt, now, held, [i == count - 1 for _, i, count in few])
-            if made:
-                size = min(2 * size, AT_ONCE)
-            else:
-                made, size = [(stepper.advance(state, held[0], dt=dt[0], t=now[0]), stepper.iterations)], 1
-            yield from made
-            done, state = done + len(made), made[-1][0]
+    def steps(state: State, begin: int, end: int) -> Iterator[Ahead]:
+        """The steps of the plan from `begin` to `end`, some at a time."""
+        done, size = begin, AT_ONCE if stepper.compiled is not None else 1
+        while done < end:
+            few = slice(done, min(done + min(size, max(1, ROOM // state.position[..., 0].numel())), end))
+            dt, now = lengths[few], begins[few]
+            held = [inputs_at(inputs, at, t) for at in (now + instant * dt).unbind()] if moved else [inputs]
+            made = stepper.ahead(state, dt, now, held, wanted[few])
+            size = 1 if made is None or len(made.iterations) < len(dt) else min(2 * size, AT_ONCE)
+            if made is None:
+                last, asked = stepper.advance(state, held[0], dt=dt[0], t=now[0]), int(wanted[done])
+                made = Ahead(last.map(lambda x, asked=asked: x[None][:asked]), last, stepper.iterations[None])
+            done, state = done + len(made.iterations), made.last
+            yield made
 
-    def march(part: list[tuple[int, int, int]], *fields: Tensor) -> tuple[Tensor, ...]:
-        """Fields of the states that `part` of the plan asks for and of the last, then the iterations of each step."""
-        wanted, counted = [], []
-        for (k, i, count), (state, iterations) in zip(part, steps(kind(*fields), part), strict=True):
-            counted.append(iterations)
-            if i == count - 1:
-                wanted.append(state)
-            if progress is not None:
-                progress(sum(counts[:k]) + i + 1, len(plan))
-        return (*(x for s in (*wanted, state) for x in vars(s).values()), *counted)
+    def march(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
+        """Fields of the states that are wanted of a part of the plan, of the last, and the iterations of each step."""
+        made, done = [], begin
+        for few in steps(kind(*fields), begin, end):
+            made.append(few)
+            for _ in range(len(few.iterations)):
+                done += 1
+                if progress is not None:
+                    progress(done, len(plan))
+        states = made[0].states.map(_joined, *(few.states for few in made[1:]))
+        return *vars(states).values(), *vars(made[-1].last).values(), _joined(*(few.iterations for few in made))
 
-    state, size = states[0], len(vars(states[0]))
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
-    length = math.isqrt(len(plan)) if checkpoint else len(plan)
-    for first in range(0, len(plan), length):
-        part = plan[first:first + length]
+    size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
+    chunks, state, iterations = [start.map(lambda x: x[None])], start, []
+    for done in range(0, len(plan), length):
+        span = done, min(done + length, len(plan))
         fields = tuple(vars(state).values())
-        tensors = recompute(march, part, *fields, use_reentrant=False) if checkpoint else march(part, *fields)
-        iterations.extend(tensors[-len(part):])
-        *outputs, state = (kind(*tensors[i:i + size]) for i in range(0, len(tensors) - len(part), size))
-        states.extend(outputs)
-    trajectory = State.stack(states)
+        tensors = recompute(march, *span, *fields, use_reentrant=False) if checkpoint else march(*span, *fields)
+        chunks.append(kind(*tensors[:size]))
+        state = kind(*tensors[size:2 * size])
+        iterations.append(tensors[-1])
+    trajectory = chunks[0].map(_joined, *chunks[1:])
     reason = {code: found for code, failed in stepper.failures.items() if (found := failed.reason()) is not None}
-    stats = Stats(steps=len(plan), iterations=torch.stack(torch.broadcast_tensors(*iterations)), reason=reason)
+    stats = Stats(steps=len(plan), iterations=_joined(*iterations), reason=reason)
     return Solution(t, trajectory, _energy(stepper.model, trajectory, t, inputs), stats)
+
+
+def _joined(*parts: Tensor) -> Tensor:
+    """Parts of a series, one after the other, of common batch axes."""
+    shape = torch.broadcast_shapes(*(x.shape[1:] for x in parts))
+    return torch.cat([x.expand(len(x), *shape) for x in parts])
 
 
 def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -194,6 +206,9 @@ def _energy(model: Model, states: State, t: Iterable[Tensor], inputs: dict[str, 
     kinetic = model.kinetic_energy(states.rotation, states.velocity, states.spin)
     if not model.scene.eigenstrains:
         return Energy(kinetic, model.strain_energy(states.position, states.rotation), work)
+    if all(map(constant, model.scene.eigenstrains)):
+        own = model.eigenstrain(states.t, {})
+        return Energy(kinetic, model.strain_energy(states.position, states.rotation, own), work)
     own = [model.eigenstrain(now, model.scene.tensors(inputs_at(inputs, now, now))) for now in t]
     strain = [model.strain_energy(*at) for at in zip(states.position, states.rotation, own, strict=True)]
     return Energy(kinetic, torch.stack(strain), work)

@@ -6,7 +6,7 @@ import math
 from copy import copy
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -21,17 +21,27 @@ from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..scene.scene import Scene
+from ..solvers.compiled.trace import NotTraceable
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..solvers.newton import LIMIT, TOLERANCE, newton
 from ..state.start import on_supports
 from ..state.state import State, check_state, of_mesh, rest, with_optional_fields
-from .compiled.coverage import compiled_step
+from .compiled.coverage import ENGINES, automatic_step, compiled_step, given_up, meaning
+from .compiled.native import NotCompiled
 from .compiled.step import CompiledStep, Steps
 from .failure import Failure
 from .generalized_alpha import AlphaState, GeneralizedAlphaProblem
 from .midpoint import MidpointProblem
 
-ENGINES = ("auto", "eager", "compiled")
+
+class Ahead(NamedTuple):
+    """Steps that were made at once: the states that were asked for (time, ...), the last, and iterations (steps, ...)."""
+
+    states: State
+    last: State
+    iterations: Tensor
+
+
 METHODS = {"midpoint": MidpointProblem, "generalized_alpha": GeneralizedAlphaProblem}
 QUICK = 12  # iterations of a step that can still be made in parts: one that takes more is quicker so
 TURN = 1.2  # rad that a node may turn in one step; larger turns have more than one solution, and the wrong one gains energy
@@ -56,7 +66,9 @@ class Stepper:
     engine     "eager": torch operations. "compiled": native code for many samples at once on the CPU (llvmlite, the extra
                `fast`), the same answers up to rounding, and gradients (reverse mode); compiled at the first step. Made eagerly
                there: forward mode, torch.func, gradients where strains are impossible or next to, some of the parts of a failed
-               step. What a user's function of the motion closes over is taken here, once. "auto": eager, for the time being
+               step. What a user's function of the motion closes over is taken here, once. "auto": compiled where llvmlite is
+               installed and the scene is taken, but for functions of the motion; else eager (`describe` says which, and why;
+               the environment variable TORCHBEAM_ENGINE says otherwise)
 
     Raises ValueError for an unknown method, a step that is not positive, a scene that the nodal form does not take, or that
     the engine does not.
@@ -93,9 +105,24 @@ class Stepper:
         self.tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
         self.limit = count("iterations", iterations)
         self.halvings = count("halvings", halvings, least=0)
-        self.compiled = compiled_step(self.model, method, conserve) if engine == "compiled" else None
+        self.engine = engine if engine != "auto" else "compiled" if meaning() == "compiled" else "auto"
+        self._asked = method, conserve
+        self._compiled = compiled_step(self.model, *self._asked) if self.engine == "compiled" else None
+        self._decided = self.engine != "auto"
         self.iterations: Tensor | None = None  # (...) of the last step
         self.failures: dict[int, Failure] = {}  # the first of each status
+
+    @property
+    def compiled(self) -> CompiledStep | None:
+        """The steps by native code; None where they are made eagerly. "auto" decides when it is first asked."""
+        if not self._decided:
+            self._compiled, self._decided = automatic_step(self.model, *self._asked), True
+        return self._compiled
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies decide for themselves, where "auto" does: they may be in another process."""
+        held = dict(vars(self))
+        return held if self.engine != "auto" else {**held, "_compiled": None, "_decided": False}
 
     def rest(self, batch_shape: tuple[int, ...] | None = None) -> State:
         """The beam undeformed and at rest."""
@@ -127,6 +154,10 @@ class Stepper:
         broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                   *(value.shape[:-1] for value in given.values()))
         state = self._reduced(self._begin(state, dt, inputs=given))
+        if active is None and self.compiled is not None and (t is not None or not self._changes or state.t.ndim == 0):
+            found = self._quickly(state, dt, t, given)
+            if found is not None:
+                return found
         moving = state.status == SUCCESS
         if active is not None:
             moving = moving & mask("active", active, moving)
@@ -157,6 +188,18 @@ class Stepper:
             self._remember(state, dt, t, given, torch.where(moving, status, SUCCESS))
         return self.model.space.to_public(replace(after, status=torch.where(moving, status, state.status)))
 
+    def _quickly(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs) -> State | None:
+        """The state one step later where native code makes it of all samples at once; None where there is more to it."""
+        if concrete(state.status).any():
+            return None
+        t = (state.t if t is None else t) + self.method.INSTANT * dt if self.compiled.takes_time else None
+        found = self._natively(state, dt, t, inputs, None, self._limit(last=not self.halvings))
+        if found is None or not found.well:
+            return None
+        self.iterations, now = found.iterations, state.t + dt
+        now = now if now.shape == found.status.shape else now.expand(found.status.shape)
+        return self.model.space.to_public(replace(state, **found.fields, t=now, status=found.status))
+
     def _parts(self, model: Model, start: State, dt: Tensor, t: Tensor, inputs: Inputs, failed: Tensor
                ) -> tuple[State, Tensor, Tensor]:
         """The step from time t of samples that have failed in one go, in 2, 4, ... parts: (state after, or before where that
@@ -180,36 +223,42 @@ class Stepper:
                 break
         return after, failed & ~left, counted
 
-    def ahead(self, state: State, dt: list[Tensor], t: list[Tensor], inputs: list[dict[str, Any]], wanted: list[bool]
-              ) -> list[tuple[State | None, Tensor]]:
-        """As many of the steps dt from the times t, each with its own inputs, as native code makes at once and all samples make
-        well: states after those that are wanted and after the last, and iterations; none, where `advance` has to make the next.
+    def ahead(self, state: State, dt: Tensor, t: Tensor, inputs: list[dict[str, Any]], wanted: list[bool]) -> Ahead | None:
+        """As many of the steps dt (K) from the times t (K) as native code makes at once and all samples make well; None where
+        `advance` has to make the first. inputs: of each step, or those of all as the only one; wanted: whether the state after
+        a step is asked for.
         """
         if self.compiled is None:
-            return []
-        held = all(value is inputs[0][name] for one in inputs[1:] for name, value in one.items())
-        given = [self.scene.tensors(one) for one in (inputs[:1] if held else inputs)]
+            return None
+        given = [self.scene.tensors(one) for one in inputs]
         of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
         start = self._reduced(state)
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                           *(value.shape[:-1] for one in given for value in one.values()))
         moving = (start.status == SUCCESS).expand(shape)
-        given = given[0] if held else {name: torch.stack([one[name].expand(*shape, -1) for one in given])
-                                       for name in self.scene.inputs}
-        lengths = torch.stack(dt)
-        found = self._natively(start, lengths, torch.stack(t) + self.method.INSTANT * lengths, given, moving,
-                               self._limit(last=not self.halvings))
+        given = given[0] if len(given) == 1 else {name: torch.stack([one[name].expand(*shape, -1) for one in given])
+                                                  for name in self.scene.inputs}
+        found = self._natively(start, dt, t + self.method.INSTANT * dt if self.compiled.takes_time else None, given, moving,
+                               self._limit(last=not self.halvings), len(dt))
         if found is None:
-            return []
-        well = [*(found.status == SUCCESS).reshape(len(dt), -1).all(1).tolist(), False]
-        made, now, status, iterations = [], start.t, start.status.expand(shape), found.iterations.unbind()
-        for k in range(well.index(False)):
-            now = torch.where(moving, now + dt[k], now)
-            after = None
-            if wanted[k] or not well[k + 1]:
-                after = self.model.space.to_public(replace(found.after(start, k), t=now, status=status))
-            made.append((after, iterations[k]))
-        return made
+            return None
+        count = len(dt)
+        if not found.well:
+            count = [*(found.status == SUCCESS).reshape(count, -1).all(1).tolist(), False].index(False)
+            if not count:
+                return None
+        each = dt[:count].reshape(-1, *(1,) * len(shape)).expand(-1, *shape)
+        now = torch.cat((start.t.expand(shape)[None], each)).cumsum(0)
+        now, status = torch.where(moving, now[1:], start.t), start.status.expand(shape)
+        places = [k for k in range(count) if wanted[k]]
+
+        def after(k: Any, *lead: int) -> State:
+            fields = {name: x[k] for name, x in found.fields.items()}
+            defect, stands = (x.expand((*lead, *shape)) for x in (start.defect, status))
+            return self.model.space.to_public(replace(start, **fields, defect=defect, t=now[k], status=stands))
+
+        part = slice(0, count) if len(places) == count else places
+        return Ahead(after(part, len(places)), after(count - 1), found.iterations[:count])
 
     def _reduced(self, state: State) -> State:
         """A state in the space's coordinates, with all that the scene has, and the batch's axes on every field."""
@@ -265,7 +314,7 @@ class Stepper:
         """
         merged = copy(self)
         merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))
-        merged.compiled = None if self.compiled is None else CompiledStep(merged.model)
+        merged._compiled = None if self._compiled is None else CompiledStep(merged.model)
         merged.iterations, merged.failures = None, {}
         return merged
 
@@ -275,11 +324,11 @@ class Stepper:
         limit = self._limit(last)
         if self.compiled is not None and model is self.model:
             shape = torch.broadcast_shapes(self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values()))
-            found = self._natively(state, dt[None], t[None], inputs, moving.expand(shape), limit)
+            found = self._natively(state, dt, t, inputs, moving.expand(shape), limit)
             if found is not None:
-                after, status, iterations = found.after(state, 0), found.status[0], found.iterations[0]
-                good = moving & (status == SUCCESS)
-                return replace(after, t=torch.where(good, state.t + dt, state.t)), status, iterations
+                good = moving & (found.status == SUCCESS)
+                after = replace(state, **found.fields, t=torch.where(good, state.t + dt, state.t))
+                return after, found.status, found.iterations
         problem = self._step(model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(problem, problem.predictor(), moving, self.tolerance, limit)
         turned = self.model.space.cosine(x.m).amin(-1) < self._least
@@ -300,6 +349,15 @@ class Stepper:
         """Cosine of half the angle that a node may turn by up to where the unknown of its rotation is."""
         return math.cos(TURN * self.method.PART / 2)
 
-    def _natively(self, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, limit: int) -> Steps | None:
-        """Steps of dt (K) with middles t (K, ...), see `CompiledStep`; None where they are to be made eagerly."""
-        return self.compiled(state, dt, t, inputs, moving, self.tolerance or TOLERANCE[self.scene.dtype], self._least, limit)
+    def _natively(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, limit: int,
+                  K: int | None = None) -> Steps | None:
+        """A step of dt with the middle t (...), or K, see `CompiledStep`; None where they are to be made eagerly."""
+        tolerance = TOLERANCE[self.scene.dtype] if self.tolerance is None else float(self.tolerance)
+        try:
+            return self.compiled(state, dt, t, inputs, moving, tolerance, self._least, limit, K)
+        except (NotCompiled, NotTraceable) as error:
+            if self.engine == "compiled":
+                raise
+            given_up(error)
+            self._compiled = None
+            return None

@@ -25,6 +25,8 @@ from ..core.arguments import count as check_count
 from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
+from ..core.summary import kind, lines, span
+from ..core.validation import concrete
 from ..math.dense import solve_unchecked
 from ..math.quadratic_eigen import inverse_spectrum, slow_first, upright
 from ..nodal.discretise import discretise
@@ -35,6 +37,7 @@ from ..statics.equilibrium import equilibrium
 from .system_matrices import matrices, moves
 
 STABLE, DIVERGENCE, FLUTTER, LOST = range(4)
+KINDS = ("stable", "divergence", "flutter", "lost")
 PARTS = 9  # of the bracket in a round
 COMPLEX = 1e-5  # |Im s| / |s| from which on a pair has met; it counts 1e-10 of the load
 GROWING = 1e-6  # Re(lambda) / |lambda| from which on a damped motion grows
@@ -71,6 +74,13 @@ class Critical:
     shape: Tensor
     factors: Tensor
     eigenvalue: Tensor
+
+    def __repr__(self) -> str:
+        kinds = concrete(self.kind).flatten()
+        found = [f"{name} in {number}" for k, name in enumerate(KINDS) if (number := int((kinds == k).sum()))]
+        known = self.factor[torch.isfinite(concrete(self.factor))]
+        return lines("Critical", f"factor {span(known)}", ", ".join(found), f"looked at {len(self.factors)} factors",
+                     kind(self.factor.shape, self.factor))
 
     @property
     def divergence(self) -> Tensor:

@@ -10,6 +10,7 @@ from torch import Tensor
 from ..core.arguments import boolean, step_size
 from ..core.arguments import count as check_count
 from ..core.functions_of_time import rate_along
+from ..core.summary import counted, kind, lines
 from ..core.validation import as_tensor, finite
 from ..math.dense import inverse_unchecked, solve_unchecked
 from ..nodal.coordinates.spatial import Space
@@ -51,6 +52,12 @@ class Linear:
     dt: float | None = None
     mass: Tensor | None = None
     chart: Chart | None = None
+
+    def __repr__(self) -> str:
+        time = "continuous time" if self.dt is None else f"steps of {self.dt:.4g} s"
+        *shape, inputs = self.B.shape[:-2] + self.B.shape[-1:]
+        sizes = (counted(self.A.shape[-1], "state"), counted(inputs, "input"), counted(self.C.shape[-2], "output"))
+        return lines("Linear", time, ", ".join(sizes), kind(shape, self.A))
 
     def departure(self, state: State) -> Tensor:
         """State vector z (..., n) of a state of the beam: what a feedback of the whole state reads.

@@ -16,6 +16,8 @@ from ..core.arguments import choice, instant
 from ..core.arguments import count as check_count
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
+from ..core.summary import counted, kind, lines, span
+from ..core.validation import concrete
 from ..math.quadratic_eigen import DENSE, attach, slowest, slowest_of_chain, upright
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -39,6 +41,12 @@ class Modes:
 
     eigenvalue: Tensor
     shape: Tensor
+
+    def __repr__(self) -> str:
+        grow = int(concrete(self.unstable).sum())
+        return lines("Modes", f"{counted(self.frequency.shape[-1], 'frequency', 'frequencies')} {span(self.frequency)} rad/s",
+                     f"damping ratio {span(self.damping_ratio)}", *([f"{grow} unstable"] if grow else []),
+                     kind(self.frequency.shape[:-1], self.frequency))
 
     @property
     def frequency(self) -> Tensor:

@@ -32,11 +32,12 @@ class PrescribedMotion:
         """Position (..., 3) and quaternion (..., 4) of a support, after a share (..., 1) of its motion."""
         beam = self.scene.beam
         position, rotation = beam.nodes[..., support.node, :], beam.frames[..., support.node, :]
-        if support.displacement is not None:
-            position = position + share * self._value(support.displacement, t)
-        if support.turn is not None:
-            rotation = quat.multiply(quat.exponential(share * self._value(support.turn, t)), rotation)
-        return position, rotation
+        return moved(position, rotation, *self.displacement(support, t), share)
+
+    def displacement(self, support: Support, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
+        """Displacement m and turn rad (..., 3) of a support; None = none."""
+        given = support.displacement, support.turn
+        return tuple(None if x is None else self._value(x, t) for x in given)
 
     def rates(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
         """Velocity and spin (..., 3) of a support in frame a, both in frame a's axes, relative to it."""
@@ -92,6 +93,16 @@ class PrescribedMotion:
             return taken("a motion function's value", function(now), self.scene.beam.nodes, 3)
 
         return at_time(lambda now: with_user_rate(name, value, now), t)
+
+
+def moved(position: Tensor, rotation: Tensor, displacement: Tensor | None, turn: Tensor | None, share: Tensor | float = 1.0
+          ) -> tuple[Tensor, Tensor]:
+    """A position (..., 3) and a quaternion (..., 4) after a share (..., 1) of a displacement and a turn (..., 3)."""
+    if displacement is not None:
+        position = position + share * displacement
+    if turn is not None:
+        rotation = quat.multiply(quat.exponential(share * turn), rotation)
+    return position, rotation
 
 
 def turning(scene: Any) -> bool:

@@ -180,7 +180,7 @@ class Scene(Tree):
     def device(self) -> torch.device:
         return self.beam.nodes.device
 
-    @property
+    @cached
     def batch_shape(self) -> torch.Size:
         """Broadcast of the leading axes of every tensor in the scene (functions and inputs join later)."""
         return broadcast("a beam and what acts on it", *batch_shapes(self))

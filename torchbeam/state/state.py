@@ -114,7 +114,8 @@ class State(Instant):
 
     @property
     def batch_shape(self) -> torch.Size:
-        return torch.broadcast_shapes(*(getattr(self, n).shape[:-2] for n in ("position", "rotation", "velocity", "spin")))
+        moving = (self.position, self.rotation, self.velocity, self.spin)
+        return broadcast("a state's fields", *[x.shape[:-2] for x in moving])
 
     def broadcast(self) -> State:
         """The same with the common batch axes in every field."""

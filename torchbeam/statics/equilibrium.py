@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -11,34 +12,30 @@ from torch import Tensor
 
 from ..core.arguments import boolean, choice, instant
 from ..core.arguments import tolerance as check_tolerance
+from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.status import DIVERGED, STATUS
 from ..core.validation import concrete
+from ..dynamics.compiled.coverage import ENGINES
 from ..math.block_tridiagonal import finite_pivots, positive_definite
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
-from ..nodal.model import Model
 from ..scene.prescribed_motion import turning
 from ..scene.scene import Scene
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
-from ..solvers.newton import newton
 from ..state.state import State, check_state, rest
 from . import relaxation
 from .arc_length import LoadedProblem, where
+from .compiled import climb as compiled
 from .continuation import NEUTRAL
+from .load_steps import climb
 from .mechanism import unheld
 from .path import stable_branch
 from .steady import Configuration, SteadyProblem
 
-TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on another branch
-FIRST, WHOLE = 1.0, 1.2  # rad by the tangent at no load: of a first step; of one that may be the whole load
-EASY = 0.8  # rad: after a step with that turn the next is as long again
-FEWEST = 1 / 64  # of the load in a first step
 SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}  # of the softest pivot at no load
 LARGE = 1e4  # times the move that the loads bring about at first
-LEAST = 1e-4  # smallest load step, as a share of the whole load
-LIMIT = 12  # iterations in a load step: one that takes more is quicker in two
 REASON = {**STATUS, DIVERGED: "Newton's method found none; the load may be past a limit point, or the beam slack: "
                              "relax=True starts from a damped run"}
 SWING = "relax=True lets it swing to where its loads hold it"
@@ -46,7 +43,8 @@ UNRELAXED = "the damped run came to no rest; its loads may drive it on"
 
 
 def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, tolerance: float | None = None,
-                throw: bool = True, branch: str = "first", relax: bool = False, **inputs: Any) -> State:
+                throw: bool = True, branch: str = "first", relax: bool = False, engine: str = "auto", **inputs: Any
+                ) -> State:
     """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which stands as at t = 0.
 
     initial    where to start, at no load; None = the undeformed beam. What supports hold is put where they have it
@@ -56,6 +54,10 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
                load on, by arc length (see `path`), along the branches that bifurcate, to the side to which it leans
     relax      come there by a motion without inertia in a viscous fluid instead of by load steps, then by Newton's method: for
                what is far from where it starts and hardly stiff on the way, as a slack cable or a hinged beam that swings down
+    engine     "eager": torch operations. "compiled": the load is raised by native code, many samples at once on the CPU
+               (llvmlite, the extra `fast`), the same answers up to rounding; what follows (gradients, `branch`) is eager.
+               "auto": compiled for many samples (32,768 and more, times elements) where llvmlite is installed and the scene is
+               taken, but for functions of the motion; else eager (TORCHBEAM_ENGINE in the environment says otherwise)
     inputs     by name, (..., size): by keyword, or all in a dictionary inputs={...}
 
     The load is raised in steps, per sample, where Newton's method needs it: a step in which it fails, or a node turns by more
@@ -70,6 +72,9 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     RuntimeError for a sample without equilibrium; where nothing holds a rigid motion of it, the sentence says which.
     """
     choice("branch", branch, ("first", "stable"))
+    choice("engine", engine, ENGINES)
+    if relax and engine == "compiled":
+        raise ValueError("engine = 'compiled' was given with relax=True; 'eager' does that")
     boolean("throw", throw)
     model = discretise(scene)
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
@@ -78,13 +83,21 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     time = instant("t", t, scene.beam.nodes)
     start = model.space.start(start)
     start = Configuration(start.position, start.rotation, start.stress)
-    x, reaction, status = (relaxation.relax if relax else _climb)(model, time, given, start, tolerance)
+    conservative = all(load.conservative for load in scene.loads) and not turning(scene)
+    doubtful = found = None
+    if engine != "eager" and not relax:
+        native = compiled.climb if engine == "compiled" else compiled.automatic_climb
+        found = native(model, time, given, start, tolerance, judged=conservative or branch == "stable")
+    if found is None:
+        x, reaction, status = (relaxation.relax if relax else climb)(model, time, given, start, tolerance)
+    else:
+        x, reaction, status, doubtful = found
     good = status == 0
     problem = SteadyProblem(model, time, given, torch.ones_like(status, dtype=scene.dtype))
-    conservative = all(load.conservative for load in scene.loads) and not turning(scene)
     if branch == "stable":
-        unstable = good & _unstable(problem, x, start)
+        unstable = good & _unstable(problem, x, start, doubtful)
         if concrete(unstable).any():
+            doubtful = None
             with no_derivatives():
                 *stable, found = stable_branch(model, LoadedProblem(model, time, given), start, unstable, tolerance)
             x, reaction = where(found, tuple(stable), (x, reaction))
@@ -112,7 +125,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
             reason = f"nothing holds {loose}; a support or a spring would ({UNRELAXED if relax else SWING})"
         raise RuntimeError(f"{which} has no equilibrium: {reason}")
     if conservative:
-        unstable = ~failed & _unstable(problem, x, start)
+        unstable = ~failed & _unstable(problem, x, start, None if doubtful is None else doubtful & ~failed)
         if concrete(unstable).any():
             warnings.warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to "
                           "another (branch='stable' looks for it)", RuntimeWarning, stacklevel=2)
@@ -133,8 +146,17 @@ def _tangent(problem: SteadyProblem, x: Configuration) -> Linearisation:
     return problem.linearise(x, *problem.residual(x)[1:])
 
 
-def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration) -> Tensor:
-    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no load."""
+def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration, doubtful: Tensor | None = None) -> Tensor:
+    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no load; doubtful: samples whose
+    tangent is not positive definite, None = not known.
+    """
+    if doubtful is not None and not concrete(doubtful).any():
+        return doubtful
+    few = None if doubtful is None else BatchSubset.worthwhile(doubtful)
+    if few is not None:
+        with suppress(NotSeparable):
+            at, begin = (Configuration(*(few.take(v, 2) for v in one)) for one in (x, start))
+            return few.put(torch.zeros_like(doubtful), _unstable(few.gather(problem), at, begin), 0)
     with no_derivatives():
         tangent = _tangent(problem, x)
         doubtful = ~positive_definite(tangent.D, tangent.L, tangent.U)
@@ -164,46 +186,6 @@ def _softness(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, Tensor]
     unloaded = replace(problem, load_factor=torch.zeros_like(problem.load_factor)).residual(x)[0]
     move = tangent.solve(residual.nodes - unloaded.nodes, torch.zeros_like(residual.strain))[0]
     return torch.linalg.svdvals(finite_pivots(tangent.D, tangent.L, tangent.U)[0]).amin((-1, -2)), move.abs().amax((-1, -2))
-
-
-def _climb(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Configuration, tolerance: float | None
-           ) -> tuple[Configuration, Tensor, Tensor]:
-    """Raise the load from 0 to 1, each sample at its own pace: (shape, reaction, status)."""
-    with torch.no_grad():
-        probe, _ = SteadyProblem(model, t, inputs, t.new_ones(())).residual(x)
-        shape = probe.measure().shape
-        x = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in x))
-        reached, step = t.new_zeros(shape), _first_step(SteadyProblem(model, t, inputs, t.new_ones(shape)), x)
-        reaction = probe.nodes.new_zeros(*shape, *model.constraints.fixed.shape)
-        status = torch.zeros(shape, dtype=torch.long, device=t.device)
-        while True:
-            climbing = (reached < 1) & (status == 0)
-            if not concrete(climbing).any():
-                return x, reaction, status
-            share = torch.where(climbing, (reached + step).clamp(max=1), reached)
-            problem = SteadyProblem(model, t, inputs, share)
-            outcome = newton(problem, problem.apply_supports(x), climbing, tolerance, LIMIT)
-            turn = model.space.multiply(model.space.inverse(x.rotation), outcome.x.rotation)
-            cosine = model.space.cosine(turn).abs().amin(-1)
-            calm = cosine > torch.cos(torch.as_tensor(TURN / 2))
-            good = climbing & (outcome.status == 0) & calm
-            x = Configuration(*(torch.where(good[..., None, None], a, b) for a, b in zip(outcome.x, x, strict=True)))
-            reaction = torch.where(good[..., None, None], outcome.reaction, reaction)
-            reached = torch.where(good, share, reached)
-            turned = 2 * torch.arccos(cosine.clamp(max=1))
-            step = torch.where(good, (EASY / turned).clamp(1.5, 4.0) * step, step / 2)
-            stuck = climbing & ~good & (step < LEAST)
-            status = torch.where(stuck, outcome.status.clamp(min=DIVERGED), status)
-
-
-def _first_step(problem: SteadyProblem, x: Configuration) -> Tensor:
-    """(...) share of the load to begin with: that under which no node would turn by more than 1 rad if the beam stayed as
-    soft as it is; all of it where none would turn by more than 1.2.
-    """
-    residual, *about = problem.residual(x)
-    move, *_ = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
-    turn = torch.linalg.vector_norm(move[..., problem.model.space.position:], dim=-1).amax(-1)
-    return torch.where(turn > WHOLE, (FIRST / turn).clamp(min=FEWEST), 1.0)
 
 
 def _attached(problem: SteadyProblem, x: Configuration, reaction: Tensor, start: Configuration, good: Tensor

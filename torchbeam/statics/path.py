@@ -15,13 +15,14 @@ from ..core.arguments import count as check_count
 from ..core.arguments import function as check_function
 from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
-from ..core.validation import as_tensor, finite, shown
+from ..core.summary import counted, kind, lines, span, statuses
+from ..core.validation import as_tensor, concrete, finite, shown
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.scene import Scene
 from ..state.state import State, check_state, rest
 from .arc_length import LoadedProblem
-from .continuation import REGULAR, Attempt, Continuation, move_weights
+from .continuation import BRANCH_POINT, LIMIT_POINT, REGULAR, Attempt, Continuation, move_weights
 from .steady import Configuration
 
 STEP, STEPS = 0.1, 200  # of the way to a stable branch
@@ -49,6 +50,12 @@ class Path:
     kind: Tensor
     valid: Tensor
     reached: Tensor
+
+    def __repr__(self) -> str:
+        names = {"limit point": LIMIT_POINT, "branch point": BRANCH_POINT}
+        passed = [counted(int((concrete(self.kind) == code).sum()), name) for name, code in names.items()]
+        return lines("Path", f"{counted(len(self.factor), 'equilibrium', 'equilibria')}, factor {span(self.factor)}",
+                     ", ".join(passed), statuses(self.state.status[-1]), kind(self.factor.shape[1:], self.factor))
 
     @classmethod
     def of(cls, loaded: LoadedProblem, record: list[Attempt], status: Tensor, reached: Tensor) -> Path:

@@ -10,11 +10,13 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
+from ..dynamics.step_element import ElementBalance
 from ..nodal import loads as external
 from ..nodal.balance import Linearisation, Residual, largest, restrained_forces, size_of_strain
+from ..nodal.coordinates.spatial import Space
 from ..nodal.frame import FixedFrame
 from ..nodal.loads import STEADY, Nodes
-from ..nodal.mass import add
+from ..nodal.mass import Blocks, add
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..scene.prescribed_motion import orientation
@@ -57,7 +59,8 @@ class SteadyProblem(Tree):
         return steady_motion(self.model.inertia, self.frame)
 
     @cached
-    def _own_strain(self) -> Tensor | float:
+    def eigenstrain(self) -> Tensor | float:
+        """What the beam bends by itself, as far as it is raised."""
         own = self.model.eigenstrain(self.t, self.inputs)
         return own if isinstance(own, float) else self.load_factor[..., None, None] * own
 
@@ -93,29 +96,41 @@ class SteadyProblem(Tree):
         spin = torch.zeros_like(x.position[..., :self.model.space.spin])
         return self.frame.velocity(torch.zeros_like(x.position), x.position), self.frame.spin(spin)
 
-    def residual(self, x: Configuration) -> tuple[Residual, Any]:
-        model, space, h = self.model, self.model.space, self.model.length
-        x = self.apply_supports(x)
-        kin = model.kinematics(x.position, x.rotation)
-        element = space.forces(kin, x.stress, h)
-        load = external.external(model, self.nodes(x), self.t, self.inputs)
+    def load(self, x: Configuration) -> Tensor | float:
+        """Loads less the inertia of the nodes, as far as they are raised, (..., N+1, w); 0.0 where there is none."""
+        load = external.external(self.model, self.nodes(x), self.t, self.inputs)
         load = self.motion.less(load, *x[:2])
-        load = load if isinstance(load, float) else self.load_factor[..., None, None] * load
-        bent = model.strain(kin) - self._own_strain
-        sizes = largest(space.position, h, element, load, restrained_forces(model, kin, self._own_strain, h))
-        return Residual(model.constraints, space.to_nodes(element) - load, model.law.gap(bent, x.stress), *sizes,
-                        size_of_strain(bent, self._own_strain)), kin
+        return load if isinstance(load, float) else self.load_factor[..., None, None] * load
+
+    def load_tangent(self, x: Configuration) -> Blocks:
+        """What that adds to the tangent, see `mass`."""
+        model, load_factor = self.model, self.load_factor[..., None, None, None]
+        blocks = tuple(load_factor * block for block in self.motion.tangent(*x[:2]))
+        if not model.loads[0]:
+            return blocks
+        by = self.frame.steady_jacobian()
+        tangent = external.tangent(model, self.nodes(x), self.t, self.inputs, model.loads[0], by)
+        return blocks if isinstance(tangent, float) else add((-load_factor * tangent,), blocks)
+
+    def element_balance(self, x: Configuration) -> ElementBalance:
+        """The elements, each by itself."""
+        model, space, h = self.model, self.model.space, self.model.length
+        kin = model.kinematics(x.position, x.rotation)
+        bent = model.strain(kin) - self.eigenstrain
+        return ElementBalance(kin, kin, space.forces(kin, x.stress, h), bent, model.law.gap(bent, x.stress))
+
+    def residual(self, x: Configuration) -> tuple[Residual, Any]:
+        model, own, h = self.model, self.eigenstrain, self.model.length
+        x = self.apply_supports(x)
+        load, element = self.load(x), self.element_balance(x)
+        sizes = largest(model.space.position, h, element.forces, load, restrained_forces(model, element.acting, own, h))
+        return Residual(model.constraints, model.space.to_nodes(element.forces) - load, element.gap, *sizes,
+                        size_of_strain(element.felt, own)), element.acting
 
     def linearise(self, x: Configuration, kin: Any) -> Linearisation:
         model, space = self.model, self.model.space
-        w, load_factor = space.unknowns, self.load_factor[..., None, None, None]
         B = space.strain_operator(kin, model.length)
-        D = torch.zeros_like(B[..., :1, :1, :1]).expand(*B.shape[:-3], 1, w, w)
-        if model.loads[0]:
-            by = self.frame.steady_jacobian()
-            D = D - load_factor * external.tangent(model, self.nodes(x), self.t, self.inputs, model.loads[0], by)
-        nodes = add((D,), tuple(load_factor * block for block in self.motion.tangent(*x[:2])))
-        return Linearisation.condense(model, space.geometric_stiffness(kin, x.stress, model.length), nodes,
+        return Linearisation.condense(model, space.geometric_stiffness(kin, x.stress, model.length), self.load_tangent(x),
                                       model.length[..., None] * B, model.tangent_stiffness(), B)
 
     def state(self, x: Configuration, reaction: Tensor, status: Tensor) -> State:
@@ -134,11 +149,18 @@ class SteadyProblem(Tree):
         for support, fixed in zip(self.model.scene.supports, self.model.constraints.fixed, strict=True):
             at = support.node
             pose = self.model.prescribed_motion.pose(support, self.t, self.load_factor[..., None])
-            r, q = space.of_nodes(at).pose(*pose)
-            position = set_node(position, at, torch.where(fixed[:space.position] > 0, r, position[..., at, :]))
-            rotation = set_node(rotation, at, q) if bool(fixed[space.position:].all()) else rotation
+            r, q = placed(space.of_nodes(at), fixed, pose, position[..., at, :], rotation[..., at, :])
+            position, rotation = set_node(position, at, r), rotation if q is None else set_node(rotation, at, q)
         for at, axis in self.model.constraints.hinges:
             own, beam = space.of_nodes(at), self.model.scene.beam
             _, q = own.pose(beam.nodes[..., at, :], beam.frames[..., at, :])
             rotation = set_node(rotation, at, own.hinged(rotation[..., at, :], q, axis))
         return Configuration(position, rotation, x.stress)
+
+
+def placed(space: Space, fixed: Tensor, pose: tuple[Tensor, Tensor], position: Tensor, rotation: Tensor
+           ) -> tuple[Tensor, Tensor | None]:
+    """Position and rotation (None = as it is) of a node that a support has in a pose, as far as its freedoms are fixed (w)."""
+    r, q = space.pose(*pose)
+    p = space.position
+    return torch.where(fixed[:p] > 0, r, position), q if bool(fixed[p:].all()) else None

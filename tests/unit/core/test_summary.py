@@ -25,6 +25,10 @@ def objects():
     mixed = tb.simulate(rod, t, form="minimal")
     yield from (one, solution, solution.state, solution.state[-1], mixed, mixed.state)
     yield tb.block_rate(rod, tb.consistent_state(rod))
+    yield tb.modes(rod)
+    yield tb.linearize(rod)
+    yield tb.path(tb.Scene(rod.beam, [tb.TipLoad(force=FORCES)]), steps=2)
+    yield tb.critical_load(lambda P: tb.Scene(rod.beam, [tb.TipLoad(force=P[..., None] * FORCES)]), 1.0, points=2)
 
 
 def few_lines(thing, *words):

@@ -10,13 +10,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.leaves import Tree, leaf, map_leaves, own_leaves
+from ...core.leaves import Tree, constant, leaf, map_leaves, own_leaves, wants_gradient
+from ...core.validation import concrete
+from ...nodal.balance import same_law
 from ...nodal.constitutive_law import ElasticLaw
 from ...nodal.coordinates.linearised import LinearElement, Small
 from ...nodal.coordinates.planar import Plane
 from ...nodal.loads import Nodes, external
 from ...nodal.model import Model
-from ...scene.effects import Along, Inputs
+from ...scene.effects import Along, Effect, Input, Inputs, Pose
 from ...scene.effects.values import value_at
 from ...state.state import rest
 
@@ -81,13 +83,21 @@ class Common(Tree):
 
 
 class Constants:
-    """Of a model's steps: what holds for all of them is kept."""
+    """Of a model's steps, in two parts: trees of what holds for all of them, and values by name of what changes.
+
+    loads  those that are evaluated natively: of the motion, and the library's own whose values are inputs
+    asks   whether anything is evaluated at t in torch
+    """
 
     def __init__(self, model: Model) -> None:
         space, inertia, constraints, small = model.space, model.inertia, model.constraints, isinstance(model.space, Small)
         self.model = model
         still = space.to_reduced(rest(model.scene, ()))
         self.still = Nodes(still.position, still.rotation)
+        moving, dead = model.loads
+        self.loads = (*moving, *(load for load in dead if _by_inputs(load)))
+        self.given = tuple(load for load in dead if _given(load))
+        self.asked = tuple(load for load in dead if not (_by_inputs(load) or _given(load)))
         self.nodes = NodeConstants(
             inertia.mass, getattr(inertia.rotary, "J", None), getattr(inertia.offset, "x", None), constraints.slide,
             constraints.turn, model.section_mass, model.tributary_length, model.s, None,
@@ -95,19 +105,60 @@ class Constants:
         self.elements = ElementConstants(
             model.length, model.reference, model.law, model.law.C, getattr(inertia.translational, "coupling", None), None,
             space.element if small else None)
-        self.wants_support = any(load.wants_support for load in model.loads[0])
+        self.wants_support = any(load.wants_support for load in self.loads)
+        self.given_eigenstrain = all(_given(effect) for effect in model.scene.eigenstrains)
+        self.rests = not model.scene.has_prescribed_motion and model.scene.root is None
+        self.of_time = {f"load {k} {one.name}": one.value for k, load in enumerate(self.loads) for one in own_leaves(load)
+                        if one.axes == 1 and callable(one.value) and not isinstance(one.value, (Tensor, Along))}
+        self.asks = bool(self.asked or not self.given_eigenstrain or (self.wants_support and not self.rests) or self.of_time)
+        self._kept: dict[Any, Any] = {}
+
+    def forget(self) -> None:
+        """Take values afresh: a tensor that they were made from has been written to."""
+        self._kept = {}
+
+    @property
+    def sources(self) -> list[Tensor]:
+        """Tensors that values are made from, beside those of the model's own fields."""
+        return [x for x, _ in flattened((self.given, self.model.scene.eigenstrains, self.model.law, self.model.inertia))]
+
+    def changing(self, dt: Tensor, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """Values by name for steps of dt (...) with loads as at t (...), which broadcast with the batch of the model."""
+        model = self.model
+        C, exact = self._tangent(dt)
+        found = {"dt": dt, "t": t, "C": C, "exact": exact}
+        if self.given or self.asked:
+            dead = self._recorded("dead", self.given, lambda: external(model, self.still, t, inputs, self.given))
+            found["dead"] = dead + external(model, self.still, t, inputs, self.asked) if self.asked else dead
+        if model.scene.eigenstrains:
+            found["eigenstrain"] = (
+                self._recorded("eigenstrain", model.scene.eigenstrains, lambda: model.eigenstrain(t, inputs))
+                if self.given_eigenstrain else model.eigenstrain(t, inputs))
+        if self.wants_support:
+            held = (model.scene.beam, model.scene.supports)
+            pose = (self._recorded("support", held, lambda: model.prescribed_motion.root_pose(t)) if self.rests
+                    else model.prescribed_motion.root_pose(t))
+            found |= {f"support {name}": x for name, x in zip(pose._fields, pose, strict=True) if x is not None}
+        for name, value in self.of_time.items():
+            found[name] = value_at(value, t, inputs, model.scene.beam.nodes)
+        for name, x in inputs.items():
+            found[f"input {name}"] = x
+        return found
 
     def at(self, dt: Tensor, t: Tensor, inputs: Inputs) -> tuple[NodeConstants, ElementConstants, Common]:
-        """Of steps of dt (...) with loads as at t (...), which broadcast with the batch of the model."""
-        model = self.model
-        dead = external(model, self.still, t, inputs, model.loads[1]) if model.loads[1] else None
-        own = model.eigenstrain(t, inputs) if model.scene.eigenstrains else None
-        support = SupportPose(*model.prescribed_motion.root_pose(t)) if self.wants_support else None
-        loads = tuple(_resolved(load, t, inputs, model) for load in model.loads[0])
-        place = model.space.place if isinstance(model.space, Plane) else None
-        elements = replace(self.elements, C=model.tangent_stiffness(dt.detach()), eigenstrain=own)
-        return replace(self.nodes, dead=dead), elements, Common(dt, t, loads, inputs, place, support)
+        """The trees at once."""
+        return self.trees(self.changing(dt, t, inputs))
 
+    def trees(self, values: dict[str, Tensor]) -> tuple[NodeConstants, ElementConstants, Common]:
+        """The trees with the values that change."""
+        loads = tuple(_with(load, {one.name: values[name] for one in own_leaves(load)
+                                   if (name := f"load {k} {one.name}") in values}) for k, load in enumerate(self.loads))
+        support = SupportPose(*(values.get(f"support {name}") for name in Pose._fields)) if self.wants_support else None
+        place = self.model.space.place if isinstance(self.model.space, Plane) else None
+        inputs = {name: values[f"input {name}"] for name in self.model.scene.inputs}
+        return (replace(self.nodes, dead=values.get("dead")),
+                replace(self.elements, C=values["C"], eigenstrain=values.get("eigenstrain")),
+                Common(values["dt"], values["t"], loads, inputs, place, support))
 
     def moving_loads(self, t: Tensor, inputs: Inputs) -> Tensor:
         """Loads (..., N+1, w) that depend on the motion, of the beam undeformed and at rest."""
@@ -116,15 +167,49 @@ class Constants:
                                     angular_acceleration=turn)
         return external(self.model, nodes, t, inputs, self.model.loads[0])
 
+    def _recorded(self, name: str, effects: tuple[Any, ...], value: Callable[[], Tensor]) -> Tensor:
+        """A value that changes with nothing but what the effects hold: kept, unless a derivative by that is recorded."""
+        if torch.is_grad_enabled() and wants_gradient(effects):
+            return value()
+        if name not in self._kept:
+            self._kept[name] = value()
+        return self._kept[name]
 
-def _resolved(load: Any, t: Tensor, inputs: Inputs, model: Model) -> Any:
-    """A load whose functions of t are the values at t."""
-    like, made = model.scene.beam.nodes, load
-    for one in own_leaves(load):
-        if one.axes == 1 and callable(one.value) and not isinstance(one.value, (Tensor, Along)):  # that is traced
-            made = copy(load) if made is load else made
-            object.__setattr__(made, one.name, value_at(one.value, t, inputs, like))
-    return made
+    def _tangent(self, dt: Tensor) -> tuple[Tensor, Tensor]:
+        """C of the tangent, and whether it is the law's; that of the last dt (0-dim) is kept."""
+        key = dt.item() if dt.ndim == 0 and dt is concrete(dt) else None
+        found = self._kept.get("tangent")
+        if found is None or key is None or found[0] != key:
+            C = self.model.tangent_stiffness(dt.detach())
+            found = self._kept["tangent"] = key, C, same_law(C, self.model.law.C).to(C)
+        return found[1:]
+
+
+def _given(effect: Any) -> bool:
+    """Whether an effect is one of the library's with numbers alone."""
+    return of_library(effect) and constant(effect)
+
+
+def _by_inputs(load: Any) -> bool:
+    """Whether a load is one of the library's, and holds inputs beside plain numbers."""
+    values = [one.value for one in own_leaves(load) if one.value is not None]
+    return (of_library(load) and any(isinstance(x, Input) for x in values)
+            and all(isinstance(x, (Tensor, Input)) for x in values) and not load.inputs)
+
+
+def of_library(effect: Any) -> bool:
+    """Whether an effect's class is torchbeam's own."""
+    return type(effect).__module__.startswith(f"{Effect.__module__.rpartition('.')[0]}.")
+
+
+def _with(load: Any, values: dict[str, Tensor]) -> Any:
+    """A load with these values in the place of functions of t."""
+    if not values:
+        return load
+    load = copy(load)
+    for name, value in values.items():
+        object.__setattr__(load, name, value)
+    return load
 
 
 def flattened(tree: Any) -> list[tuple[Tensor, int]]:

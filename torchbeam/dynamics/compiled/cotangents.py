@@ -9,13 +9,9 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ...core.leaves import detached
-from ...nodal.model import Model
-from .call import Call, Field
+from .call import Call, Chain, Field
 from .constants import flattened
-from .local_functions import LocalFunctions
-from .local_problem import NODE, NodeKind
-from .program import adjoint_of
+from .local_problem import NODE
 
 STATE = {**{name: ("state", name) for name in NODE}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
          "work": ("sample", "work")}
@@ -29,29 +25,25 @@ def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
 
 
 class Adjoint:
-    """What the cotangents of K steps that a call has made are found from; kinds: of the nodes; trees: of the constants; good
-    (K, B): which samples moved.
+    """What the cotangents of K steps that a call has made are found from: chain of the adjoint program; fields of the
+    constants, without gradient; good (K, B): which samples moved.
     """
 
-    def __init__(self, call: Call, model: Model, kinds: list[NodeKind], trees: tuple[Any, ...], good: Tensor) -> None:
-        self.call, self.model, self.kinds, self.good = call, model, kinds, good
-        self.trees = tuple(map(detached, trees))
-        self.fields = list(constant_fields(self.trees))
+    def __init__(self, chain: Chain, call: Call, fields: list[Field], good: Tensor) -> None:
+        self.chain, self.call, self.fields, self.good = chain, call, fields, good
 
     def cotangents(self, start: list[Tensor], made: tuple[Tensor, ...], grads: tuple[Tensor | None, ...], wanted: list[bool]
                    ) -> list[Tensor | None]:
         """Of the constants that are wanted, and of the start, from those of the states after each step."""
-        model, (K, B) = self.model, self.good.shape
-        names = frozenset(one.name for one, asked in zip(self.fields, wanted, strict=False) if asked)
-        program = adjoint_of(self.call.program, LocalFunctions(model, *self.trees), names)
-        batch, layout, stepped = self.call.batch, program.layout, set()
-        call = Call(program, model, self.kinds, batch, K, self.call.lanes)
-        inputs = [*self.fields, Field("free", "free", model.constraints.moving, 2),
-                  Field("sample", "good", self.good, 0, flat=True)]
+        chain, (K, B) = self.chain, self.good.shape
+        layout, batch, stepped = chain.program.layout, self.call.batch, set()
+        call = Call(chain, batch, K, self.call.lanes)
+        inputs = [*self.fields, Field("free", "free", chain.free, 2), Field("sample", "good", self.good, 0, flat=True)]
         outputs, stepwise, found = [], [], {}
         for name, x, after, grad in zip(STATE, start, made, grads, strict=True):
-            own = after.shape[2:]
-            grad = after.new_zeros(own) if grad is None else grad.contiguous()
+            own = () if name == "work" else after.shape[-2:]
+            after = after.reshape(K, B, *own)
+            grad = after.new_zeros(own) if grad is None else grad.reshape(K, B, *own).contiguous()
             record, field = {"stress": ("stress", "stress"), "reaction": ("reaction", "reaction"),
                              "work": ("sample", "work")}.get(name, ("state", name))
             if name in NODE:
@@ -72,13 +64,13 @@ class Adjoint:
             if one.name not in record.fields:
                 continue
             rows = one.record != "common"
-            every = (layout.rows(record, model.count, len(call.supports)),) * rows
+            every = (layout.rows(record, chain.N, len(chain.supports)),) * rows
             steps = one.value.ndim - one.axes > len(batch)
             found[one.name] = call.empty(*every, *one.value.shape[one.value.ndim - one.axes + rows:], steps=steps)
             field = Field(record.name, one.name, found[one.name], one.axes, flat=True)
             (stepwise if steps else outputs).append(field)
             stepped |= {one.name} if steps else set()
-        call.run(inputs=inputs, outputs=outputs, stepwises=stepwise)
+        call.made(inputs=inputs, outputs=outputs, stepwises=stepwise)
 
         def of(name: str, x: Tensor, asked: bool) -> Tensor | None:
             if not asked or name not in found:

@@ -1,16 +1,24 @@
-"""What of scenes and steps native code does not take yet, by name."""
+"""Which engine makes a scene's steps, and why: what native code does not take yet, by name."""
 
 from __future__ import annotations
 
+import os
+import warnings
 from importlib.util import find_spec
 from typing import Any
 
+from ...core.arguments import choice
+from ...core.leaves import own_leaves
 from ...nodal.model import Model
-from ...scene.effects import CustomLoad, LineLoad, PerElement
+from ...scene.effects import Along, CustomLoad, LineLoad, PerElement
 from ...solvers.compiled.trace import NotTraceable
+from .constants import of_library
 from .step import CompiledStep
 
+ENGINES = ("auto", "eager", "compiled")
+VARIABLE = "TORCHBEAM_ENGINE"  # of the environment: what "auto" means
 MISSING = "llvmlite is not installed: `pip install torchbeam[fast]`"
+TAKES = "; 'compiled' takes it"
 
 
 def refusal(model: Model, method: str, conserve: bool = False) -> str | None:
@@ -24,16 +32,42 @@ def refusal(model: Model, method: str, conserve: bool = False) -> str | None:
         "a support or root that moves": scene.has_prescribed_motion or scene.root is not None,
         "a load with internal states": bool(model.internal_states),
         **{f"{type(load).__name__} along the beam with values of each element or node": True
-           for load in model.loads[0] if _by_place(load)},
+           for load in model.loads[0] if by_place(load)},
     }
     return next((reason for reason, given in reasons.items() if given), None)
 
 
-def _by_place(load: Any) -> bool:
+def by_place(load: Any) -> bool:
     """Whether a load that depends on the motion has values of its own in each element or node."""
     if isinstance(load, LineLoad):
         return any(isinstance(value, PerElement) for value in (load.force, load.moment))
     return isinstance(load, CustomLoad) and load.node is None and bool(load.values)
+
+
+def why_eager(model: Model, method: str, conserve: bool = False) -> str | None:
+    """Why "auto" steps a model eagerly, in words that `describe` shows; None where it takes native code."""
+    reason = refusal(model, method, conserve)
+    if reason is None and find_spec("llvmlite") is None:
+        reason = MISSING
+    if reason is not None:
+        return reason
+    if meaning() == "eager":
+        return f"{VARIABLE} is 'eager'{TAKES}"
+    own = by_function(model)
+    if own and meaning() == "auto":
+        return f"{own[0].called} that depends on the motion by a function, whose variables may change{TAKES}, as they are"
+    return None
+
+
+def by_function(model: Model) -> list[Any]:
+    """Loads that depend on the motion and are functions that a user wrote, or hold such."""
+    return [load for load in model.loads[0] if not of_library(load) or any(
+        one.axes is None or isinstance(one.value, Along) for one in own_leaves(load))]
+
+
+def meaning() -> str:
+    """What "auto" means. Raises ValueError for another word than an engine in the environment."""
+    return choice(VARIABLE, os.environ.get(VARIABLE) or "auto", ENGINES)
 
 
 def compiled_step(model: Model, method: str, conserve: bool = False) -> CompiledStep:
@@ -47,3 +81,23 @@ def compiled_step(model: Model, method: str, conserve: bool = False) -> Compiled
     except NotTraceable as error:
         reason = str(error)
     raise ValueError(f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does")
+
+
+def automatic_step(model: Model, method: str, conserve: bool = False) -> CompiledStep | None:
+    """Steps of a model by native code where "auto" takes it. What fails in the compiler is warned of, and made eagerly."""
+    if why_eager(model, method, conserve) is not None:
+        return None
+    try:
+        return CompiledStep(model)
+    except NotTraceable:
+        return None
+    except Exception as error:
+        given_up(error)
+        return None
+
+
+def given_up(error: Exception, what: str = "steps are made") -> None:
+    """The warning about a compiler that failed."""
+    first = next(iter(str(error).splitlines()), "")
+    warnings.warn(f"{what} eagerly, as no native code could be made: {type(error).__name__}: {first}", RuntimeWarning,
+                  stacklevel=2)

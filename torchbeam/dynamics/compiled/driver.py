@@ -41,11 +41,22 @@ class Driver(ChainCode):
             self._copy_to(self.at("stress", e), self.at("start_stress", e), self.layout.records["stress"].size)
         for name in ("over", "done"):
             code.call("opposite", self.at("sample", 0, name), self.at("sample", 0, "moving"))
+        self._border()
+        self._newton()
+        self._finish()
+
+    def _border(self) -> None:
+        """What is on either side of the chain: nothing, which does not move."""
+        size = self.layout.records["move"].size
+        self._fill(self.at("move", 0), size)
+        self._fill(self.at("move", self.code.add(self.args["elements"], 2)), size)
+        self._fill(self.at("nothing"), self.layout.records["nothing"].size)
+
+    def _newton(self) -> None:
+        """Iterations, until all samples are over."""
+        code = self.code
         for name in ("before", "iterations"):
             self._fill(self.at("sample", 0, name), 1)
-        self._fill(self.at("move", 0), self.layout.records["move"].size)
-        self._fill(self.at("move", code.add(N, 2)), self.layout.records["move"].size)
-        self._fill(self.at("nothing"), self.layout.records["nothing"].size)
         count = code.slot()
         code.store(0, count)
         with code.until() as ends:
@@ -57,12 +68,11 @@ class Driver(ChainCode):
             code.call("all", self.at("sample", 0, "over"), result := code.slot())
             ends.append(code.new(f"or i1 {code.compare('sge', made, self.args['limit'])}, "
                                  f"{code.compare('ne', code.load(result), 0)}"))
-        self._finish()
 
     def _pass(self) -> None:
         """Balance and elimination, from the first node to the last."""
         code, N = self.code, self.args["elements"]
-        self._fill(self.at("sums"), len(SUMS))
+        self._fill(self.at("sums"), self.layout.records["sums"].size)
         with code.loop(0, code.add(N, 1)) as j:
             with self._kind(j) as kinds:
                 for k in kinds:
@@ -74,7 +84,7 @@ class Driver(ChainCode):
                 for name in ("force", "moment", "strain", "left_strain"):
                     self._largest(name, "at_element")
             self._row(j, left, right)
-            for name in ("force", "moment", "left_force", "left_moment"):
+            for name in self.layout.records["sums"].fields:
                 self._largest(name, "at_row")
 
     def _of_element(self, field: str, j: str, behind: str = "") -> str:
@@ -159,9 +169,8 @@ class Driver(ChainCode):
                 for k in kinds:
                     self._call(f"update {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
                                self.at("move", code.add(j, 1), "move") if f == "move" else self._of_node(f, j))
-            for name in ("u", "m"):
-                self._blend(self.at("unknown", j, name), self.at("change", 0, name), over,
-                            self.layout.records["unknown"].fields[name][1])
+            for name, (_, size) in self.layout.records["unknown"].fields.items():
+                self._blend(self.at("unknown", j, name), self.at("change", 0, name), over, size)
 
     def _judge(self) -> None:
         def where(f: str) -> str:

@@ -16,9 +16,11 @@ from torch import Tensor
 
 from ...core.status import BROKEN, DIVERGED, SUCCESS
 from ...math.block_tridiagonal import eliminated
-from ...nodal.balance import dstress, mixed, restrained_forces, scaled
+from ...nodal.balance import Linearisation, dstress, mixed, restrained_forces, scaled
 from ...nodal.constitutive_law import times
+from ...nodal.model import Model
 from ...solvers.newton import converged
+from ..step_element import ElementBalance
 from .constants import filled
 from .local_problem import NODE, Fields, LocalProblems, NodeKind
 
@@ -68,21 +70,27 @@ class LocalFunctions(LocalProblems):
         the moves; inertia (w) for i and j, if it has any; the largest force, moment, gap and strain in it.
         """
         problem, x = self.of_element(fields)
-        model, space, p = problem.model, self.model.space, self.model.space.position
+        model = problem.model
         way, inertia, _ = problem.node_balance(x)
         element = problem.element_balance(x, way)
         tangent = problem.linearise(x, way, element, inertia)
+        wrench = None if self.elements.coupling is None else inertia.wrench
+        return self.condensed(model, element, model.own, tangent, wrench)
+
+    def condensed(self, model: Model, element: ElementBalance, own: Tensor | float, tangent: Linearisation,
+                  wrench: Tensor | None) -> Fields:
+        """Fields of `element`, of which `own` is the eigenstrain, and `wrench` the inertia if it has any."""
+        space, p = model.space, model.space.position
         balance = space.to_nodes(element.forces)
         asked = balance + space.to_nodes(tangent.pushed(element.gap))
-        coupled = self.elements.coupling is not None
-        if coupled:
-            balance, asked = balance + inertia.wrench, asked + inertia.wrench
+        if wrench is not None:
+            balance, asked = balance + wrench, asked + wrench
         forces, felt = [element.forces], [element.felt]
-        if isinstance(model.own, Tensor):
-            forces.append(restrained_forces(model, element.acting, model.own, model.length))
-            felt.append(model.own)
+        if isinstance(own, Tensor):
+            forces.append(restrained_forces(model, element.acting, own, model.length))
+            felt.append(own)
         forces, felt = (torch.cat([x.expand(1, x.shape[-1]) for x in part], -2).abs() for part in (forces, felt))
-        found = {"D": tangent.D, "balance": balance, "asked": asked, **({"inertia": inertia.wrench} if coupled else {})}
+        found = {"D": tangent.D, "balance": balance, "asked": asked, **({} if wrench is None else {"inertia": wrench})}
         found = {f"{side}.{name}": value[k] for name, value in found.items() for k, side in enumerate("ij")}
         return found | {
             "U": tangent.U[0], "L": tangent.L[0], "gap": element.gap[0], "E": tangent.E[0], "hB": tangent.hB[0],
@@ -111,7 +119,8 @@ class LocalFunctions(LocalProblems):
 
         balance, D = total("balance"), total("D")
         asked, U, L = total("asked") + fields["own.balance"], fields["right.U"], fields["left.L"]
-        terms = torch.stack([fields["own.load"], total("inertia")] if "own.load" in fields else [total("inertia")]).abs()
+        terms = [fields["own.load"]] if "own.load" in fields else []
+        terms = torch.stack([*terms, *([total("inertia")] if "own.inertia" in fields else [])]).abs()
         found, left = {}, balance
         if held:
             before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
@@ -121,8 +130,13 @@ class LocalFunctions(LocalProblems):
             L, U = L * free[:, None] * before, U * free[:, None] * after
         ahead, y = eliminated(D, U, -asked[:, None], L, fields["ahead"], fields["y"][:, None])
         left = left.abs()
-        return found | {"ahead": ahead, "y": y[:, 0], "force": terms[:, :p].amax(), "moment": terms[:, p:].amax(),
-                        "left_force": left[:p].amax(), "left_moment": left[p:].amax()}
+        return found | self.pivot(D - L @ fields["ahead"]) | {
+            "ahead": ahead, "y": y[:, 0], "force": terms[:, :p].amax(), "moment": terms[:, p:].amax(),
+            "left_force": left[:p].amax(), "left_moment": left[p:].amax()}
+
+    def pivot(self, block: Tensor) -> Fields:
+        """What is asked of a pivot block (w, w) of the elimination: nothing in a step."""
+        return {}
 
     def back(self, ahead: Tensor, y: Tensor, next: Tensor) -> Fields:
         """The move of a node, from that of the next."""

@@ -39,6 +39,14 @@ class NodeKind(NamedTuple):
     hinge: tuple[float, ...] | None = None
 
 
+def node_kinds(model: Model, loads: tuple[Any, ...]) -> list[NodeKind]:
+    """Of all nodes, on which these loads act."""
+    nodes = model.count + 1
+    hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
+    return [NodeKind(tuple(k for k, load in enumerate(loads) if load.node is None or load.node % nodes == j), hinges.get(j))
+            for j in range(nodes)]
+
+
 @dataclass(frozen=True)
 class LocalScene:
     """What a model of one node or element asks of its scene."""

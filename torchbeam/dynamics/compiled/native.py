@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import logging
+import time
 from collections.abc import Callable
 from functools import cache
 from math import prod
@@ -20,23 +22,32 @@ from .local_functions import LocalFunctions
 from .local_problem import NodeKind
 from .tracing import Tracing
 
+LOG = logging.getLogger("torchbeam")
+
+
+class NotCompiled(RuntimeError):
+    """Error: the compiler could not make native code."""
+
 
 class NativeProgram:
     """kinds: of the nodes; held: whether there are supports.
 
     functions  by name, as the driver calls them
     layout     of the memory
+    seconds    that tracing took
     """
 
     driver: type[ChainCode]
 
     def __init__(self, local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> None:
         self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
+        begin = time.perf_counter()
         self.w, self.k = local.model.space.unknowns, local.model.space.strain
         tracing = Tracing(local)
         self.shapes = tracing.shapes
         self.functions = self._functions(tracing, local)
         self.layout = self._layout()
+        self.seconds = time.perf_counter() - begin
         self._libraries: dict[int, Any] = {}
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
@@ -46,11 +57,19 @@ class NativeProgram:
         raise NotImplementedError
 
     def run(self, lanes: int) -> Callable[[Any], None]:
-        """The native function for so many lanes: it takes an array of its arguments, see `ChainCode.ARGS`."""
+        """The native function for so many lanes: it takes an array of its arguments, see `ChainCode.ARGS`. Raises NotCompiled
+        where the compiler fails.
+        """
         if lanes not in self._libraries:
-            library = Library(self.text(lanes), ObjectCache())
+            begin = time.perf_counter()
+            try:
+                library = Library(self.text(lanes), ObjectCache())
+            except Exception as error:
+                raise NotCompiled(f"{type(error).__name__}: {error}") from error
             function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(library.address("run"))
             self._libraries[lanes] = library, function
+            LOG.info("%s for %d sample(s) at once: traced in %.2f s, %s in %.2f s", type(self).__name__, lanes, self.seconds,
+                     "compiled" if library.compiled else "loaded", time.perf_counter() - begin)
         return self._libraries[lanes][1]
 
     def lanes(self) -> int:

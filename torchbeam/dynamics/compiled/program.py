@@ -24,27 +24,27 @@ SAMPLE = ("over", "done", "before", "iterations", "status", "moving", "cosine", 
 SIDES = ("balance", "asked", "inertia", "D")
 
 
-class StepProgram(NativeProgram):
-    """Steps forwards; `adjoints` by the constants that want a gradient."""
+class ChainProgram(NativeProgram):
+    """Newton's method on a chain. Subclasses say what nodes do (`_of_nodes`), and add records of their own (`_layout`).
 
-    driver = Driver
+    unknown  fields that an iteration changes, of a node; varying: others that are not the same throughout a call
+    """
 
-    def __init__(self, local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> None:
-        super().__init__(local, kinds, held)
-        self.adjoints: dict[frozenset[str], AdjointProgram] = {}
+    unknown: tuple[str, ...]
+    varying: tuple[str, ...] = ()
+
+    def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        """Functions that are not of all chains, `node` and `update` of each kind among them."""
+        raise NotImplementedError
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        w, shapes, node = self.w, self.shapes, traced.node
-        still = {name: shape for name, shape in node.items() if name not in ("u", "m")}
-        found = {"cosine": traced(local.cosine, {"m": shapes["m"]})}
-        for k, kind in enumerate(self.kinds):
-            _split(found, f"node {k}", traced(partial(local.node, kind), node), ("u", "m"))
-            found[f"predictor {k}"] = traced(partial(local.predictor, kind), still)
-            found[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
-            found[f"finish {k}"] = traced(partial(local.finish, kind), node)
-        whole = traced(local.element, traced.element)
+        w, found = self.w, self._of_nodes(traced, local)
+        for k in range(len(self.kinds)):
+            _split(found, f"node {k}", found[f"node {k}"], (*self.unknown, *self.varying))
+        whole = traced(local.element, traced.element | {name: () for name in self.varying})
         whole = whole.only(name for name in whole.outputs if name != "hB")
-        _split(found, "element", whole, ("i.u", "i.m", "j.u", "j.m", "stress"))
+        ends = [f"{side}.{name}" for side in "ij" for name in self.unknown]
+        _split(found, "element", whole, (*ends, "stress", *self.varying))
         law = {name: whole.outputs[name].shape for name in ("gap", "E")}
         moves = {"move_i": (w,), "move_j": (w,)}
         found["stress"] = traced(local.stress, {**traced.element, **law, **moves})
@@ -63,8 +63,6 @@ class StepProgram(NativeProgram):
                 "rows": (w, 3 * w), **{name: (w,) for name in ("asked", "free", "before", "here", "after")}})
         found["judge"] = traced(local.judge, {name: () for name in (
             *SUMS, "total", "longest", "exact", "tolerance", "before", "over", "done", "status", "iterations")})
-        found["outcome"] = traced(local.outcome, {name: () for name in (
-            "moving", "done", "status", "before", "cosine", "least")})
         return found
 
     def _layout(self) -> Layout:
@@ -72,10 +70,9 @@ class StepProgram(NativeProgram):
         layout, row = Layout(), "held row" if self.held else "row"
         layout.record("node", NODES, inputs("node"))
         layout.record("element", ELEMENTS, inputs("element"))
-        constants = ("total", "longest", "exact", "tolerance", "least")
-        layout.record("common", ONE, [*inputs("common"), *((name, 1) for name in constants)])
-        layout.record("state", NODES, outputs("finish 0", *NODE))
-        layout.record("unknown", NODES, outputs("predictor 0"))
+        constants = "total", "longest", "exact", "tolerance"
+        layout.record("common", ONE, [*inputs("common"), *((name, 1) for name in (*constants, *self.varying))])
+        layout.record("unknown", NODES, outputs("update 0"))
         for name in ("stress", "start_stress"):
             layout.record(name, ELEMENTS, [("stress", k)])
         hoisted = [len(self.functions[f"before node {i}"].outputs[HOISTED].nodes) for i in range(len(self.kinds))]
@@ -87,12 +84,11 @@ class StepProgram(NativeProgram):
         layout.record("left", TWO, [*both, ("L", w * w)])
         layout.record("right", ONE, [*both, ("U", w * w)])
         layout.record("row", NODES, outputs(row, "ahead", "y"))
-        layout.record("at_row", ONE, outputs(row, "force", "moment", "left_force", "left_moment", "rows", "asked"))
+        layout.record("at_row", ONE, [one for one in outputs(row) if one[0] not in ("ahead", "y")])
         layout.record("strain_law", ELEMENTS, outputs("element", "gap", "E"))
         layout.record("move", MOVES, [("move", w)])
         layout.record("nothing", ONE, [("zeros", layout.records["left"].size + w * w)])
-        layout.record("change", ONE, [*outputs("finish 0"), *outputs("update 0"), ("stress", k), ("cosine", 1)])
-        layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
+        layout.record("change", ONE, [*outputs("update 0"), ("stress", k)])
         layout.record("judged", ONE, outputs("judge"))
         layout.record("sums", ONE, [(name, 1) for name in SUMS])
         if self.held:
@@ -102,27 +98,60 @@ class StepProgram(NativeProgram):
         return layout
 
 
+class StepProgram(ChainProgram):
+    """Steps forwards; `adjoints` by the constants that want a gradient."""
+
+    driver = Driver
+    unknown = "u", "m"
+
+    def __init__(self, local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> None:
+        super().__init__(local, kinds, held)
+        self.adjoints: dict[frozenset[str], AdjointProgram] = {}
+
+    def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        w, node = self.w, traced.node
+        still = {name: shape for name, shape in node.items() if name not in self.unknown}
+        found = {"cosine": traced(local.cosine, {"m": self.shapes["m"]})}
+        for k, kind in enumerate(self.kinds):
+            found[f"node {k}"] = traced(partial(local.node, kind), node)
+            found[f"predictor {k}"] = traced(partial(local.predictor, kind), still)
+            found[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
+            found[f"finish {k}"] = traced(partial(local.finish, kind), node)
+        found["outcome"] = traced(local.outcome, {name: () for name in (
+            "moving", "done", "status", "before", "cosine", "least")})
+        return found
+
+    def _layout(self) -> Layout:
+        layout = super()._layout()
+        layout.record("common", ONE, [("least", 1)])
+        layout.record("state", NODES, self.outputs("finish 0", *NODE))
+        layout.record("change", ONE, [*self.outputs("finish 0"), ("cosine", 1)])
+        layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
+        return layout
+
+
 def _split(found: dict[str, Function], name: str, function: Function, unknown: tuple[str, ...]) -> None:
     """The function in two, of which the first does not depend on the unknowns."""
     before, rest = split(function, [field for field in function.inputs if field not in unknown])
     found[f"before {name}"], found[name] = before.only(before.outputs), rest
 
 
-PROGRAMS: dict[tuple, StepProgram] = {}  # by structure
+PROGRAMS: dict[tuple, ChainProgram] = {}  # by structure
 KEPT = 64  # of them; the oldest goes first
 
 
-def program_of(local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool, shared: bool) -> StepProgram:
+def program_of(local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool, shared: bool,
+               made: type[ChainProgram] = StepProgram) -> ChainProgram:
     """The program of a structure, that of an earlier scene if there was one; one of its own where it is not `shared`: what a
     user's function closes over is part of it.
     """
     if not shared:
-        return StepProgram(local, kinds, held)
-    key = structure(local, kinds, held)
+        return made(local, kinds, held)
+    key = made, *structure(local, kinds, held)
     if key not in PROGRAMS:
         if len(PROGRAMS) >= KEPT:
             del PROGRAMS[next(iter(PROGRAMS))]
-        PROGRAMS[key] = StepProgram(local, kinds, held)
+        PROGRAMS[key] = made(local, kinds, held)
     return PROGRAMS[key]
 
 

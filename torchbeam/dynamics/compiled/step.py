@@ -2,114 +2,201 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch._C import _functorch as functorch
+from torch.autograd import forward_ad
 
 from ...core.leaves import functions, wants_gradient
 from ...core.validation import concrete
-from ...nodal.balance import same_law
 from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...state.state import State
-from .call import Call, Field
-from .constants import Constants, flattened
+from .call import Call, Chain, Field, Table
+from .constants import Constants
 from .cotangents import STATE, Adjoint, Differentiated, constant_fields
 from .local_functions import LocalFunctions
-from .local_problem import NodeKind
-from .program import program_of
+from .local_problem import node_kinds
+from .program import adjoint_of, program_of
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
+FORMS = 32  # that are kept; the oldest goes first
+AXES = {name: 0 if name == "work" else 2 for name in STATE}
 
 
 class Steps(NamedTuple):
-    """After each of K steps: fields of the state (K, ...), status (K, ...) and iterations (K, ...)."""
+    """Fields of the state, status and iterations after one step (...), or after each of K (K, ...); whether all went well."""
 
     fields: dict[str, Tensor]
     status: Tensor
     iterations: Tensor
+    well: bool
 
-    def after(self, start: State, k: int) -> State:
-        """The state after step k, in the space's coordinates, with the start's t and status."""
-        return replace(start, **{name: x[k] for name, x in self.fields.items()})
+    def __getitem__(self, k: int) -> Steps:
+        """The k-th."""
+        return Steps({name: x[k] for name, x in self.fields.items()}, self.status[k], self.iterations[k], self.well)
+
+
+class Form(NamedTuple):
+    """Calls with tensors of the same shapes and strides: where the program finds and puts them, shapes of what is made."""
+
+    call: Call
+    inputs: Table
+    outputs: Table
+    shapes: list[torch.Size]
 
 
 class CompiledStep:
     """Steps of a model. Its program is traced at once, so that what cannot be traced is refused here (`NotTraceable`), and
     compiled at the first step.
+
+    What holds for all steps is looked up once; should a tensor of the scene be written to, it is looked up again.
     """
 
     def __init__(self, model: Model) -> None:
         self.model, self.constants, self.batch = model, Constants(model), model.scene.batch_shape
-        like, N = model.length, model.count
+        like = model.length
         nothing = {name: like.new_zeros(size) for name, size in model.scene.inputs.items()}
-        trees = self.constants.at(like.new_ones(()), like.new_zeros(()), nothing)
-        # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
-        self.dims = max(1, *(x.ndim - axes for tree in trees for x, axes in flattened(tree)))
-        loads = model.loads[0]
-        self.functions = any(one.axes is None for one in functions(loads))
-        acting = [tuple(k for k, load in enumerate(loads) if load.node is None or load.node % (N + 1) == j)
-                  for j in range(N + 1)]
-        hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
-        self.kinds = [NodeKind(loads, hinges.get(j)) for j, loads in enumerate(acting)]
+        values = self.constants.changing(like.new_ones(()), like.new_zeros(()), nothing)
+        values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
+        self.trees = self.constants.trees(values)
+        self.function = any(one.axes is None for one in functions(model.loads[0]))
+        self.kinds = node_kinds(model, self.constants.loads)
+        self.local = LocalFunctions(model, *self.trees)
         kinds = tuple(dict.fromkeys(self.kinds))
-        self.program = program_of(LocalFunctions(model, *trees), kinds, bool(model.constraints.nodes), not self.functions)
+        self.program = program_of(self.local, kinds, bool(model.constraints.nodes), not self.function)
+        self.chain = Chain(self.program, model, self.kinds)
+        names = {id(x): name for name, x in values.items()}
+        every = [*constant_fields(self.trees)]
+        # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
+        self.dims = max(1, *(one.value.ndim - one.axes for one in every))
+        self.changing = [(one._replace(value=None), names[id(one.value)]) for one in every if id(one.value) in names]
+        self.constant = [one for one in every if id(one.value) not in names]
+        self.takes_time = self.constants.asks or any(self.chain.has(one.record, one.name)
+                                                     for one, name in self.changing if name == "t")
+        self.sources = [*(one.value for one in self.constant), *self.constants.sources]
+        self.none, self.all = like.new_zeros(()), like.new_ones(())
+        self._seen: tuple[int, ...] | None = None
+        self._forms: dict[tuple, Form] = {}
+        self._adjoints: dict[frozenset[str], Chain] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies, also in other processes, are made from the model."""
         return CompiledStep, (self.model,)
 
-    def __call__(self, start: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, tolerance: float, least: float,
-                 limit: int, lanes: int | None = None) -> Steps | None:
-        """K steps from `start`, in the space's coordinates; differentiable once, backwards.
+    def __call__(self, start: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, tolerance: float,
+                 least: float, limit: int, K: int | None = None, lanes: int | None = None) -> Steps | None:
+        """A step from `start`, in the space's coordinates, or K; differentiable once, backwards.
 
-        dt, t   (K) or (K, ...) s: lengths of the steps, and their middles
+        dt, t   (...) s: lengths of the step, and its middle (None = not wanted, see `takes_time`); of K steps (K) or (K, ...)
         inputs  by name, (..., size) held over all steps; or (K, ..., size), with as many axes between as `moving`
-        moving  (...) bool: samples that step; one whose step fails keeps its state and stops
+        moving  (...) bool: samples that step; one whose step fails keeps its state and stops; None = all
         least   cosine of half the largest angle that a node may have turned by at mid step
 
         A sample's status is 0 while it goes well, and for one that does not move; its iterations in a step that it does not
         make are 0. None where torch alone can do it: forward mode, samples mapped over, functions of the motion that hold what
         carries gradient, and gradients where strains are impossible, or next to.
         """
-        model, K, axes = self.model, dt.shape[0], moving.ndim
-        dims = max(axes, self.dims)
-        dt, t = (x.reshape(K, *(1,) * (dims + 1 - x.ndim), *x.shape[1:]) for x in (dt, t))
-        inputs = {name: x.reshape(K, *(1,) * (dims + 2 - x.ndim), *x.shape[1:]) if x.ndim > axes + 1 else x
-                  for name, x in inputs.items()}
-        trees = self.constants.at(dt, t, inputs)
-        given = [*constant_fields(trees)]
-        state = {name: getattr(start, name) for name in STATE}
-        held = [*(one.value for one in given), *state.values()]
-        if any(x is not concrete(x) or torch.autograd.forward_ad.unpack_dual(x).tangent is not None for x in held):
+        t, dims = self.none if t is None else t, 0
+        if K is not None:
+            axes = start.status.ndim if moving is None else moving.ndim
+            dims = max(axes, self.dims)
+            dt, t = (x if x.ndim == 0 else x.reshape(K, *(1,) * (dims + 1 - x.ndim), *x.shape[1:]) for x in (dt, t))
+            inputs = {name: x.reshape(K, *(1,) * (dims + 2 - x.ndim), *x.shape[1:]) if x.ndim > axes + 1 else x
+                      for name, x in inputs.items()}
+        states = [getattr(start, name) for name in STATE]
+        if _mapped() and any(_unfit(x) for x in (*self.sources, dt, t, *inputs.values(), *states)):
             return None
-        if self.functions and torch.is_grad_enabled() and wants_gradient(self.constants.moving_loads(t, inputs)):
+        recorded = torch.is_grad_enabled()
+        if recorded and self.function and wants_gradient(self.constants.moving_loads(t, inputs)):
             return None
-        exact = same_law(trees[1].C, model.law.C)
-        differentiated = wants_gradient(*held)
-        if differentiated and not exact.all():
+        self._look()
+        values = self.constants.changing(dt, t, inputs)
+        given = [values[name] for _, name in self.changing]
+        constant = [one.value for one in self.constant]
+        held = [*given, *constant, *states]
+        differentiated = recorded and any(x.requires_grad for x in held)
+        if differentiated and not values["exact"].all():
             return None
-        shapes = (one.value.shape[:one.value.ndim - one.axes] for one in given)
-        batch = torch.broadcast_shapes(moving.shape, start.batch_shape, *(shape[len(shape) > dims:] for shape in shapes))
-        call = Call(self.program, model, self.kinds, batch, K, lanes)
+        tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         with torch.no_grad():
-            made = {name: call.empty(*(() if name == "work" else x.shape[-2:])) for name, x in state.items()}
-            numbers = {name: call.empty() for name in NUMBERS}
-            like, one = model.length, model.length.new_tensor
-            numbers_given = {"total": like.sum((-1, -2)), "longest": like.amax((-1, -2)), "exact": exact,
-                             "tolerance": one(tolerance), "least": one(least)}
-            fields = [*given, Field("free", "free", model.constraints.moving, 2),
-                      *(Field("common", name, x, 0) for name, x in numbers_given.items()),
-                      Field("sample", "moving", moving, 0), Field("sample", "last_status", one(0.0), 0),
-                      *(Field(*STATE[name], x, 0 if name == "work" else 2) for name, x in state.items())]
-            out = [Field(*(STATE | NUMBERS)[name], x, x.ndim - 2, flat=True) for name, x in (made | numbers).items()]
-            call.run(limit, inputs=fields, outputs=out)
+            form = self._form(tensors, K, dims, (tolerance, least, lanes))
+            made = [torch.empty(shape, dtype=self.chain.dtype) for shape in form.shapes]
+            lasting: list[Any] = [tensors, made]
+            tables = {"inputs": (form.inputs.of(tensors, lasting), form.inputs.count),
+                      "outputs": (form.outputs.of(made, lasting), form.outputs.count)}
+            form.call.run(tables, lasting, limit)
+        *made, status, iterations = made
         if differentiated:
-            good = (numbers["status"] == 0) & moving.expand(batch).reshape(-1)
-            adjoint = Adjoint(call, model, self.kinds, trees, good)
-            made = dict(zip(made, Differentiated.apply(adjoint, tuple(made.values()), *held), strict=True))
-        own = batch[dims - axes:] if batch[:dims - axes].numel() == 1 else batch
-        made, numbers = ({name: x.reshape(K, *own, *x.shape[2:]) for name, x in part.items()} for part in (made, numbers))
-        return Steps(made, *(x.long() for x in numbers.values()))
+            good = status == 0 if moving is None else (status == 0) & moving.expand(status.shape)
+            fields = [one._replace(value=x.detach()) for (one, _), x in zip(self.changing, given, strict=True)]
+            fields += [one._replace(value=one.value.detach()) for one in self.constant]
+            names = frozenset(one.name for one, x in zip(fields, held, strict=False) if x.requires_grad)
+            adjoint = Adjoint(self._adjoint(names), form.call, fields, good.reshape(form.call.K, -1))
+            made = Differentiated.apply(adjoint, tuple(made), *held)
+        return Steps(dict(zip(STATE, made, strict=True)), status.long(), iterations.long(), not status.numpy().any())
+
+    def _look(self) -> None:
+        """Take afresh what was looked up, where a tensor that it came from has been written to since."""
+        try:
+            seen = tuple([x._version for x in self.sources])
+        except RuntimeError:  # tensors of inference mode do not count
+            seen = None
+        if seen is None or seen != self._seen:
+            self.constants.forget()
+            self._forms.clear()
+            self._seen = seen
+
+    def _form(self, tensors: list[Tensor], K: int | None, dims: int, options: tuple[Any, ...]) -> Form:
+        key = (K, dims, options, *[(x.shape, x.stride(), x.dtype) for x in tensors])
+        found = self._forms.get(key)
+        if found is None:
+            if len(self._forms) >= FORMS:
+                self._forms.pop(next(iter(self._forms)), None)
+            found = self._forms[key] = self._new_form(tensors, K, dims, *options)
+        return found
+
+    def _new_form(self, tensors: list[Tensor], K: int | None, dims: int, tolerance: float, least: float, lanes: int | None
+                  ) -> Form:
+        *given, exact, moving = tensors[:-len(STATE)]
+        state = dict(zip(STATE, tensors[-len(STATE):], strict=True))
+        if any(x.device.type != "cpu" for x in tensors):
+            device = next(x.device for x in tensors if x.device.type != "cpu")
+            raise ValueError(f"a state, or an active, on {device} meets a scene on the CPU; one device is wanted")
+        like = self.model.length
+        changing = [one._replace(value=x) for (one, _), x in zip(self.changing, given, strict=True)]
+        numbers = {"total": like.sum((-1, -2)), "longest": like.amax((-1, -2)), "tolerance": like.new_tensor(tolerance),
+                   "least": like.new_tensor(least)}
+        fields = [*changing, Field("common", "exact", exact, 0), Field("sample", "moving", moving, 0),
+                  *(Field(*STATE[name], x, AXES[name]) for name, x in state.items()), *self.constant,
+                  *(Field("common", name, x, 0) for name, x in numbers.items()),
+                  Field("free", "free", self.chain.free, 2), Field("sample", "last_status", self.none, 0)]
+        leads = [one.value.shape[:one.value.ndim - one.axes] for one in fields if one.record != "free"]
+        batch = torch.broadcast_shapes(*(lead if K is None else lead[len(lead) > dims:] for lead in leads))
+        call = Call(self.chain, batch, K or 1, lanes)
+        axes, own = moving.ndim or state["work"].ndim, batch
+        if K is not None and batch[:dims - axes].numel() == 1:
+            own = batch[dims - axes:]
+        shapes = [torch.Size((*(() if K is None else (K,)), *own, *x.shape[x.ndim - AXES[name]:])) for name, x in state.items()]
+        shapes += [torch.Size((*(() if K is None else (K,)), *own))] * len(NUMBERS)
+        out = [Field(*place, torch.empty((call.K, call.B, *shape[len(shape) - axes:]), dtype=self.chain.dtype), axes, flat=True)
+               for place, shape, axes in zip((STATE | NUMBERS).values(), shapes, [*AXES.values(), *[0] * len(NUMBERS)],
+                                             strict=True)]
+        return Form(call, Table(self.chain, fields, batch), Table(self.chain, out, batch), shapes)
+
+    def _adjoint(self, names: frozenset[str]) -> Chain:
+        """Of the cotangents of constants of these names."""
+        if names not in self._adjoints:
+            self._adjoints[names] = Chain(adjoint_of(self.program, self.local, names), self.model, self.kinds)
+        return self._adjoints[names]
+
+
+def _mapped() -> bool:
+    """Whether tensors may be dual numbers, or stand for more samples than they show."""
+    return forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None
+
+
+def _unfit(x: Tensor) -> bool:
+    return x is not concrete(x) or forward_ad.unpack_dual(x).tangent is not None

@@ -1,0 +1,232 @@
+"""Equilibria by native code beside the eager ones: the same shapes, stresses, reactions and statuses, and their gradients."""
+
+import warnings
+from dataclasses import replace
+
+import nodal_cases
+import pytest
+import torch
+from compiled_step_cases import inputs_of, section, straight
+from torch.testing import assert_close
+
+import torchbeam as tb
+from torchbeam.dynamics.compiled.native import NotCompiled
+from torchbeam.nodal.discretise import discretise
+from torchbeam.statics.compiled import climb as compiled
+from torchbeam.statics.steady import Configuration
+
+pytest.importorskip("llvmlite")
+FIELDS = ("position", "rotation", "velocity", "spin", "stress", "reaction", "t")
+
+
+def same(found, wanted, tolerance=1e-12):
+    """Each field to `tolerance` of its largest number."""
+    for name in FIELDS:
+        x, y = getattr(found, name), getattr(wanted, name)
+        assert_close(x, y, rtol=0, atol=tolerance * max(float(y.abs().nan_to_num().max()) if y.numel() else 0, 1e-3),
+                     equal_nan=True, msg=lambda text, name=name: f"{name}: {text}")
+    assert_close(found.status, wanted.status)
+
+
+def both(scene, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of unstable samples, which a test of its own compares
+        return [tb.equilibrium(scene, throw=False, engine=engine, **options) for engine in ("compiled", "eager")]
+
+
+def cantilever(N=8, **options):
+    return tb.Scene(straight(N), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz", **options)
+
+
+def curved():
+    """Bent in space, coupled, with dead and follower loads; an eigenstrain, springs at the root and elsewhere."""
+    scene = nodal_cases.scene(effects=())
+    return tb.Scene(scene.beam, [
+        tb.Gravity((0, 0, -0.02)), tb.TipLoad(force=tb.Input("u", 3)), tb.TipLoad(moment=(0.01, 0, 0.02), follower=True),
+        tb.PointLoad(node=2, force=lambda t: 0.1 * torch.stack((t, 0 * t, torch.sin(t))), follower=True),
+        tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((0 * s, 0.01 * s * t, 0 * s), -1))),
+        tb.LineLoad(moment=(0.01, 0, 0), follower=True), tb.Actuation(curvature=(0, 0.1, 0.05)),
+        tb.Spring(1, 0.2, (0.3, 0.2, 0.4), length=0.1, damping=0.3), tb.RootSpring((30.0, 20.0)),
+        tb.Load(lambda r, R, v, w, t: (-0.01 * r * t, 0.01 * R[..., 0])), tb.Damping(0.1), tb.Drag(1000.0, 0.02)])
+
+
+def tapered():
+    """Between stations; a hinge, a support in the middle and one at the end that moves."""
+    stations = tb.Stations((0.0, 0.5, 1.0), [section(), section(EI=(2.0, 1.0)), section(EI=(1.0, 0.5))])
+    return tb.Scene(straight(4, stations), [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=(0, 0.3, 0))], supports=[
+        tb.Support(0, rotation="xz"), tb.Support(2, position="yz", rotation=""),
+        tb.Support(-1, position="z", displacement=lambda t: torch.stack((0 * t, 0 * t, 0.2 * t)),
+                   turn=torch.tensor([0.0, 0.3, 0.0]))])
+
+
+def small():
+    return tb.Scene(straight(), [tb.TipLoad(force=tb.Input("u", 3)), tb.LineLoad(force=(0, 0, -0.5))], small=True,
+                    supports=[tb.Support(0), tb.Support(-1, position="y", rotation="xy")])
+
+
+def inextensible():
+    return tb.Scene(straight(4, section(EA=torch.inf, GA=torch.inf)), [tb.TipLoad(force=(0, 0, 4.0))], plane="xz")
+
+
+@pytest.mark.parametrize("scene, tolerance", [(curved, 1e-12), (tapered, 1e-12), (small, 1e-12), (inextensible, 1e-9)])
+@torch.no_grad()
+def test_an_equilibrium_is_the_eager_one(scene, tolerance):
+    """Of nine samples, to 1e-12 of each field; where strains are impossible to 1e-9, as the tangent's condition is 1e7."""
+    scene = scene()
+    found, wanted = both(scene, t=0.7, inputs={name: 0.1 * u for name, u in inputs_of(scene, (9,)).items()})
+    assert not wanted.status.any()
+    same(found, wanted, tolerance)
+
+
+def pulls(samples, size):
+    generator = torch.Generator().manual_seed(0)
+    return size * torch.randn(samples, 3, generator=generator) * torch.tensor([1.0, 0, 1.0])
+
+
+@torch.no_grad()
+def test_each_sample_takes_the_load_in_steps_of_its_own():
+    """Forces of 1e-3 to 1e3 N (EI/L^2 is 3 N), along the beam, more than Newton's method can follow, NaN and inf: the same
+    statuses, and the shapes that were reached to 1e-10: tens of load steps on the way.
+    """
+    u = pulls(16, 1.0) * torch.logspace(-3, 3, 16)[:, None]
+    u[5], u[9], u[11], u[13] = torch.tensor([[torch.nan, 0, 1], [0, 0, torch.inf], [-30.0, 0, 0], [3.0, 0, 1e5]])
+    found, wanted = both(cantilever(), u=u)
+    assert wanted.status.nonzero()[:, 0].tolist() == [5, 9, 13] and set(wanted.status.tolist()) == {0, 1, 2}
+    same(found, wanted, 1e-10)
+
+
+@torch.no_grad()
+def test_a_sample_alone_is_the_same_in_any_batch():
+    """To 1e-13: lanes do not mix, scalars and vectors may fuse other products. What is not a number harms nobody."""
+    u = pulls(300, 4.0)
+    u[7] = torch.nan
+    whole = both(cantilever(), u=u)[0]
+    others = [k for k in range(300) if k != 7]
+    assert whole.status[7] and not whole.status[others].any()
+    for count in (1, 5):
+        same(both(cantilever(), u=u[:count])[0], whole[:count], 1e-13)
+    same(both(cantilever(), u=u[6])[0], whole[6], 1e-13)
+    same(both(cantilever(), u=u[:6].unflatten(0, (2, 3)))[0], whole[:6].map(lambda x: x.unflatten(0, (2, 3))), 1e-13)
+
+
+@torch.no_grad()
+def test_from_another_shape_and_to_another_tolerance():
+    scene = cantilever()
+    u = pulls(3, 4.0)
+    start = replace(tb.equilibrium(scene, u=u), status=torch.zeros(3, dtype=torch.long))
+    found, wanted = both(scene, u=-u, initial=start, tolerance=1e-3)
+    same(found, wanted)
+    assert (found.position - both(scene, u=-u)[0].position).abs().max() > 1e-9
+
+
+@torch.no_grad()
+def test_single_precision():
+    numbers = [torch.tensor(x, dtype=torch.float32) for x in (2e3, 8e2, 2.0, 3.0, 0.5, 1e-3)]
+    beam = tb.Beam.straight(torch.tensor(1.0, dtype=torch.float32), 4, tb.Section.from_stiffness(*numbers))
+    scene = tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
+    found, wanted = both(scene, u=pulls(5, 3.0).float())
+    assert found.position.dtype == torch.float32
+    same(found, wanted, 2e-4)  # the tolerance of Newton's method is 1e-4
+
+
+def test_gradients_are_the_eager_ones():
+    """By force and EI to 1e-9 of the largest, of a failed sample too; forward mode; torch.func, which is eager."""
+    def slopes(engine):
+        u, EI = pulls(5, 3.0), torch.rand(5, generator=torch.Generator().manual_seed(1)).add_(2.0).requires_grad_()
+        u[3] = torch.nan
+        u.requires_grad_()
+        scene = tb.Scene(straight(8, section(EI=EI)), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
+        state = tb.equilibrium(scene, u=u, throw=False, engine=engine)
+        value = (state.position.square().sum((-1, -2)) + state.stress.sum((-1, -2)) + state.reaction.square().sum((-1, -2)))
+        return torch.autograd.grad(value[state.status == 0].sum(), (u, EI))
+
+    for a, b in zip(slopes("compiled"), slopes("eager"), strict=True):
+        assert_close(a, b, rtol=0, atol=1e-9 * float(b.abs().max()))
+
+    def tip(engine):
+        return lambda u: tb.equilibrium(cantilever(4), u=u, engine=engine).tip.position
+
+    u = pulls(1, 3.0)[0]
+    for derivative in (lambda f: torch.func.jvp(f, (u,), (torch.ones(3),))[1], lambda f: torch.func.jacrev(f)(u)):
+        assert_close(derivative(tip("compiled")), derivative(tip("eager")), rtol=1e-9, atol=1e-12)
+
+
+@torch.no_grad()
+def test_unstable_samples_are_named_alike():
+    """Euler's load of a cantilever is pi^2 EI/(4 L^2) = 7.4 N."""
+    scene, said = cantilever(), []
+    for engine in ("compiled", "eager"):
+        u = torch.zeros(80, 3)
+        u[:, 0] = -torch.linspace(0, 9.0, 80)
+        with pytest.warns(RuntimeWarning, match="unstable equilibrium") as found:
+            tb.equilibrium(scene, u=u, engine=engine)
+        said.append(str(found[0].message))
+    assert said[0] == said[1]
+    model = discretise(scene)
+    start = model.space.start(tb.rest(scene, ()))
+    start = Configuration(start.position, start.rotation, start.stress)
+    doubtful = compiled.climb(model, torch.zeros(()), {"u": u}, start, None, judged=True).doubtful
+    assert doubtful.tolist() == (u[:, 0] < -7.4).tolist()
+
+
+@torch.no_grad()
+def test_what_fails_is_raised_alike():
+    scene = tb.Scene(straight(3), [tb.TipLoad(force=(1.0, 0.2, 0))], supports=[tb.Support(0, rotation="")])
+    for engine in ("compiled", "eager"):
+        with pytest.raises(RuntimeError, match="nothing holds"):
+            tb.equilibrium(scene, engine=engine)
+
+
+@torch.no_grad()
+def test_auto_compiles_for_many_samples(monkeypatch):
+    """But for functions of the motion, and what is not taken; TORCHBEAM_ENGINE says otherwise; a failed compiler warns."""
+    natively, found = compiled._climbed, []
+    monkeypatch.setattr(compiled, "_climbed", lambda *args: found.append(natively(*args)) or found[-1])
+    u, dead = pulls(4, 3.0), tb.TipLoad(force=tb.Input("u", 3))
+    own = tb.Scene(straight(8), [dead, tb.Load(lambda r, R, v, w, t: (-r, None))], plane="xz")
+    turned = cantilever(frame=tb.Frame(angular_velocity=(0, 0.1, 0)))
+
+    def made(scene=None, **options):
+        found.clear()
+        tb.equilibrium(scene or cantilever(), u=u, **options)
+        return len(found)
+
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "auto")
+    assert made() == 0 and made(engine="compiled") == 1
+    monkeypatch.setattr(compiled, "WORTH", 32)
+    assert made() == 1 and made(engine="eager") == made(own) == made(turned) == made(relax=True) == 0
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
+    assert made() == 0
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "compiled")
+    assert made() == 1
+    with pytest.raises(ValueError, match="a frame that moves"):
+        made(turned)
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "auto")
+    monkeypatch.setattr(compiled, "_climbed", lambda *args: raises(NotCompiled("no room")))
+    with pytest.warns(RuntimeWarning, match="equilibria are found eagerly.*no room"):
+        assert made() == 0
+
+
+def raises(error):
+    raise error
+
+
+@pytest.mark.parametrize("reason, scene, options", [
+    ("a frame that moves", lambda: cantilever(frame=tb.Frame(angular_velocity=(0, 1.0, 0))), {}),
+    ("relax=True", cantilever, dict(relax=True)),
+    ("internal states", lambda: tb.Scene(straight(2), [tb.Load(
+        lambda r, R, v, w, t, z: (-z, None), internal=3, rate=lambda z, r, R, v, w, t: v - z)]), {}),
+    ("control flow", lambda: tb.Scene(straight(2), [tb.Load(lambda r, R, v, w, t: (r if r.sum() > 9 else -r, None))]), {}),
+])
+def test_what_is_not_covered_is_refused_by_name(reason, scene, options):
+    scene = scene()
+    with pytest.raises(ValueError, match=f"engine = 'compiled' was given.*({reason}).*'eager' does"):
+        tb.equilibrium(scene, engine="compiled", inputs=inputs_of(scene), **options)
+
+
+def test_without_llvmlite_the_extra_is_named(monkeypatch):
+    monkeypatch.setattr("torchbeam.statics.compiled.climb.find_spec", lambda name: None)
+    with pytest.raises(ValueError, match=r"pip install torchbeam\[fast\]"):
+        tb.equilibrium(cantilever(), u=torch.zeros(3), engine="compiled")
+    with pytest.raises(ValueError, match="engine = 'native' was given"):
+        tb.equilibrium(cantilever(), u=torch.zeros(3), engine="native")

@@ -1,0 +1,1 @@
+"""Equilibria by native code."""

@@ -1,0 +1,146 @@
+"""Load stepping by native code, from tensors to tensors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.util import find_spec
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ...core.leaves import functions
+from ...core.validation import broadcast, concrete
+from ...dynamics.compiled.call import Call, Chain, Field
+from ...dynamics.compiled.constants import Constants
+from ...dynamics.compiled.cotangents import constant_fields
+from ...dynamics.compiled.coverage import MISSING, by_function, by_place, given_up, meaning
+from ...dynamics.compiled.local_problem import node_kinds
+from ...dynamics.compiled.native import NotCompiled
+from ...dynamics.compiled.program import program_of
+from ...nodal.balance import same_law
+from ...nodal.model import Model
+from ...scene.effects import Inputs
+from ...solvers.compiled.trace import NotTraceable
+from ...solvers.newton import TOLERANCE
+from ...state.supported_nodes import set_node
+from ..load_steps import LIMIT
+from ..steady import Configuration
+from .local_functions import SteadyFunctions, SteadyKind
+from .program import JudgedProgram, LoadProgram
+
+WORTH = 2**15  # samples times elements that "auto" compiles for: eager ones then take longer than tracing and loading
+
+
+class Climbed(NamedTuple):
+    """Shape, reaction and status as of `load_steps.climb`; doubtful (...): whether the tangent there is not positive definite,
+    None = not asked for.
+    """
+
+    x: Configuration
+    reaction: Tensor
+    status: Tensor
+    doubtful: Tensor | None
+
+
+def refusal(model: Model) -> str | None:
+    """Why the equilibria of a model are not found by native code; None where they are."""
+    scene = model.scene
+    reasons = {
+        f"the device {scene.device}": scene.device.type != "cpu",
+        "a frame that moves": scene.frame is not None,
+        "a load with internal states": bool(model.internal_states),
+        **{f"{type(load).__name__} along the beam with values of each element or node": True
+           for load in model.loads[0] if by_place(load)},
+        MISSING: find_spec("llvmlite") is None,
+    }
+    return next((reason for reason, given in reasons.items() if given), None)
+
+
+def climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool,
+          lanes: int | None = None) -> Climbed | None:
+    """Raise the load from 0 to 1, see `load_steps.climb`; judged: whether to look at the tangent at the end. None where torch
+    alone can do it: samples mapped over. Raises ValueError for what native code does not take.
+    """
+    reason = refusal(model)
+    try:
+        if reason is None:
+            return _climbed(model, t, inputs, x, tolerance, judged, lanes)
+    except NotTraceable as error:
+        reason = str(error)
+    raise ValueError(f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does")
+
+
+def automatic_climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool
+                    ) -> Climbed | None:
+    """The same where "auto" takes native code: for many samples of what it takes, but for functions of the motion. What fails
+    in the compiler is warned of; None where it is to be done eagerly.
+    """
+    if meaning() == "compiled":
+        return climb(model, t, inputs, x, tolerance, judged)
+    samples = broadcast("a scene, a start and inputs", model.scene.batch_shape, *(v.shape[:-2] for v in x),
+                        *(v.shape[:-1] for v in inputs.values())).numel()
+    if meaning() == "eager" or samples * model.count < WORTH or by_function(model) or refusal(model) is not None:
+        return None
+    try:
+        return _climbed(model, t, inputs, x, tolerance, judged, None)
+    except NotTraceable:
+        return None
+    except NotCompiled as error:
+        given_up(error, "equilibria are found")
+        return None
+
+
+@torch.no_grad()
+def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool,
+             lanes: int | None) -> Climbed | None:
+    constants = Constants(model)
+    nodes, elements, common = constants.at(t.new_ones(()), t, inputs)
+    trees = nodes, replace(elements, C=model.tangent_stiffness()), common
+    kinds = _kinds(model, constants)
+    shared = not any(one.axes is None for one in functions(model.loads[0]))
+    program = program_of(SteadyFunctions(model, *trees), tuple(dict.fromkeys(kinds)), bool(model.constraints.nodes), shared,
+                         JudgedProgram if judged else LoadProgram)
+    chain = Chain(program, model, kinds)
+    like, one = model.length, model.length.new_tensor
+    numbers = {"total": like.sum((-1, -2)), "longest": like.amax((-1, -2)), "exact": same_law(trees[1].C, model.law.C),
+               "tolerance": one(tolerance or TOLERANCE[like.dtype])}
+    start = x._asdict()
+    given = [*constant_fields(trees), *_poses(model, t), *(Field("common", name, v, 0) for name, v in numbers.items()),
+             *(Field("start_stress" if name == "stress" else "kept", name, v, 2) for name, v in start.items())]
+    given = [one for one in given if chain.has(one.record, one.name)]
+    if any(one.value is not concrete(one.value) for one in given):
+        return None
+    batch = torch.broadcast_shapes(*(one.value.shape[:one.value.ndim - one.axes] for one in given))
+    call = Call(chain, batch, 1, lanes)
+    made = {name: call.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
+    made["reaction"] = call.empty(*model.constraints.fixed.shape, steps=False)
+    found = {name: call.empty(steps=False) for name in ("last_status", "indefinite")}
+    record = {"stress": ("start_stress", "stress"), "reaction": ("support", "last")}
+    out = [Field(*record.get(name, ("kept", name)), v, 2, flat=True) for name, v in made.items()]
+    out += [Field("sample", name, v, 0, flat=True) for name, v in found.items()]
+    call.made(LIMIT, inputs=[*given, Field("free", "free", chain.free, 2)], outputs=out)
+    *shape, reaction = (v.reshape(*batch, *v.shape[1:]) for v in made.values())
+    status, indefinite = (v.reshape(batch) for v in found.values())
+    return Climbed(Configuration(*shape), reaction, status.long(), indefinite != 0 if judged else None)
+
+
+def _kinds(model: Model, constants: Constants) -> list[SteadyKind]:
+    """Of all nodes."""
+    kinds = [SteadyKind(kind.acting, kind.hinge) for kind in node_kinds(model, constants.loads)]
+    for support, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True):
+        displaced = support.displacement is not None, support.turn is not None
+        kinds[support.node] = kinds[support.node]._replace(fixed=tuple(fixed.tolist()), displaced=displaced)
+    return kinds
+
+
+def _poses(model: Model, t: Tensor) -> list[Field]:
+    """Of supports."""
+    beam = model.scene.beam
+    found = {"position": beam.nodes, "frame": beam.frames}
+    for name in ("displacement", "turn"):
+        found[name] = torch.zeros_like(beam.nodes)
+    for support in model.scene.supports:
+        for name, value in zip(("displacement", "turn"), model.prescribed_motion.displacement(support, t), strict=True):
+            found[name] = found[name] if value is None else set_node(found[name], support.node, value)
+    return [Field("pose", f"pose.{name}", value, 2) for name, value in found.items()]

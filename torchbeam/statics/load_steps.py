@@ -1,0 +1,80 @@
+"""Load stepping: the load is raised from none to all of it, by Newton's method, each sample at its own pace."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from ..core.status import DIVERGED, SUCCESS
+from ..core.validation import concrete
+from ..nodal.model import Model
+from ..scene.effects import Inputs
+from ..solvers.newton import newton
+from .steady import Configuration, SteadyProblem
+
+TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on another branch
+FIRST, WHOLE = 1.0, 1.2  # rad by the tangent at no load: of a first step; of one that may be the whole load
+EASY = 0.8  # rad: after a step with that turn the next is as long again
+FEWEST = 1 / 64  # of the load in a first step
+LEAST = 1e-4  # smallest load step, as a share of the whole load
+LIMIT = 12  # iterations in a load step: one that takes more is quicker in two
+
+
+def climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None
+          ) -> tuple[Configuration, Tensor, Tensor]:
+    """Raise the load from 0 to 1: (shape, reaction, status)."""
+    with torch.no_grad():
+        probe, _ = SteadyProblem(model, t, inputs, t.new_ones(())).residual(x)
+        shape = probe.measure().shape
+        x = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in x))
+        reached, step = t.new_zeros(shape), _first_step(SteadyProblem(model, t, inputs, t.new_ones(shape)), x)
+        reaction = probe.nodes.new_zeros(*shape, *model.constraints.fixed.shape)
+        status = torch.zeros(shape, dtype=torch.long, device=t.device)
+        while True:
+            climbing, share = shares(reached, step, status)
+            if not concrete(climbing).any():
+                return x, reaction, status
+            problem = SteadyProblem(model, t, inputs, share)
+            outcome = newton(problem, problem.apply_supports(x), climbing, tolerance, LIMIT)
+            turn = model.space.multiply(model.space.inverse(x.rotation), outcome.x.rotation)
+            cosine = model.space.cosine(turn).abs().amin(-1)
+            good, reached, step, status = advanced(climbing, share, reached, step, status, outcome.status, cosine)
+            x = Configuration(*(torch.where(good[..., None, None], a, b) for a, b in zip(outcome.x, x, strict=True)))
+            reaction = torch.where(good[..., None, None], outcome.reaction, reaction)
+
+
+def _first_step(problem: SteadyProblem, x: Configuration) -> Tensor:
+    """(...) share of the load to begin with: that under which no node would turn by more than 1 rad if the beam stayed as
+    soft as it is; all of it where none would turn by more than 1.2.
+    """
+    residual, *about = problem.residual(x)
+    move, *_ = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
+    turn = torch.linalg.vector_norm(move[..., problem.model.space.position:], dim=-1).amax(-1)
+    return first_step(turn)
+
+
+# Rules of a sample: turn, reached, step, share and cosine (...)
+
+def first_step(turn: Tensor) -> Tensor:
+    """By the largest turn (rad) of a node under the whole load, were the beam as soft as it is."""
+    return torch.where(turn > WHOLE, (FIRST / turn).clamp(min=FEWEST), 1.0)
+
+
+def shares(reached: Tensor, step: Tensor, status: Tensor) -> tuple[Tensor, Tensor]:
+    """Which samples are on their way, and the share of the load that each comes to next."""
+    climbing = (reached < 1) & (status == SUCCESS)
+    return climbing, torch.where(climbing, (reached + step).clamp(max=1), reached)
+
+
+def advanced(climbing: Tensor, share: Tensor, reached: Tensor, step: Tensor, status: Tensor, found: Tensor, cosine: Tensor
+             ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """After a step that Newton's method has `found` a status for; cosine: of half the largest angle that a node turned by.
+    Whether it went well, reached, step, status.
+    """
+    good = climbing & (found == SUCCESS) & (cosine > math.cos(TURN / 2))
+    turned = 2 * torch.arccos(cosine.clamp(max=1))
+    step = torch.where(good, (EASY / turned).clamp(1.5, 4.0) * step, step / 2)
+    stuck = climbing & ~good & (step < LEAST)
+    return good, torch.where(good, share, reached), step, torch.where(stuck, found.clamp(min=DIVERGED), status)
