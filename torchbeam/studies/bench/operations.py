@@ -31,16 +31,18 @@ def counts() -> Counts:
         EI, force = case.t.new_tensor(1.0, requires_grad=True), case.t.new_tensor((0.0, 1.0, 0.0), requires_grad=True)
         scene = case.scene(4, plane, EI, force)
         steppers = {engine: Stepper(scene, 0.005, engine=engine) for engine in ("eager", "compiled")}
-        state = steppers["compiled"](steppers["compiled"].rest())
+        stepper = steppers["compiled"]
+        program = stepper.compiled.program
+        known, program.adjoints = program.adjoints, {}  # those of other scenes are of other constants
+        state = stepper(stepper.rest())
+        state.tip.position.sum().backward()
+        (adjoint,) = program.adjoints.values()
+        program.adjoints = known | program.adjoints
+        state = state.detach()
         with torch.no_grad():
             for engine, stepper in steppers.items():
                 stepper(state)  # what it keeps is made
                 found[f"{space}: {engine} step, tensor operations"] = tensor_operations(partial(stepper, state))
-        program = steppers["compiled"].compiled.program
-        known, program.adjoints = program.adjoints, {}  # those of other scenes are of other constants
-        state.tip.position.sum().backward()
-        (adjoint,) = program.adjoints.values()
-        program.adjoints = known | program.adjoints
         for kind, one in {"step": program, "adjoint": adjoint}.items():
             found |= {f"{space}: {kind}, {name}": function.operations() for name, function in one.functions.items()}
     return found
