@@ -121,6 +121,8 @@ def rows(quick: bool) -> Iterator[measurement.Row]:
 
         (times,) = measurement.timed([run], 2 if quick else 5)
         yield (row := times.row("environments", id, unit="env steps a second", per=batch * len(actions), batch=batch))
+        yield measurement.Row.of("environments", f"{id}: stepping and observing, over simulation", overhead(id, batch), "",
+                                 batch=batch)
         measurement.progress(f"{id}, batch {batch}: {row.best:.0f} env steps a second")
         env.close()
 
