@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import torch
 
 from ...cli import results_folder, threads
 from ...core.results import measured_on, sentence, versions, write
+from ...dynamics.compiled.coverage import MISSING
 from . import breakdown, first_use, gradients, growth, operations, others, throughput
 from .measurement import Row, progress
 from .report import markdown, picture
@@ -43,6 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = parser.parse_args(argv)
     if given.update and not given.operations:
         parser.error("--update was given without --operations FILE, the file to write")
+    if find_spec("llvmlite") is None:
+        parser.error(MISSING)
     if given.operations:
         return _compare(given.operations, given.update, parser)
     out = results_folder(parser, given.out)

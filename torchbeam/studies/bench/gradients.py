@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-import resource
 from collections.abc import Callable, Iterator
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 
@@ -40,7 +40,7 @@ def rollout(space: str, batch: int, gradient: bool, steps: int = STEPS, output: 
 
 def rows(quick: bool) -> Iterator[Row]:
     """Forward, gradient and their ratio by space and batch; memory in 3D."""
-    steps, batches, repeats = (40, (1, 32), 2) if quick else (STEPS, (1, 256), 5)
+    steps, batches, repeats = (40, (1, 32), 2) if quick else (STEPS, (1, 256), 3)
     for space in ("3D",) if quick else ELEMENTS:
         for batch in batches:
             where = dict(engine="compiled", space=space, elements=ELEMENTS[space], step_ms=1e3 * STEP, batch=batch)
@@ -51,6 +51,9 @@ def rows(quick: bool) -> Iterator[Row]:
             ratios = [b / a for a, b in zip(forward.wall, whole.wall, strict=True)]
             yield Row(PART, "gradient over forward", min(whole.wall) / min(forward.wall), median(ratios), "", **where)
             progress(f"{space}, batch {batch}: gradient {median(ratios):.2f} times its forward")
+    if find_spec("resource") is None:
+        progress("memory is not measured: this system does not tell it")
+        return
     kinds = (("memory, tip every 20 ms", OUTPUT), ("memory, tip at the end", STEPS * STEP))
     for what, output in kinds[:1] if quick else kinds:
         found = apart(memory, "3D", batches[-1], output)
@@ -75,6 +78,8 @@ def _resident() -> float:
 
 
 def _most() -> float:
+    import resource
+
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0
 
 

@@ -18,7 +18,7 @@ USUAL = {"elements": 10, "batch": 256, "steps": 64}
 
 def rows(quick: bool) -> Iterator[Row]:
     """Seconds of each size, others as usual, and the exponent."""
-    case, repeats = Case.load(), 2 if quick else 5
+    case, repeats = Case.load(), 2 if quick else 3
     for space in ("plane",) if quick else SPACES:
         for what, sizes in LADDERS.items():
             sizes, seconds = sizes[:2] if quick else sizes, []

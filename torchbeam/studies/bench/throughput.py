@@ -34,13 +34,13 @@ SETTINGS = {"3D": (Setting(10, 0.005), Setting(9, 0.01)), "plane": (Setting(12, 
 
 def rows(quick: bool) -> Iterator[Row]:
     """Simulated seconds by CPU and by the clock on the wall, by one thread and two; the tip is read every 10 or 20 ms."""
-    case, repeats, shares = Case.load(), 2 if quick else 5, QUICK if quick else SHARES
+    case, repeats, shares = Case.load(), 3 if quick else 5, QUICK if quick else SHARES
     for space, settings in SETTINGS.items():
         for setting in settings[:1] if quick else settings:
             error = {engine: case.error(motion(case, space, *setting, engine=engine))
                      for engine in (("compiled",) if quick else ("eager", "compiled"))}
             for batch in BATCHES[space][:2] if quick else BATCHES[space]:
-                yield from _batch(case, space, setting, batch, repeats, shares, error)
+                yield from _batch(case, space, setting, batch, repeats if batch == 1 else 3, shares, error)
 
 
 def _batch(case: Case, space: str, setting: Setting, batch: int, repeats: int,
