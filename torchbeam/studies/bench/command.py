@@ -28,6 +28,8 @@ ABOUT = (
     "(with machine and versions), and with matplotlib bench.png. About five minutes on an idle machine."
 )
 
+QUICK = "Quick run: few sizes and repeats, short pieces of the case."
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Speed of the compiled engine: throughput, gradients, environments, compile times, growth, operation counts."""
@@ -59,9 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     finally:
         torch.set_default_dtype(dtype)
     heading["versions"] |= versions("llvmlite")
-    text = f"{markdown(rows)}\n\n{sentence(heading)}"
+    text = "\n\n".join((markdown(rows), *[QUICK] * given.quick, sentence(heading)))
     print(text)
-    write(out, "bench", text, {**heading, "rows": [row._asdict() for row in rows]}, Row._fields, rows)
+    write(out, "bench", text, {**heading, "quick": given.quick, "rows": [row._asdict() for row in rows]}, Row._fields, rows)
     picture(rows, out / "bench.png")
     return 0
 

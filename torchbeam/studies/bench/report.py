@@ -108,6 +108,7 @@ def picture(rows: Sequence[Row], path: Path) -> None:
     except ImportError:
         progress("matplotlib is not installed (extra 'plot'): no picture")
         return
+    legend = dict(frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     rates = [r for r in rows if r.part in (throughput.PART, PEERS) and r.unit == CPU]
     best: dict[tuple[str, str], Row] = {}
     for r in rates:
@@ -120,7 +121,7 @@ def picture(rows: Sequence[Row], path: Path) -> None:
     first.set(xscale="log", xlabel="simulated s per CPU s, one thread", yticks=range(len(cases)), yticklabels=cases)
     first.grid(True, color="0.9")
     if rates:
-        first.legend(frameon=False, fontsize=8)
+        first.legend(**legend)
     shares = [r for r in rows if r.part == breakdown.PART and (r.what == "wrapper" or r.what.startswith("native: "))]
     cases, left = list(dict.fromkeys(map(_case, shares))), {}
     whole = {case: sum(r.best for r in shares if _case(r) == case) for case in cases}
@@ -130,7 +131,7 @@ def picture(rows: Sequence[Row], path: Path) -> None:
         left = {case: left.get(case, 0.0) + width for case, width in zip(cases, widths, strict=True)}
     second.set(xlabel="share of a step", xlim=(0, 1))
     if shares:
-        second.legend(frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+        second.legend(**legend)
     for r in (timed := [r for r in rows if r.part == growth.PART]):
         if r.what.startswith("exponent of "):
             what = r.what.removeprefix("exponent of ")
@@ -139,7 +140,8 @@ def picture(rows: Sequence[Row], path: Path) -> None:
             third.loglog(sizes, [x.best for x in line], "o-", ms=3, label=f"{r.space}, {what}: power {r.best:.2f}")
     third.set(xlabel="elements, batch or steps", ylabel="CPU s")
     third.grid(True, color="0.9")
+    third.tick_params(which="minor", labelbottom=False, labelleft=False)
     if timed:
-        third.legend(frameon=False, fontsize=8)
+        third.legend(**legend)
     first.figure.set_layout_engine("constrained")
     save(first, path)
