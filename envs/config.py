@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 import torchbeam as tb
-from torchbeam.core.arguments import count
+from torchbeam.core.arguments import choice, count
+from torchbeam.dynamics.compiled.coverage import ENGINES
 from torchbeam.dynamics.simulate import FORMS
 from torchbeam.dynamics.stepper import METHODS as IMPLICIT_METHODS
 from torchbeam.dynamics.torchdiffeq_bridge import METHODS as ODE_METHODS
@@ -46,6 +47,7 @@ class BeamEnvConfig:
     form, method       "nodal" and "midpoint" (implicit); or, for a soft section, a form and a method of torchdiffeq as in
                        `torchbeam.ExplicitStepper`
     solver             more arguments for the stepper, by name
+    engine             of the implicit methods: "auto", "eager" or "compiled" (native code), see `torchbeam.Stepper`
 
     Observation, reward, episode
     sensors            one or more of "tip", "middle", "gauges", "full" (see `envs/sensors.py`), and `Observed` sensors
@@ -75,6 +77,7 @@ class BeamEnvConfig:
     form: str = "nodal"
     method: str = "midpoint"
     solver: Mapping[str, Any] | None = None
+    engine: str = "auto"
     sensors: str | Observed | Sequence[str | Observed] = ("tip", "middle")
     noise: float = 0.0
     randomize: bool | Mapping[str, Sequence[float]] | None = None
@@ -137,6 +140,9 @@ class BeamEnvConfig:
             raise ValueError(f"method = {self.method!r} with form = {self.form!r} was given; there are {', '.join(methods)}")
         if self.form != "nodal" and self.gravity is not None:
             raise ValueError(f"gravity with form = {self.form!r} was given; it starts undeformed: gravity=None is wanted")
+        choice("engine", self.engine, ENGINES)
+        if self.engine == "compiled" and self.method not in IMPLICIT_METHODS:
+            raise ValueError(f"engine = 'compiled' with method = {self.method!r} was given; 'midpoint' takes it")
         if self.solver is not None:
             check_solver(self.form, self.method, self.solver)
 

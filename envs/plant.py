@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchbeam import Beam, ExplicitStepper, Scene, Section, Stepper
+from torchbeam import Beam, ExplicitStepper, Scene, Section, State, Stepper
 from torchbeam.core.batch_subset import BatchSubset
 from torchbeam.core.leaves import Tree, leaf, own_leaves
 from torchbeam.dynamics.stepper import METHODS as IMPLICIT_METHODS
@@ -29,6 +29,14 @@ class Plant(Tree):
     @property
     def scene(self) -> Scene:
         return self.stepper.scene
+
+    def advance(self, beam: State, steps: int, active: Tensor | None, inputs: dict[str, Tensor]) -> State:
+        """The beam after so many steps with the inputs held, where it is active (n,); None = everywhere."""
+        if isinstance(self.stepper, Stepper):
+            return self.stepper.repeat(beam, steps, inputs, active)
+        for _ in range(steps):
+            beam = self.stepper(beam, active=active, **inputs)
+        return beam
 
     def merge(self, few: BatchSubset, part: Plant) -> Plant:
         """With the sub-envs `few` those of `part`."""
@@ -94,10 +102,11 @@ def check_solver(form: str, method: str, solver: Any) -> None:
                              f"{', '.join(names)}")
 
 
-def stepper(scene: Scene, dt: float, form: str, method: str, solver: Mapping[str, Any]) -> Stepper | ExplicitStepper:
+def stepper(scene: Scene, dt: float, form: str, method: str, solver: Mapping[str, Any], engine: str = "auto"
+            ) -> Stepper | ExplicitStepper:
     """Stepper that advances the beam by dt (s): the implicit step (form "nodal", method "midpoint"), or torchdiffeq."""
     if form == "nodal" and method in IMPLICIT_METHODS:
-        return Stepper(scene, dt, method, **{"halvings": HALVINGS, **solver})
+        return Stepper(scene, dt, method, **{"halvings": HALVINGS, "engine": engine, **solver})
     return ExplicitStepper(scene, dt, method, form, **solver)
 
 

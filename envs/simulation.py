@@ -56,8 +56,7 @@ class Simulation:
         if everyone or active.any():
             queue = torch.cat((pending, action[:, None]), 1) if self.config.delay else action[:, None]
             given = self.task.inputs(queue[:, 0], before)
-            for _ in range(self.config.substeps):
-                beam = before.plant.stepper(beam, active=None if everyone else active, **given)
+            beam = before.plant.advance(beam, self.config.substeps, None if everyone else active, given)
             if everyone:
                 acting, pending = queue[:, 0], queue[:, 1:]
             else:
@@ -134,7 +133,7 @@ class Simulation:
         params |= {name: params[name].expand(len(rows)) for name in self.varying}
         params |= values
         scene = task.scene(params, rows, self.varying)
-        return Plant(params, stepper(scene, c.control_interval / c.substeps, c.form, c.method, c.solver or {}))
+        return Plant(params, stepper(scene, c.control_interval / c.substeps, c.form, c.method, c.solver or {}, c.engine))
 
     def _at_rest(self, plant: Plant, rows: Tensor) -> tuple[tb.State, tb.State]:
         if plant is not self.plant:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import weakref
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -10,6 +11,7 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch._C import _functorch as functorch
 
 from ..core.arguments import boolean, choice, count, duration, mask, step_size
 from ..core.arguments import tolerance as check_tolerance
@@ -17,6 +19,7 @@ from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.functions_of_time import shared
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import broadcast, concrete, positive, real, shown
+from ..nodal.coordinates.planar import Plane
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -110,18 +113,21 @@ class Stepper:
         self._compiled = compiled_step(self.model, *self._asked) if self.engine == "compiled" else None
         self._decided = self.engine != "auto"
         self.iterations: Tensor | None = None  # (...) of the last step
+        self._last: tuple[Any, Any, State] | None = None  # the last state made, how often it was written to, and itself reduced
         self.failures: dict[int, Failure] = {}  # the first of each status
 
     @property
     def compiled(self) -> CompiledStep | None:
-        """The steps by native code; None where they are made eagerly. "auto" decides when it is first asked."""
-        if not self._decided:
+        """The steps by native code; None where they are made eagerly. "auto" decides when it is first asked, outside of
+        torch.func, whose tensors are not to be kept.
+        """
+        if not self._decided and not functorch.peek_interpreter_stack():
             self._compiled, self._decided = automatic_step(self.model, *self._asked), True
         return self._compiled
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies decide for themselves, where "auto" does: they may be in another process."""
-        held = dict(vars(self))
+        held = {**vars(self), "_last": None}
         return held if self.engine != "auto" else {**held, "_compiled": None, "_decided": False}
 
     def rest(self, batch_shape: tuple[int, ...] | None = None) -> State:
@@ -188,17 +194,36 @@ class Stepper:
             self._remember(state, dt, t, given, torch.where(moving, status, SUCCESS))
         return self.model.space.to_public(replace(after, status=torch.where(moving, status, state.status)))
 
-    def _quickly(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs) -> State | None:
-        """The state one step later where native code makes it of all samples at once; None where there is more to it."""
+    def repeat(self, state: State, count: int, inputs: dict[str, Any], active: Tensor | None = None) -> State:
+        """The state `count` steps later, with the inputs held: as so many calls."""
+        if count > 1 and active is None and self.compiled is not None and not self._changes:
+            of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
+            found = self._quickly(self._reduced(state), self.dt, None, self.scene.tensors(inputs), count)
+            if found is not None:
+                return found
+        for _ in range(count):
+            state = self.advance(state, inputs, active=active)
+        return state
+
+    def _quickly(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, repeat: int = 1) -> State | None:
+        """The state one step later, or after as many alike, where native code makes it of all samples at once; None where there
+        is more to it.
+        """
         if concrete(state.status).any():
             return None
         t = (state.t if t is None else t) + self.method.INSTANT * dt if self.compiled.takes_time else None
-        found = self._natively(state, dt, t, inputs, None, self._limit(last=not self.halvings))
+        found = self._natively(state, dt, t, inputs, None, self._limit(last=not self.halvings), repeat=repeat)
         if found is None or not found.well:
             return None
-        self.iterations, now = found.iterations, state.t + dt
+        self.iterations, now = found.iterations, state.t
+        for _ in range(repeat):
+            now = now + dt
         now = now if now.shape == found.status.shape else now.expand(found.status.shape)
-        return self.model.space.to_public(replace(state, **found.fields, t=now, status=found.status))
+        reduced = replace(state, **found.fields, t=now, status=found.status)
+        after, space = self.model.space.to_public(reduced), self.model.space
+        if after is not reduced and isinstance(space, Plane) and space.reversible and not after.position.requires_grad:
+            self._last = weakref.ref(after), _versions(after), reduced
+        return after
 
     def _parts(self, model: Model, start: State, dt: Tensor, t: Tensor, inputs: Inputs, failed: Tensor
                ) -> tuple[State, Tensor, Tensor]:
@@ -262,6 +287,10 @@ class Stepper:
 
     def _reduced(self, state: State) -> State:
         """A state in the space's coordinates, with all that the scene has, and the batch's axes on every field."""
+        if self._last is not None and self._last[0]() is state:
+            _, seen, reduced = self._last
+            if seen is not None and seen == _versions(state):
+                return reduced
         state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
         return self.model.space.to_reduced(with_optional_fields(state, self.scene))
 
@@ -314,7 +343,8 @@ class Stepper:
         """
         merged = copy(self)
         merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))
-        merged._compiled = None if self._compiled is None else CompiledStep(merged.model)
+        merged._compiled = CompiledStep(merged.model) if self.engine == "compiled" else None
+        merged._decided = self.engine != "auto" or (self._decided and self._compiled is None)
         merged.iterations, merged.failures = None, {}
         return merged
 
@@ -350,14 +380,19 @@ class Stepper:
         return math.cos(TURN * self.method.PART / 2)
 
     def _natively(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, limit: int,
-                  K: int | None = None) -> Steps | None:
+                  K: int | None = None, repeat: int = 1) -> Steps | None:
         """A step of dt with the middle t (...), or K, see `CompiledStep`; None where they are to be made eagerly."""
         tolerance = TOLERANCE[self.scene.dtype] if self.tolerance is None else float(self.tolerance)
         try:
-            return self.compiled(state, dt, t, inputs, moving, tolerance, self._least, limit, K)
+            return self.compiled(state, dt, t, inputs, moving, tolerance, self._least, limit, K, repeat=repeat)
         except (NotCompiled, NotTraceable) as error:
             if self.engine == "compiled":
                 raise
             given_up(error)
             self._compiled = None
             return None
+
+
+def _versions(state: State) -> tuple[int, ...] | None:
+    """How often each field was written to in place; None = not known, in inference mode."""
+    return None if state.position.is_inference() else tuple([x._version for x in vars(state).values() if x is not None])

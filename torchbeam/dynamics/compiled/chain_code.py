@@ -227,8 +227,9 @@ class ChainCode:
             *(self._moved(name) for name in ("gather", "scatter", "drain"))]
 
     def _moved(self, name: str) -> str:
-        """Numbers between tensors and memory, as a table says. What does not change from step to step is moved at the first
-        alone; lanes beyond the samples have the last one's numbers, and are not scattered.
+        """Numbers between tensors and memory, as a table says. What does not change from step to step is gathered at the first
+        alone; what has one place for all steps is scattered at each, so that the last one's stays. Lanes beyond the samples
+        have the last one's numbers, and are not scattered.
         """
         code = Code(name, ["ptr %table", "i64 %count", "ptr %memory", "i64 %first", "i64 %samples", "i64 %step", "i64 %begin"])
         scalar, W = self.lanes.scalar, self.lanes.count
@@ -237,7 +238,8 @@ class ChainCode:
             numbers = (code.load(code.at(entry, i)) for i in range(len(ENTRY)))
             pointer, sample, step, row, rows, components, place, size = numbers
             pointer = code.at(code.new(f"inttoptr i64 {pointer} to ptr"), code.mul(step, "%step"), scalar)
-            fresh = code.new(f"or i1 {code.compare('eq', '%step', '%begin')}, {code.compare('ne', step, 0)}")
+            fresh = code.new(f"or i1 {code.compare('eq', '%step', '%begin')}, "
+                             f"{'true' if name == 'scatter' else code.compare('ne', step, 0)}")
             with code.when(fresh), code.loop(0, rows) as r, code.loop(0, components) as c, code.loop(0, W) as lane:
                 at = code.add("%first", lane)
                 inside = code.compare("slt", at, "%samples")

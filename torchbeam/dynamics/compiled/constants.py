@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ...core.leaves import Tree, constant, detached, functions, leaf, map_leaves, own_leaves, wants_gradient, with_values
+from ...core.leaves import Tree, constant, detached, functions, leaf, map_leaves, own_leaves, with_values
 from ...core.validation import concrete
 from ...nodal.balance import same_law
 from ...nodal.constitutive_law import ElasticLaw
@@ -111,6 +111,7 @@ class Constants:
 
     loads  those that are evaluated natively: of the motion, with internal states, and the library's own whose values are inputs
     asks   whether anything is evaluated at t in torch
+    sources  tensors that values are made from
     """
 
     def __init__(self, model: Model, steps: bool = True) -> None:
@@ -139,20 +140,17 @@ class Constants:
                         if one.axes == 1 and callable(one.value) and self.rows[k] is None}
         changing = any(row is not None and not _unchanging(load) for row, load in zip(self.rows, self.loads, strict=True))
         self.asks = bool(self.asked or not self.given_eigenstrain or not self.rests or self.of_time or changing)
+        scene = model.scene
+        by_place = tuple(load for load, row in zip(self.loads, self.rows, strict=True) if row is not None)
+        prescribed = () if self.rests else (scene.frame, scene.root)
+        held = (self.given, by_place, prescribed, scene.eigenstrains, scene.beam, scene.supports, model.law, inertia)
+        self.sources = [x for x, _ in flattened(held)]
+        self.sources += [model.length, model.section_mass, model.tributary_length]
         self._kept: dict[Any, Any] = {}
 
     def forget(self) -> None:
         """Take values afresh: a tensor that they were made from has been written to."""
         self._kept = {}
-
-    @property
-    def sources(self) -> list[Tensor]:
-        """Tensors that values are made from, beside those of the model's own fields."""
-        scene = self.model.scene
-        by_place = tuple(load for load, row in zip(self.loads, self.rows, strict=True) if row is not None)
-        prescribed = () if self.rests else (scene.frame, scene.root, scene.supports)
-        return [x for x, _ in flattened((self.given, by_place, prescribed, scene.eigenstrains, self.model.law,
-                                         self.model.inertia))]
 
     def changing(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None) -> dict[str, Tensor]:
         """Values by name for steps of dt (...) with loads as at t (...), which broadcast with the batch of the model; frame:
@@ -163,15 +161,14 @@ class Constants:
         found = {"dt": dt, "t": t, "C": C, "exact": exact}
         still = self.still._replace(frame=frame)
         if self.given or self.asked:
-            dead = self._recorded("dead", self.given, lambda: external(model, self.still, t, inputs, self.given))
+            dead = self._held("dead", lambda: external(model, self.still, t, inputs, self.given))
             found["dead"] = dead + external(model, still, t, inputs, self.asked) if self.asked else dead
         if model.scene.eigenstrains:
             found["eigenstrain"] = (
-                self._recorded("eigenstrain", model.scene.eigenstrains, lambda: model.eigenstrain(t, inputs))
+                self._held("eigenstrain", lambda: model.eigenstrain(t, inputs))
                 if self.given_eigenstrain else model.eigenstrain(t, inputs))
         if self.wants_support:
-            held = (model.scene.beam, model.scene.supports)
-            pose = (self._recorded("support", held, lambda: model.prescribed_motion.root_pose(t)) if self.rests
+            pose = (self._held("support", lambda: model.prescribed_motion.root_pose(t)) if self.rests
                     else model.prescribed_motion.root_pose(t))
             found |= {f"support {name}": x for name, x in zip(pose._fields, pose, strict=True) if x is not None}
         for name, value in self.of_time.items():
@@ -181,14 +178,14 @@ class Constants:
                 found |= self._row_values(k, load, t, inputs)
         for name, x in inputs.items():
             found[f"input {name}"] = x
-        return found | self._prescribed(t, t + dt / 2, frame)
+        return found | self._prescribed(t, t + dt / 2, frame) if self.prescribes else found
 
     def _row_values(self, k: int, load: Any, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Of a load by place."""
         def values() -> list[Tensor]:
             return [x for x, _ in flattened(self._rows(load, t, inputs))]
 
-        found = self._recorded(f"row {k}", (load, self.model.length), values) if _unchanging(load) else values()
+        found = self._held(f"row {k}", values) if _unchanging(load) else values()
         return {f"row {k} {i}": x for i, x in enumerate(found)}
 
     def _rows(self, load: Any, t: Tensor, inputs: Inputs) -> Any:
@@ -197,8 +194,6 @@ class Constants:
     def _prescribed(self, t: Tensor, end: Tensor, frame: Tensor | None) -> dict[str, Tensor]:
         """Motion of frame a at t, and of supports at the time `end`."""
         scene, motion, like = self.model.scene, self.model.prescribed_motion, self.model.length
-        if not self.prescribes:
-            return {}
         found = dict(zip(("frame velocity", "frame angular_velocity", "frame"), (*motion.frame(t), frame), strict=True))
         if scene.supports:
             none = {"pose": (like.new_zeros(3), like.new_zeros(4)), "absolute": (like.new_zeros(3),) * 2}
@@ -275,9 +270,9 @@ class Constants:
                       turn)
         return external(model, still, common.t, common.inputs), advanced(model, still, common.t, common.inputs)
 
-    def _recorded(self, name: str, effects: tuple[Any, ...], value: Callable[[], Tensor]) -> Tensor:
-        """A value that changes with nothing but what the effects hold: kept, unless a derivative by that is recorded."""
-        if torch.is_grad_enabled() and wants_gradient(*effects):
+    def _held(self, name: str, value: Callable[[], Any]) -> Any:
+        """A value that is the same at all steps: kept, unless a derivative by what it is made from is recorded."""
+        if torch.is_grad_enabled() and any(x.requires_grad for x in self.sources):
             return value()
         if name not in self._kept:
             self._kept[name] = value()

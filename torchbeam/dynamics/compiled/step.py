@@ -10,7 +10,6 @@ from torch._C import _functorch as functorch
 from torch.autograd import forward_ad
 
 from ...core.leaves import functions, wants_gradient
-from ...core.validation import concrete
 from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...state.state import State, rest
@@ -88,16 +87,17 @@ class CompiledStep:
         return CompiledStep, (self.model,)
 
     def __call__(self, start: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, tolerance: float,
-                 least: float, limit: int, K: int | None = None, lanes: int | None = None) -> Steps | None:
+                 least: float, limit: int, K: int | None = None, lanes: int | None = None, repeat: int = 1) -> Steps | None:
         """A step from `start`, in the space's coordinates, or K; differentiable once, backwards.
 
         dt, t   (...) s: lengths of the step, and its middle (None = not wanted, see `takes_time`); of K steps (K) or (K, ...)
         inputs  by name, (..., size) held over all steps; or (K, ..., size), with as many axes between as `moving`
         moving  (...) bool: samples that step; one whose step fails keeps its state and stops; None = all
+        repeat  in place of K: as many steps alike, of which the last is told; None where a gradient is wanted
         least   cosine of half the largest angle that a node may have turned by at mid step
 
         A sample's status is 0 while it goes well, and for one that does not move; its iterations in a step that it does not
-        make are 0. None where torch alone can do it: forward mode, samples mapped over, functions of the motion that hold what
+        make are 0. None where torch alone can do it: forward mode, torch.func, functions of the motion that hold what
         carries gradient, and gradients where strains are impossible, or next to.
         """
         t, dims = self.none if t is None else t, 0
@@ -109,25 +109,28 @@ class CompiledStep:
                       for name, x in inputs.items()}
         states = [self.constants.internal_rows(start.internal) if name == INTERNAL else getattr(start, name)
                   for name in self.state]
-        if _mapped() and any(_unfit(x) for x in (*self.sources, dt, t, *inputs.values(), *states)):
+        if functorch.peek_interpreter_stack() is not None or (repeat > 1 and start.frame is not None):
+            return None
+        if forward_ad._current_level >= 0 and any(forward_ad.unpack_dual(x).tangent is not None for x in (
+                *self.sources, dt, t, *inputs.values(), *states)):
             return None
         recorded = torch.is_grad_enabled()
         self._look()
         middle, frame = (None, None) if start.frame is None else self._orientations(start.frame, dt, t, K, dims)
         values = self.constants.changing(dt, t, inputs, middle)
         given = [values[name] for _, name in self.changing]
-        if _mapped() and any(_unfit(x) for x in given):
+        if forward_ad._current_level >= 0 and any(forward_ad.unpack_dual(x).tangent is not None for x in given):
             return None
         if recorded and self.function and wants_gradient(*self.constants.closures(values)):
             return None
         constant = [one.value for one in self.constant]
         held = [*given, *constant, *states]
         differentiated = recorded and any(x.requires_grad for x in held)
-        if differentiated and not values["exact"].all():
+        if differentiated and (repeat > 1 or not values["exact"].all()):
             return None
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         with torch.no_grad():
-            form = self._form(tensors, K, dims, (tolerance, least, lanes))
+            form = self._form(tensors, K, dims, (tolerance, least, lanes, repeat))
             made = [torch.empty(shape, dtype=self.chain.dtype) for shape in form.shapes]
             lasting: list[Any] = [tensors, made]
             tables = {"inputs": (form.inputs.of(tensors, lasting), form.inputs.count),
@@ -178,8 +181,8 @@ class CompiledStep:
             found = self._forms[key] = self._new_form(tensors, K, dims, *options)
         return found
 
-    def _new_form(self, tensors: list[Tensor], K: int | None, dims: int, tolerance: float, least: float, lanes: int | None
-                  ) -> Form:
+    def _new_form(self, tensors: list[Tensor], K: int | None, dims: int, tolerance: float, least: float, lanes: int | None,
+                  repeat: int) -> Form:
         *given, exact, moving = tensors[:-len(self.state)]
         state = dict(zip(self.state, tensors[-len(self.state):], strict=True))
         if any(x.device.type != "cpu" for x in tensors):
@@ -195,14 +198,14 @@ class CompiledStep:
                   Field("free", "free", self.chain.free, 2), Field("sample", "last_status", self.none, 0)]
         leads = [one.value.shape[:one.value.ndim - one.axes] for one in fields if one.record != "free"]
         batch = torch.broadcast_shapes(*(lead if K is None else lead[len(lead) > dims:] for lead in leads))
-        call = Call(self.chain, batch, K or 1, lanes)
+        call = Call(self.chain, batch, K or repeat, lanes)
         axes, own = moving.ndim or state["work"].ndim, batch
         if K is not None and batch[:dims - axes].numel() == 1:
             own = batch[dims - axes:]
         steps = () if K is None else (K,)
         shapes = [torch.Size((*steps, *own, *x.shape[x.ndim - self.axes[name]:])) for name, x in state.items()]
         shapes += [torch.Size((*steps, *own))] * len(NUMBERS)
-        out = [Field(*place, torch.empty((call.K, call.B, *shape[len(shape) - axes:]), dtype=self.chain.dtype), axes, flat=True)
+        out = [Field(*place, torch.empty((K or 1, call.B, *shape[len(shape) - axes:]), dtype=self.chain.dtype), axes, flat=True)
                for place, shape, axes in zip((self.state | NUMBERS).values(), shapes,
                                              [*self.axes.values(), *[0] * len(NUMBERS)], strict=True)]
         return Form(call, Table(self.chain, fields, batch), Table(self.chain, out, batch), shapes)
@@ -212,12 +215,3 @@ class CompiledStep:
         if names not in self._adjoints:
             self._adjoints[names] = Chain(adjoint_of(self.program, self.local, names), self.model, self.kinds)
         return self._adjoints[names]
-
-
-def _mapped() -> bool:
-    """Whether tensors may be dual numbers, or stand for more samples than they show."""
-    return forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None
-
-
-def _unfit(x: Tensor) -> bool:
-    return x is not concrete(x) or forward_ad.unpack_dual(x).tangent is not None

@@ -104,6 +104,12 @@ class Plane(Space):
         """(6, 3)"""
         return torch.block_diag(self.basis[:, :2], self.basis[:, 2:])
 
+    @cached
+    def reversible(self) -> bool:
+        """Whether a state that went to 3D comes back to the bit: the maps move numbers, and change signs at most."""
+        maps = self.basis, self.section, self._rotation_map
+        return all(bool(((x == 0) | (x.abs() == 1)).all()) for x in maps)
+
     def to_reduced(self, state: State) -> State:
         position, rotation = self.pose(state.position, state.rotation)
         velocity, spin = self.motion(state.velocity, state.spin)

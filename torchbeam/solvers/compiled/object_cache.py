@@ -8,10 +8,12 @@ none; where the folder cannot be written, objects live in memory alone.
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import tempfile
 from pathlib import Path
 
+LOG = logging.getLogger("torchbeam")
 CHECKSUM = 32  # bytes of SHA-256
 
 
@@ -61,6 +63,7 @@ class ObjectCache:
             with os.fdopen(handle, "wb") as file:
                 file.write(hashlib.sha256(data).digest() + data)
             os.replace(beside, self.folder / f"{key}.o")
-        except OSError:
+        except OSError as error:
+            LOG.warning("compiled code cannot be kept in %s (%s): TORCHBEAM_CACHE names another folder", self.folder, error)
             if beside is not None:
                 Path(beside).unlink(missing_ok=True)

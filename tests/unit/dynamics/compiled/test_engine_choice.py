@@ -1,0 +1,279 @@
+"""Which engine "auto" takes, and why; what a call of the compiled step costs beside its native code; copies and threads."""
+
+import logging
+import multiprocessing
+import os
+import pickle
+import re
+import subprocess
+import sys
+
+import pytest
+import torch
+from compiled_step_cases import moving, straight
+from torch.utils._python_dispatch import TorchDispatchMode
+
+import torchbeam as tb
+from torchbeam.dynamics.compiled import call
+
+pytest.importorskip("llvmlite")
+FIELDS = ("position", "rotation", "velocity", "spin", "stress", "reaction", "work", "t", "status")
+
+
+def arm(*more, N=3, **options):
+    return tb.Scene(straight(N), [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=tb.Input("u", 3)), *more], **options)
+
+
+def engine_line(scene):
+    return next(line for line in str(tb.describe(scene)).splitlines() if line.startswith("engine"))
+
+
+@pytest.fixture
+def auto(monkeypatch):
+    """What holds outside of these tests: nothing in the environment."""
+    monkeypatch.delenv("TORCHBEAM_ENGINE")
+
+
+def own_load(position, rotation, velocity, spin, t):
+    return -velocity, None
+
+
+@pytest.mark.parametrize("scene, reason", [
+    (lambda: arm(), None),
+    (lambda: arm(tb.PointLoad(node=1, force=lambda t: torch.stack((t, t, t)))), None),
+    (lambda: arm(tb.Load(own_load)), "Load that depends on the motion by a function.*'compiled' takes it"),
+    (lambda: arm(tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((s, s, s), -1)), follower=True)), None),
+    (lambda: arm(frame=tb.Frame(angular_velocity=(0, 0, 1.0))), None),
+])
+def test_auto_takes_native_code_where_it_can_and_describe_says_so(auto, scene, reason):
+    scene = scene()
+    stepper = tb.Stepper(scene, 0.01)
+    line = engine_line(scene)
+    if reason is None:
+        assert stepper.compiled is not None and "compiled: native code" in line
+    else:
+        assert stepper.compiled is None and "eager: " in line
+        assert re.search(reason, line), line
+
+
+def test_the_environment_says_what_auto_means(monkeypatch):
+    for value, compiled in (("eager", False), ("auto", True), ("", True), ("compiled", True)):
+        monkeypatch.setenv("TORCHBEAM_ENGINE", value)
+        assert (tb.Stepper(arm(), 0.01).compiled is not None) == compiled
+        assert tb.Stepper(arm(), 0.01, engine="eager").compiled is None
+        assert tb.Stepper(arm(), 0.01, engine="compiled").compiled is not None
+    with pytest.raises(ValueError, match="engine = 'compiled' was given"):
+        tb.Stepper(arm(), 0.01, conserve=True)  # as it is with that argument
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
+    assert "TORCHBEAM_ENGINE is 'eager'; 'compiled' takes it" in engine_line(arm())
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "fast")
+    with pytest.raises(ValueError, match="TORCHBEAM_ENGINE = 'fast' was given"):
+        tb.Stepper(arm(), 0.01)
+
+
+def test_without_llvmlite_auto_is_eager(auto, monkeypatch):
+    monkeypatch.setattr("torchbeam.dynamics.compiled.coverage.find_spec", lambda name: None)
+    assert tb.Stepper(arm(), 0.01).compiled is None
+    assert "llvmlite is not installed" in engine_line(arm())
+
+
+@torch.no_grad()
+def test_a_compiler_that_fails_leaves_auto_eager_and_is_said_once(auto, monkeypatch, recwarn):
+    def broken(*args):
+        raise OSError("no room for code")
+
+    monkeypatch.setattr("torchbeam.dynamics.compiled.native.Library", broken)
+    monkeypatch.setattr("torchbeam.dynamics.compiled.program.PROGRAMS", {})
+    scene = arm()
+    stepper, start = tb.Stepper(scene, 0.01), moving(scene)
+    u = torch.ones(3)
+    found, wanted = stepper(start, u=u), tb.Stepper(scene, 0.01, engine="eager")(start, u=u)
+    stepper(found, u=u)
+    assert torch.equal(found.position, wanted.position)
+    said = [str(w.message) for w in recwarn if "made eagerly" in str(w.message)]
+    assert len(said) == 1 and "no room for code" in said[0]
+    with pytest.raises(RuntimeError, match="no room for code"):
+        tb.Stepper(scene, 0.01, engine="compiled")(start, u=u)
+
+
+@torch.no_grad()
+def test_a_cache_folder_that_cannot_be_written_is_gone_without(auto, monkeypatch, tmp_path, caplog):
+    file = tmp_path / "file"
+    file.write_text("no folder")
+    monkeypatch.setenv("TORCHBEAM_CACHE", str(file))
+    monkeypatch.setattr("torchbeam.dynamics.compiled.program.PROGRAMS", {})
+    scene = arm(N=1)
+    with caplog.at_level(logging.INFO, logger="torchbeam"):
+        stepper = tb.Stepper(scene, 0.01)
+        stepper(stepper.rest(), u=torch.zeros(3))
+    assert stepper.compiled is not None
+    assert any("traced in" in r.message and "compiled in" in r.message for r in caplog.records)
+    assert any(r.levelno == logging.WARNING and str(file) in r.message for r in caplog.records)
+
+
+class Count(TorchDispatchMode):
+    """Counts torch operations."""
+
+    def __init__(self):
+        super().__init__()
+        self.count = 0
+
+    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
+        self.count += 1
+        return function(*args, **(kwargs or {}))
+
+
+@torch.no_grad()
+def test_a_call_is_a_few_torch_operations():
+    """Their number is what a call costs beside its native code; eagerly it is in the thousands."""
+    scene, u, t = arm(), torch.ones(3), torch.linspace(0, 0.5, 51)
+    stepper = tb.Stepper(scene, 0.01, engine="compiled")
+    state = stepper(stepper(stepper.rest(), u=u), u=u)
+    with Count() as made:
+        stepper(state, u=u)
+    assert made.count <= 20
+    counts = []
+    for steps in (21, 51):
+        tb.simulate(scene, t[:steps], inputs={"u": u}, step=0.01, engine="compiled")
+        with Count() as made:
+            tb.simulate(scene, t[:steps], inputs={"u": u}, step=0.01, engine="compiled")
+        counts.append(made.count)
+    assert counts[1] - counts[0] <= 5 * 30
+
+
+@torch.no_grad()
+def test_what_was_looked_up_does_not_go_stale():
+    """Loads that are written to in place are read at each call, as eagerly; so are the stepper's own numbers."""
+    force, stiffness = torch.tensor([0.0, 1.0, 0.5]), torch.tensor(20.0)
+    scene = tb.Scene(straight(3), [tb.TipLoad(force=force), tb.Spring(1, stiffness, (0.3, 0.1, 0.2))])
+    steppers = [tb.Stepper(scene, 0.01, engine=engine) for engine in ("compiled", "eager")]
+    start = moving(scene)
+    seen = []
+    for change in (lambda: None, lambda: force.mul_(-3), lambda: stiffness.mul_(10)):
+        change()
+        found, wanted = (stepper(start, dt=0.02) for stepper in steppers)
+        torch.testing.assert_close(found.velocity, wanted.velocity, rtol=1e-11, atol=1e-11)
+        seen.append(found.velocity[-1, 1].item())
+    assert len(set(seen)) == 3
+    found, wanted = (stepper(start) for stepper in steppers)
+    torch.testing.assert_close(found.velocity, wanted.velocity, rtol=1e-11, atol=1e-11)
+
+
+def test_what_was_looked_up_without_gradient_has_one_when_it_is_asked_for():
+    found = []
+    for engine in ("compiled", "eager"):
+        mass = torch.tensor(0.5, requires_grad=True)
+        section = tb.Section.from_stiffness(EA=2e3, GA=8e2, GJ=2.0, EI=3.0, mass=mass, inertia=1e-3)
+        scene = tb.Scene(tb.Beam.straight(1.0, 3, section), [tb.Gravity((0, 0, -9.81))])
+        stepper = tb.Stepper(scene, 0.01, engine=engine)
+        with torch.no_grad():
+            start = stepper(stepper.rest())
+        after = stepper(stepper(start))
+        found.append(torch.autograd.grad(after.position.square().sum() + after.reaction.sum(), mass)[0])
+    torch.testing.assert_close(*found, rtol=1e-9, atol=0)
+
+
+@torch.no_grad()
+def test_what_was_handed_out_stays():
+    stepper = tb.Stepper(arm(), 0.01, engine="compiled")
+    first = stepper(stepper.rest(), u=torch.ones(3))
+    kept = first.clone()
+    second = stepper(stepper(first, u=torch.ones(3)), u=torch.zeros(3))
+    for name in FIELDS:
+        assert torch.equal(getattr(first, name), getattr(kept, name))
+    assert not torch.equal(second.position, first.position)
+
+
+def test_threads_change_no_bit(monkeypatch):
+    """Forwards and backwards, of 37 samples in groups of lanes, one of which is not full."""
+    monkeypatch.setattr(call, "WORK", 1)
+    scene = arm()
+    start, u = moving(scene, (37,), size=0.3), torch.randn(37, 3, generator=torch.Generator().manual_seed(1))
+    found = []
+    for threads in (1, 3):
+        monkeypatch.setattr(torch, "get_num_threads", lambda threads=threads: threads)
+        given = u.clone().requires_grad_()
+        stepper, state = tb.Stepper(scene, 0.01, engine="compiled"), start
+        for _ in range(3):
+            state = stepper(state, u=given)
+        found.append((*(getattr(state, name) for name in FIELDS), torch.autograd.grad(state.position.square().sum(), given)[0]))
+    for one, other in zip(*found, strict=True):
+        assert torch.equal(one, other)
+
+
+@torch.no_grad()
+def test_repeated_steps_are_the_same_as_single_ones():
+    scene = arm()
+    stepper = tb.Stepper(scene, 0.01, engine="compiled")
+    start, u = moving(scene, (5,)), torch.ones(5, 3)
+    wanted = start
+    for _ in range(4):
+        wanted = stepper(wanted, u=u)
+    found = stepper.repeat(start, 4, {"u": u})
+    for name in FIELDS:
+        torch.testing.assert_close(getattr(found, name), getattr(wanted, name), rtol=1e-13, atol=1e-13)
+    u = u * torch.tensor([1.0, 1.0, torch.nan, 1.0, 1e5])[:, None]
+    found, wanted = stepper.repeat(start, 2, {"u": u}), stepper(stepper(start, u=u), u=u)
+    assert torch.equal(found.status, wanted.status) and torch.equal(found.t, wanted.t)
+    resting = torch.tensor([True, False, True, True, True])
+    assert torch.equal(stepper.repeat(start, 2, {"u": torch.ones(5, 3)}, resting).position[1], start.position[1])
+
+
+def _tip(stepper, state, queue):
+    queue.put(stepper(state, u=torch.ones(3)).tip.position.tolist())
+
+
+@torch.no_grad()
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked here")
+def test_steppers_work_in_forked_processes_and_as_pickles(auto):
+    stepper = tb.Stepper(arm(), 0.01)
+    start = stepper.rest()
+    wanted = stepper(start, u=torch.ones(3)).tip.position.tolist()
+    copied = pickle.loads(pickle.dumps(stepper))
+    assert copied(start, u=torch.ones(3)).tip.position.tolist() == wanted and copied.compiled is not None
+    context = multiprocessing.get_context("fork")
+    queue = context.Queue()
+    child = context.Process(target=_tip, args=(stepper, start, queue))
+    child.start()
+    assert queue.get(timeout=60) == wanted
+    child.join()
+
+
+def test_importing_torchbeam_imports_no_compiler():
+    code = ("import sys, torchbeam as tb; scene = tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness("
+            "EA=1.0, GA=1.0, GJ=1.0, EI=1.0, mass=1.0, inertia=1.0))); tb.Stepper(scene, 0.1); tb.describe(scene); "
+            "print('llvmlite' in sys.modules)")
+    env = {name: value for name, value in os.environ.items() if name != "TORCHBEAM_ENGINE"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, timeout=120)
+    assert done.stdout.strip() == "False", done.stderr
+
+
+def test_derivatives_that_native_code_has_not_are_made_eagerly_by_auto(auto):
+    stepper = tb.Stepper(arm(), 0.01)
+    start = stepper.rest()
+
+    def tip(u):
+        return stepper(start, u=u).tip.position
+
+    u = torch.tensor([0.0, 0.1, 0.2])
+    by_forward, by_reverse = torch.func.jacfwd(tip)(u), torch.autograd.functional.jacobian(tip, u)
+    torch.testing.assert_close(by_forward, by_reverse, rtol=1e-8, atol=1e-12)
+    many = torch.func.vmap(tip)(torch.stack((u, 2 * u)))
+    torch.testing.assert_close(many[1], tip(2 * u), rtol=1e-10, atol=1e-12)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("plane", ["xy", "xz"])
+def test_a_state_in_a_plane_that_is_written_to_is_read_again(plane):
+    """What a stepper knows of the state that it made last does not outlive a change of it."""
+    scene = tb.Scene(straight(3), [tb.TipLoad(force=tb.Input("u", 3))], plane=plane)
+    stepper = tb.Stepper(scene, 0.01, engine="compiled")
+    eager = tb.Stepper(scene, 0.01, engine="eager")
+    u = torch.ones(3)
+    state = stepper(moving(scene), u=u)
+    unchanged = stepper(state, u=u)
+    torch.testing.assert_close(unchanged.position, eager(state, u=u).position, rtol=1e-12, atol=1e-13)
+    state.velocity.mul_(2)
+    found = stepper(state, u=u)
+    torch.testing.assert_close(found.position, eager(state, u=u).position, rtol=1e-12, atol=1e-13)
+    assert not torch.equal(found.position, unchanged.position)
