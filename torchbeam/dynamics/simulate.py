@@ -32,7 +32,7 @@ from .torchdiffeq_bridge import ADVICE, integrate, leaves, status_at
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 
 FORMS = ("nodal", "minimal", "block_rate")
-AT_ONCE, ROOM = 256, 2**18  # steps that native code is asked for at once, at most; positions of nodes in the states after them
+AT_ONCE = 256  # steps that native code is asked for, at most
 STEPS = 200  # of the default step, over the whole of t
 
 
@@ -122,11 +122,11 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
         """The steps of the plan from `begin` to `end`, some at a time."""
         done, size = begin, AT_ONCE if stepper.compiled is not None else 1
         while done < end:
-            few = slice(done, min(done + min(size, max(1, ROOM // state.position[..., 0].numel())), end))
+            few = slice(done, min(done + size, end))
             dt, now = lengths[few], begins[few]
             held = [inputs_at(inputs, at, t) for at in (now + instant * dt).unbind()] if moved else [inputs]
             made = stepper.ahead(state, dt, now, held, wanted[few])
-            size = 1 if made is None or len(made.iterations) < len(dt) else min(2 * size, AT_ONCE)
+            size = 1 if made is None or made.stopped else min(2 * len(made.iterations), AT_ONCE)
             if made is None:
                 last, asked = stepper.advance(state, held[0], dt=dt[0], t=now[0]), int(wanted[done])
                 made = Ahead(last.map(lambda x, asked=asked: x[None][:asked]), last, stepper.iterations[None])
