@@ -6,7 +6,7 @@ PYTEST := python -m pytest -n 2 --dist worksteal
 # Another processor's rounding, in software: MKL's and ATen's plainest instructions, and sums split over two threads.
 OTHER_ROUNDING := MKL_CBWR=COMPATIBLE ATEN_CPU_CAPABILITY=default OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE
 
-.PHONY: demo test test-long test-rounding test-lowest lint clean
+.PHONY: demo test test-long test-rounding test-lowest bench lint clean
 
 demo: .venv/demo.done
 	$(BIN)/python -m torchbeam demo --out out/demo
@@ -21,6 +21,11 @@ test-long: .venv/dev.done
 
 test-rounding: .venv/dev.done
 	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) tests/unit $(addprefix --ignore=tests/unit/,plot studies analysis dynamics/compiled)
+
+# Operation counts against the stored ones; `python -m torchbeam bench` measures times. After a change that is meant:
+# python -m torchbeam bench --operations tests/unit/studies/operations.json --update
+bench: .venv/dev.done
+	$(BIN)/python -m torchbeam bench --operations tests/unit/studies/operations.json
 
 # Every dependency at the lowest version that pyproject.toml states, all at once.
 test-lowest: .venv-lowest/done

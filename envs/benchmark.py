@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +16,7 @@ import torch
 
 from torchbeam.cli import results_folder, threads
 from torchbeam.core.results import measured_on, sentence, table, write
+from torchbeam.studies.bench import measurement
 
 BATCHES = (1, 64, 256, 1024, 4096)
 FINER = dict(elements=16, substeps=8)  # what the tip is compared with
@@ -102,6 +103,28 @@ def measure(id: str, batches: Sequence[int], seconds: float, **arguments: Any) -
         print(f"{id}, batch {batch}: {rate:.0f} env steps a second", file=sys.stderr)
         env.close()
     return rows
+
+
+def rows(quick: bool) -> Iterator[measurement.Row]:
+    """Steps a second for `python -m torchbeam bench`: one env in space through `gymnasium.make`, and a batch in the plane."""
+    for id, batch in (("torchbeam/TipReach-v0", 1), ("torchbeam/TipReachPlanar-v0", 64 if quick else 1024)):
+        env = gymnasium.make(id) if batch == 1 else gymnasium.make_vec(id, num_envs=batch)
+        env.action_space.seed(0)
+        env.reset(seed=0)
+        actions = [env.action_space.sample() for _ in range(STEPS if quick else 5 * STEPS)]
+
+        def run(env: Any = env, actions: list[Any] = actions, single: bool = batch == 1) -> None:
+            for action in actions:
+                *_, terminated, truncated, _ = env.step(action)
+                if single and (terminated or truncated):
+                    env.reset()
+
+        (times,) = measurement.timed([run], 2 if quick else 5)
+        yield (row := times.row("environments", id, unit="env steps a second", per=batch * len(actions), batch=batch))
+        yield measurement.Row.of("environments", f"{id}: stepping and observing, over simulation", overhead(id, batch), "",
+                                 batch=batch)
+        measurement.progress(f"{id}, batch {batch}: {row.best:.0f} env steps a second")
+        env.close()
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -6,6 +6,7 @@ from .analysis.describe import Description, describe
 from .analysis.identify import Fit, identify
 from .analysis.monte_carlo import Samples, monte_carlo
 from .dynamics.explicit import ExplicitStepper
+from .dynamics.rollout import rollout
 from .dynamics.simulate import simulate
 from .dynamics.stepper import Stepper
 from .linear.critical import Critical, critical_load
@@ -28,6 +29,7 @@ from .scene.effects import (
     LineLoad,
     MassDamping,
     PerElement,
+    PerInterval,
     PointLoad,
     PointMass,
     RootSpring,
@@ -48,10 +50,10 @@ from .statics.equilibrium import equilibrium
 from .statics.path import Path, path
 
 __all__ = [
-    "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Description", "Drag", "Energy",
-    "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping", "MixedState",
-    "Modes", "Path", "PerElement", "PointLoad", "PointMass", "RootMotion", "RootSpring", "Samples", "Scene", "Section",
-    "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Support", "Table", "TipLoad", "advise", "block_rate",
-    "consistent_state", "critical_load", "describe", "equilibrium", "identify", "linearize", "modes", "monte_carlo", "path",
-    "plot", "rayleigh", "rest", "sensors", "simulate",
+    "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Description", "Drag",
+    "Energy", "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
+    "MixedState", "Modes", "Path", "PerElement", "PerInterval", "PointLoad", "PointMass", "RootMotion", "RootSpring",
+    "Samples", "Scene", "Section", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Support", "Table",
+    "TipLoad", "advise", "block_rate", "consistent_state", "critical_load", "describe", "equilibrium", "identify",
+    "linearize", "modes", "monte_carlo", "path", "plot", "rayleigh", "rest", "rollout", "sensors", "simulate",
 ]

@@ -112,3 +112,14 @@ def test_the_command_that_measures(tmp_path, capsys, monkeypatch):
     assert [row["id"] for row in written["rows"]] == ["torchbeam/TipReach-v0", ID]
     assert (tmp_path / "envs.md").read_text().strip() in capsys.readouterr().out
     assert len((tmp_path / "envs.csv").read_text().splitlines()) == 3
+
+
+def test_rows_for_the_benchmark_of_the_engine(monkeypatch):
+    """One env in space, a batch in the plane, by the entry point that `python -m torchbeam bench` asks."""
+    monkeypatch.setattr(benchmark, "STEPS", 2)
+    monkeypatch.setattr(benchmark, "overhead", lambda id, batch: 0.1)
+    rows = list(benchmark.rows(quick=True))
+    assert [(row.what.split(":")[0], row.batch) for row in rows[::2]] == [
+        ("torchbeam/TipReach-v0", 1), ("torchbeam/TipReachPlanar-v0", 64)]
+    assert all(row.part == "environments" and row.best >= row.median > 0 for row in rows)
+    assert rows[2].best > rows[0].best

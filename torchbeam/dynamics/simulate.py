@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import torch
@@ -20,19 +20,19 @@ from ..core.status import FAILED, STATUS
 from ..core.validation import as_tensor, concrete, increasing, shown
 from ..nodal.model import Model
 from ..nodal.rates import Rates
-from ..scene.effects import inputs_at
+from ..scene.effects import PerInterval, changing, inputs_at
 from ..scene.scene import Scene, merge_inputs
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
 from ..state.state import State, check_state, rest, with_optional_fields
 from .mixed_forms import simulate_mixed
+from .rollout import joined, march
 from .stepper import METHODS as IMPLICIT_METHODS
-from .stepper import Ahead, Stepper
+from .stepper import Stepper
 from .torchdiffeq_bridge import ADVICE, integrate, leaves, status_at
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 
 FORMS = ("nodal", "minimal", "block_rate")
-AT_ONCE = 256  # steps that native code is asked for, at most
 STEPS = 200  # of the default step, over the whole of t
 
 
@@ -66,8 +66,9 @@ def simulate(
              (...) s, the instant of each sample from which t counts (None = t is that of all); the mixed forms also take
              project=, solver=, see `torchbeam.dynamics.mixed_forms.simulate_mixed`
     form     "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the index-reduced derivation)
-    inputs   by name: (..., size) held throughout, or a function of t: "midpoint" of the nodal form takes it at mid step,
-             "generalized_alpha" at its end. One that has no option's name may be given by keyword instead
+    inputs   by name: (..., size) held throughout; a function of t: "midpoint" of the nodal form takes it at mid step,
+             "generalized_alpha" at its end; or, for these two, `PerInterval`: values (..., time - 1, size), each held over one
+             of the intervals of t. One that has no option's name may be given by keyword instead
     throw    raise RuntimeError where a sample fails; otherwise `sol.status` and a warning say so, and the sample keeps its
              last good state
 
@@ -89,6 +90,9 @@ def simulate(
     inputs = merge_inputs({} if inputs is None else inputs, {name: options.pop(name) for name in [*options]
                                                       if name in scene.inputs and name not in known})
     check_options(f"form {form!r}" if mixed else f"method {method!r}", options, known)
+    if (mixed or not implicit) and any(isinstance(value, PerInterval) for value in inputs.values()):
+        raise ValueError(f"a PerInterval input was given to {method!r}; 'midpoint' and 'generalized_alpha' of the nodal form "
+                         "take it, and ExplicitStepper holds inputs over its steps")
     if mixed:
         return _judged(simulate_mixed(scene, t, form, initial, method, inputs=inputs, **options), throw)
     return _judged((_implicit if implicit else _explicit)(scene, t, initial, method, inputs, **options), throw, warn=implicit)
@@ -110,7 +114,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     begins = t[:-1][interval] + part * lengths
     wanted = [i == counts[k] - 1 for k, i in plan]
     stepper = Stepper(scene, step, method, **options)
-    moved = any(callable(value) for value in inputs.values())
+    moved = changing(inputs, len(counts))
     first = inputs_at(inputs, t[0], t)
     start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
     names, instant = tuple(vars(start)), stepper.method.INSTANT
@@ -118,32 +122,23 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     def kind(*values: Any) -> State:
         return type(start)(**dict(zip(names, values, strict=True)))
 
-    def steps(state: State, begin: int, end: int) -> Iterator[Ahead]:
-        """The steps of the plan from `begin` to `end`, some at a time."""
-        done, size = begin, AT_ONCE if stepper.compiled is not None else 1
-        while done < end:
-            few = slice(done, min(done + size, end))
-            dt, now = lengths[few], begins[few]
-            held = [inputs_at(inputs, at, t) for at in (now + instant * dt).unbind()] if moved else [inputs]
-            made = stepper.ahead(state, dt, now, held, wanted[few])
-            size = 1 if made is None or made.stopped else min(2 * len(made.iterations), AT_ONCE)
-            if made is None:
-                last, asked = stepper.advance(state, held[0], dt=dt[0], t=now[0]), int(wanted[done])
-                made = Ahead(last.map(lambda x, asked=asked: x[None][:asked]), last, stepper.iterations[None])
-            done, state = done + len(made.iterations), made.last
-            yield made
+    def held(first: int, end: int) -> list[dict[str, Any]]:
+        """Inputs of the steps of the plan, or the only ones of all."""
+        few = range(first, end if moved else first + 1)
+        return [inputs_at(inputs, begins[k] + instant * lengths[k], t, interval=plan[k][0]) for k in few]
 
-    def march(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
+    def carry_out(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
         """Fields of the states that are wanted of a part of the plan, of the last, and the iterations of each step."""
-        made, done = [], begin
-        for few in steps(kind(*fields), begin, end):
+        made, done, part = [], begin, slice(begin, end)
+        steps = lengths[part], begins[part], lambda i, j: held(begin + i, begin + j), wanted[part]
+        for few in march(stepper, kind(*fields), *steps):
             made.append(few)
             for _ in range(len(few.iterations)):
                 done += 1
                 if progress is not None:
                     progress(done, len(plan))
-        states = made[0].states.map(_joined, *(few.states for few in made[1:]))
-        return *vars(states).values(), *vars(made[-1].last).values(), _joined(*(few.iterations for few in made))
+        states = made[0].states.map(joined, *(few.states for few in made[1:]))
+        return *vars(states).values(), *vars(made[-1].last).values(), joined(*(few.iterations for few in made))
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
@@ -151,20 +146,14 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     for done in range(0, len(plan), length):
         span = done, min(done + length, len(plan))
         fields = tuple(vars(state).values())
-        tensors = recompute(march, *span, *fields, use_reentrant=False) if checkpoint else march(*span, *fields)
+        tensors = recompute(carry_out, *span, *fields, use_reentrant=False) if checkpoint else carry_out(*span, *fields)
         chunks.append(kind(*tensors[:size]))
         state = kind(*tensors[size:2 * size])
         iterations.append(tensors[-1])
-    trajectory = chunks[0].map(_joined, *chunks[1:])
+    trajectory = chunks[0].map(joined, *chunks[1:])
     reason = {code: found for code, failed in stepper.failures.items() if (found := failed.reason()) is not None}
-    stats = Stats(steps=len(plan), iterations=_joined(*iterations), reason=reason)
+    stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=reason)
     return Solution(t, trajectory, _energy(stepper.model, trajectory, t, inputs), stats)
-
-
-def _joined(*parts: Tensor) -> Tensor:
-    """Parts of a series, one after the other, of common batch axes."""
-    shape = torch.broadcast_shapes(*(x.shape[1:] for x in parts))
-    return torch.cat([x.expand(len(x), *shape) for x in parts])
 
 
 def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -209,7 +198,8 @@ def _energy(model: Model, states: State, t: Iterable[Tensor], inputs: dict[str, 
     if all(map(constant, model.scene.eigenstrains)):
         own = model.eigenstrain(states.t, {})
         return Energy(kinetic, model.strain_energy(states.position, states.rotation, own), work)
-    own = [model.eigenstrain(now, model.scene.tensors(inputs_at(inputs, now, now))) for now in t]
+    own = [model.eigenstrain(now, model.scene.tensors(inputs_at(inputs, now, now, interval=max(k - 1, 0))))
+           for k, now in enumerate(t)]
     strain = [model.strain_energy(*at) for at in zip(states.position, states.rotation, own, strict=True)]
     return Energy(kinetic, torch.stack(strain), work)
 

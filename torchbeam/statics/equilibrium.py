@@ -93,6 +93,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     else:
         x, reaction, status, doubtful = found
     good = status == 0
+    start = Configuration(*(v.expand(*status.shape, *v.shape[-2:]) for v in start))
     problem = SteadyProblem(model, time, given, torch.ones_like(status, dtype=scene.dtype))
     if branch == "stable":
         unstable = good & _unstable(problem, x, start, doubtful)

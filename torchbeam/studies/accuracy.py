@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from importlib import resources
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -17,6 +17,7 @@ from ..analysis.trials import repeated, seconds
 from ..cli import study, threads
 from ..core.files import written
 from ..core.results import measured_on, sentence, table, write
+from ..core.validation import as_tensor
 from ..dynamics.simulate import simulate
 from ..scene.beam import Beam
 from ..scene.effects import TipLoad
@@ -40,11 +41,11 @@ class Case(NamedTuple):
         data = json.loads(text)
         return cls(torch.tensor(data["t"], dtype=dtype), torch.tensor(data["tip"], dtype=dtype))
 
-    def scene(self, elements: int, plane: str | None = None) -> Scene:
+    def scene(self, elements: int, plane: str | None = None, EI: Tensor | float = 1.0, force: Any = (0.0, 1.0, 0.0)) -> Scene:
         number = self.t.new_tensor
-        section = Section.from_stiffness(EA=number(4e4), GA=number(1.4835e4), GJ=number(0.769), EI=number(1.0),
-                                         mass=number(0.2), inertia=number(5e-6))
-        return Scene(Beam.straight(number(1.0), elements, section), [TipLoad(force=(0.0, 1.0, 0.0))], plane=plane)
+        section = Section.from_stiffness(EA=number(4e4), GA=number(1.4835e4), GJ=number(0.769),
+                                         EI=as_tensor(EI, self.t.dtype), mass=number(0.2), inertia=number(5e-6))
+        return Scene(Beam.straight(number(1.0), elements, section), [TipLoad(force=force)], plane=plane)
 
     def error(self, solution: Solution) -> float:
         """RMS |tip - reference| / RMS |reference - reference(0)| at the solution's instants, which are the reference's."""
@@ -71,10 +72,11 @@ FIELDS = ("space", "elements", "step, ms", "batch", "relative RMS error", "CPU s
           "Newton iterations")
 
 
-def motion(case: Case, space: str, elements: int, step: float) -> Solution:
-    """The whole 2 s, at batch 1."""
+def motion(case: Case, space: str, elements: int, step: float, every: int | None = None, **options: Any) -> Solution:
+    """The whole 2 s, at batch 1; every: how many of the reference's instants lie between two of the solution's."""
     with torch.no_grad():
-        return simulate(case.scene(elements, SPACES[space]), case.t[::max(1, round(step / 0.01))], step=step)
+        t = case.t[::every or max(1, round(step / 0.01))]
+        return simulate(case.scene(elements, SPACES[space]), t, step=step, **options)
 
 
 def measure(case: Case, whole: Solution, space: str, elements: int, step: float, batch: int, duration: float,

@@ -33,7 +33,20 @@ from .load_point import (
 from .loads import LineLoad, PointLoad, TipLoad
 from .point_mass import PointMass
 from .springs import RootSpring, Spring
-from .values import Along, Input, Inputs, LoadValue, PerElement, inputs_at, inputs_of, plain, value_along, value_at
+from .values import (
+    Along,
+    Input,
+    Inputs,
+    LoadValue,
+    PerElement,
+    PerInterval,
+    changing,
+    inputs_at,
+    inputs_of,
+    plain,
+    value_along,
+    value_at,
+)
 
 __all__ = [
     "ACCELERATION",
@@ -59,6 +72,7 @@ __all__ = [
     "LoadValue",
     "MassDamping",
     "PerElement",
+    "PerInterval",
     "PointLoad",
     "PointMass",
     "Pose",
@@ -66,6 +80,7 @@ __all__ = [
     "Spring",
     "TipLoad",
     "Wrench",
+    "changing",
     "inputs_at",
     "inputs_of",
     "jacobians",

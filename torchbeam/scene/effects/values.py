@@ -133,10 +133,37 @@ def value_at(value: LoadValue, t: Tensor, inputs: Inputs, like: Tensor) -> Tenso
     return value
 
 
-def inputs_at(inputs: dict[str, Any], t: Tensor, like: Tensor) -> dict[str, Any]:
-    """Inputs by name at the time t: functions of it evaluated, the others as they are."""
-    return {name: at_time(lambda now, v=v, name=name: taken(f"the input {name!r}", v(now), like), t) if callable(v) else v
-            for name, v in inputs.items()}
+@dataclass(frozen=True)
+class PerInterval(Tree):
+    """An input's values (..., K, size), each held over one of the K intervals between output times, or of the steps of a
+    rollout. Given in place of an input's value.
+    """
+
+    value: Value = leaf(2)
+
+    def __post_init__(self) -> None:
+        value = plain(self.value)
+        if value.ndim < 2:
+            raise ValueError(f"PerInterval of shape {tuple(value.shape)} was given; (..., intervals, size) is wanted")
+        object.__setattr__(self, "value", value)
+
+
+def inputs_at(inputs: dict[str, Any], t: Tensor, like: Tensor, interval: int = 0) -> dict[str, Any]:
+    """Inputs by name at the time t: functions of it evaluated, values of the interval taken, the others as they are."""
+    def value(name: str, v: Any) -> Any:
+        if isinstance(v, PerInterval):
+            return v.value[..., interval, :]
+        return at_time(lambda now: taken(f"the input {name!r}", v(now), like), t) if callable(v) else v
+
+    return {name: value(name, v) for name, v in inputs.items()}
+
+
+def changing(inputs: dict[str, Any], intervals: int) -> bool:
+    """Whether inputs by name change over so many intervals. Raises ValueError where one has values for another number."""
+    for name, v in inputs.items():
+        if isinstance(v, PerInterval) and v.value.shape[-2] != intervals:
+            raise ValueError(f"the input {name!r} was given for {v.value.shape[-2]} intervals; there are {intervals}")
+    return any(isinstance(v, PerInterval) or callable(v) for v in inputs.values())
 
 
 def value_along(value: LoadValue | Along | PerElement, s: Tensor | None, t: Tensor, inputs: Inputs, like: Tensor,

@@ -130,15 +130,19 @@ def test_single_precision():
 
 
 def test_gradients_are_the_eager_ones():
-    """By force and EI to 1e-9 of the largest, of a failed sample too; forward mode; torch.func, which is eager."""
+    """By force, EI and a support's displacement to 1e-9 of the largest, beside a failed sample; forward mode; torch.func, which
+    is eager.
+    """
     def slopes(engine):
         u, EI = pulls(5, 3.0), torch.rand(5, generator=torch.Generator().manual_seed(1)).add_(2.0).requires_grad_()
         u[3] = torch.nan
         u.requires_grad_()
-        scene = tb.Scene(straight(8, section(EI=EI)), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
+        moved = torch.tensor([0.0, 0.0, 0.1], requires_grad=True)
+        scene = tb.Scene(straight(8, section(EI=EI)), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz", supports=[
+            tb.Support(0), tb.Support(4, position="z", rotation="", displacement=moved)])
         state = tb.equilibrium(scene, u=u, throw=False, engine=engine)
         value = (state.position.square().sum((-1, -2)) + state.stress.sum((-1, -2)) + state.reaction.square().sum((-1, -2)))
-        return torch.autograd.grad(value[state.status == 0].sum(), (u, EI))
+        return torch.autograd.grad(value[state.status == 0].sum(), (u, EI, moved))
 
     for a, b in zip(slopes("compiled"), slopes("eager"), strict=True):
         assert_close(a, b, rtol=0, atol=1e-9 * float(b.abs().max()))

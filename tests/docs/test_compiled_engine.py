@@ -1,0 +1,64 @@
+"""docs/compiled_engine.md: the folders, modules, variables and refusals that it names are there, and nothing is left out."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+import torchbeam as tb
+from torchbeam.dynamics.compiled.coverage import ENGINES, VARIABLE
+from torchbeam.solvers.compiled.object_cache import default_folder
+from torchbeam.studies.bench.operations import GROWTH
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "compiled_engine.md").read_text()
+
+
+def scene():
+    section = tb.Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=1.0, mass=0.2, inertia=5e-6)
+    return tb.Scene(tb.Beam.straight(1.0, 2, section))
+
+
+def test_folders_files_and_modules_exist():
+    for path in re.findall(r"`((?:torchbeam|tests|docs)/[\w/.]+)`", PAGE):
+        assert (ROOT / path).exists() or path.startswith("docs/results/bench"), path
+    folders = {str(path.parent.relative_to(ROOT)) + "/" for path in (ROOT / "torchbeam").rglob("compiled/__init__.py")}
+    assert folders == {name for name in re.findall(r"`(torchbeam/\w+/compiled/)`", PAGE)}
+
+
+def test_variables_are_read(monkeypatch, tmp_path):
+    assert f"`{VARIABLE}`" in PAGE and all(f"`{engine}`" in PAGE for engine in ENGINES)
+    monkeypatch.setenv("TORCHBEAM_CACHE", str(tmp_path))
+    assert default_folder() == tmp_path
+    monkeypatch.delenv("TORCHBEAM_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert default_folder() == tmp_path / "torchbeam"
+
+
+@pytest.mark.parametrize("options", [dict(method="generalized_alpha"), dict(conserve=True)], ids=str)
+def test_what_is_never_taken_is_refused(options):
+    (name, value), = options.items()
+    assert f'`{name}="{value}"`' in PAGE or f"`{name}={value}`" in PAGE
+    with pytest.raises(ValueError, match="engine = 'compiled' was given"):
+        tb.Stepper(scene(), 0.01, engine="compiled", **options)
+
+
+def test_forward_mode_is_made_eagerly_with_the_same_result():
+    pytest.importorskip("llvmlite")
+    found = []
+    for engine in ("eager", "compiled"):
+        stepper = tb.Stepper(scene(), 0.01, engine=engine)
+        start = stepper.rest()
+        away = (start.position[:, :1] > 0).to(start.velocity)  # from the clamp, which rests
+
+        def tip(velocity, stepper=stepper, start=start, away=away):
+            return stepper(replace(start, velocity=away * velocity)).tip.position
+
+        found.append(torch.func.jvp(tip, (torch.zeros(3),), (torch.ones(3),))[1])
+    assert torch.equal(*found) and found[0].abs().max() > 0
+
+
+def test_the_growth_that_is_let_pass_is_stated():
+    assert f"more than {100 * GROWTH:.0f} %" in PAGE

@@ -1,0 +1,69 @@
+"""Rollout: many steps of a stepper, as many at once as native code makes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import count, instance
+from ..core.functions_of_time import shared
+from ..scene.effects import Inputs, changing, inputs_at
+from ..scene.scene import merge_inputs
+from ..state.state import State
+from .stepper import Ahead, Stepper
+
+AT_ONCE = 256  # steps that native code is asked for, at most
+
+
+def rollout(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] | None = None, **more: Any) -> State:
+    """States (steps, ...) after each of so many steps of a stepper, from a state on: the same as calling it so many times,
+    with one call of native code where the compiled engine takes the scene. What the stepper was made of is not made anew.
+
+    inputs  by name, in a dictionary or by keyword: (..., size) held throughout; a function of t, taken where the method takes
+            its loads; or `PerInterval`, (..., steps, size), each held over a step
+
+    Differentiable as the steps are. A sample that fails keeps its last good state, with a status. Raises ValueError for what
+    `Stepper` refuses, and for values for another number of steps.
+    """
+    instance("a stepper", stepper, Stepper)
+    steps, given = count("steps", steps), merge_inputs({} if inputs is None else inputs, more)
+    t, varies = shared(state.t), changing(given, steps)
+
+    def held(first: int, end: int) -> list[dict[str, Any]]:
+        instants = (t + (k + stepper.method.INSTANT) * stepper.dt for k in range(first, end if varies else first + 1))
+        return [inputs_at(given, at, stepper.dt, interval=k) for k, at in enumerate(instants, first)]
+
+    lengths = stepper.dt.expand(steps)
+    begins = t + torch.arange(steps, dtype=t.dtype, device=t.device) * stepper.dt if t.ndim == 0 else None
+    made = [few.states for few in march(stepper, state, lengths, begins, held, [True] * steps)]
+    return made[0].map(joined, *made[1:])
+
+
+def march(stepper: Stepper, state: State, dt: Tensor, t: Tensor | None, held: Callable[[int, int], list[Inputs]],
+          wanted: list[bool]) -> Iterator[Ahead]:
+    """Steps dt (K) from the times t (K), None = the samples' own; some at a time. held: first, end -> inputs of these steps,
+    or the only ones of all; wanted: whether the state after a step is asked for.
+    """
+    done, steps = 0, len(dt)
+    size = AT_ONCE if t is not None and stepper.compiled is not None else 1
+    while done < steps:
+        few = slice(done, min(done + size, steps))
+        inputs = held(few.start, few.stop)
+        made = None if t is None else stepper.ahead(state, dt[few], t[few], inputs, wanted[few])
+        size = 1 if made is None or made.stopped else min(2 * len(made.iterations), AT_ONCE)
+        if made is None:
+            last, asked = stepper.advance(state, inputs[0], dt=dt[done], t=None if t is None else t[done]), int(wanted[done])
+            made = Ahead(last.map(lambda x, asked=asked: x[None][:asked]), last, stepper.iterations[None])
+        done, state = done + len(made.iterations), made.last
+        yield made
+
+
+def joined(*parts: Tensor) -> Tensor:
+    """Parts of a series, one after the other, of common batch axes."""
+    if len(parts) == 1:
+        return parts[0]
+    shape = torch.broadcast_shapes(*(x.shape[1:] for x in parts))
+    return torch.cat([x.expand(len(x), *shape) for x in parts])
