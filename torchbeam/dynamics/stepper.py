@@ -38,14 +38,18 @@ from .midpoint import MidpointProblem
 
 
 class Ahead(NamedTuple):
-    """Steps that were made at once: the states that were asked for (time, ...), the last, and iterations (steps, ...)."""
+    """Steps that were made at once: the states that were asked for (time, ...), the last, iterations (steps, ...); whether the
+    next one is for `advance`.
+    """
 
     states: State
     last: State
     iterations: Tensor
+    stopped: bool = False
 
 
 METHODS = {"midpoint": MidpointProblem, "generalized_alpha": GeneralizedAlphaProblem}
+ROOM = 2**18  # nodes, over samples and steps, of the states that native code makes at once
 QUICK = 12  # iterations of a step that can still be made in parts: one that takes more is quicker so
 TURN = 1.2  # rad that a node may turn in one step; larger turns have more than one solution, and the wrong one gains energy
 
@@ -155,11 +159,7 @@ class Stepper:
                 t: Tensor | None = None) -> State:
         """The same, with the time t (0-dim) of all samples where it is known; None = the state's."""
         dt = self._length(dt)
-        given = self.scene.tensors(inputs)
-        of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-        broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
-                  *(value.shape[:-1] for value in given.values()))
-        state = self._reduced(self._begin(state, dt, inputs=given))
+        given, state = self._given(state, inputs, dt)
         if active is None and self.compiled is not None and (t is not None or not self._changes or state.t.ndim == 0):
             found = self._quickly(state, dt, t, given)
             if found is not None:
@@ -197,8 +197,8 @@ class Stepper:
     def repeat(self, state: State, count: int, inputs: dict[str, Any], active: Tensor | None = None) -> State:
         """The state `count` steps later, with the inputs held: as so many calls."""
         if count > 1 and active is None and self.compiled is not None and not self._changes:
-            of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-            found = self._quickly(self._reduced(state), self.dt, None, self.scene.tensors(inputs), count)
+            given, start = self._given(state, inputs, self.dt)
+            found = self._quickly(start, self.dt, None, given, count)
             if found is not None:
                 return found
         for _ in range(count):
@@ -260,14 +260,15 @@ class Stepper:
         start = self._reduced(state)
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                           *(value.shape[:-1] for one in given for value in one.values()))
+        count = min(len(dt), max(1, ROOM // max(1, shape.numel() * (self.scene.beam.count + 1))))
+        dt, t = dt[:count], t[:count]
         moving = (start.status == SUCCESS).expand(shape)
-        given = given[0] if len(given) == 1 else {name: torch.stack([one[name].expand(*shape, -1) for one in given])
+        given = given[0] if len(given) == 1 else {name: torch.stack([one[name].expand(*shape, -1) for one in given[:count]])
                                                   for name in self.scene.inputs}
         found = self._natively(start, dt, t + self.method.INSTANT * dt if self.compiled.takes_time else None, given, moving,
-                               self._limit(last=not self.halvings), len(dt))
+                               self._limit(last=not self.halvings), count)
         if found is None:
             return None
-        count = len(dt)
         if not found.well:
             count = [*(found.status == SUCCESS).reshape(count, -1).all(1).tolist(), False].index(False)
             if not count:
@@ -283,7 +284,15 @@ class Stepper:
             return self.model.space.to_public(replace(start, **fields, defect=defect, t=now[k], status=stands))
 
         part = slice(0, count) if len(places) == count else places
-        return Ahead(after(part, len(places)), after(count - 1), found.iterations[:count])
+        return Ahead(after(part, len(places)), after(count - 1), found.iterations[:count], not found.well)
+
+    def _given(self, state: State, inputs: dict[str, Any], dt: Tensor) -> tuple[Inputs, State]:
+        """Inputs as tensors, and the state to start a step of dt from in the space's coordinates; checked."""
+        given = self.scene.tensors(inputs)
+        of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
+        broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
+                  *(value.shape[:-1] for value in given.values()))
+        return given, self._reduced(self._begin(state, dt, inputs=given))
 
     def _reduced(self, state: State) -> State:
         """A state in the space's coordinates, with all that the scene has, and the batch's axes on every field."""

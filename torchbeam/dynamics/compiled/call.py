@@ -17,7 +17,8 @@ from .layout import ONE
 from .local_problem import Kinds
 from .native import NativeProgram
 
-WORK = 2048  # samples times elements times steps that are worth a thread of their own (about half a millisecond)
+CPU = torch.device("cpu")  # whatever the default device is
+WORK = 4096  # samples times elements times steps that are worth a thread of their own (about a millisecond)
 
 
 class Field(NamedTuple):
@@ -62,7 +63,7 @@ class Chain:
         try:
             return self._blocks.setdefault(lanes, []).pop()
         except IndexError:
-            return torch.zeros(self.size * lanes, dtype=self.dtype)
+            return torch.zeros(self.size * lanes, dtype=self.dtype, device=CPU)
 
     def given_back(self, lanes: int, block: Tensor) -> None:
         self._blocks[lanes].append(block)
@@ -142,7 +143,7 @@ class Call:
 
     def empty(self, *own: int, steps: bool = True) -> Tensor:
         """For a flat field that is written."""
-        return torch.empty(*(self.K,) * steps, self.B, *own, dtype=self.chain.dtype)
+        return torch.empty(*(self.K,) * steps, self.B, *own, dtype=self.chain.dtype, device=CPU)
 
     def made(self, limit: int = 0, **tables: Iterable[Field]) -> None:
         """Run with these tables, by the names of the driver's arguments."""

@@ -13,7 +13,7 @@ from ...core.leaves import functions, wants_gradient
 from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...state.state import State, rest
-from .call import Call, Chain, Field, Table
+from .call import CPU, Call, Chain, Field, Table
 from .constants import Constants
 from .cotangents import Adjoint, Differentiated, constant_fields, state_fields
 from .local_functions import LocalFunctions
@@ -131,7 +131,7 @@ class CompiledStep:
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         with torch.no_grad():
             form = self._form(tensors, K, dims, (tolerance, least, lanes, repeat))
-            made = [torch.empty(shape, dtype=self.chain.dtype) for shape in form.shapes]
+            made = [torch.empty(shape, dtype=self.chain.dtype, device=CPU) for shape in form.shapes]
             lasting: list[Any] = [tensors, made]
             tables = {"inputs": (form.inputs.of(tensors, lasting), form.inputs.count),
                       "outputs": (form.outputs.of(made, lasting), form.outputs.count)}
@@ -205,9 +205,10 @@ class CompiledStep:
         steps = () if K is None else (K,)
         shapes = [torch.Size((*steps, *own, *x.shape[x.ndim - self.axes[name]:])) for name, x in state.items()]
         shapes += [torch.Size((*steps, *own))] * len(NUMBERS)
-        out = [Field(*place, torch.empty((K or 1, call.B, *shape[len(shape) - axes:]), dtype=self.chain.dtype), axes, flat=True)
-               for place, shape, axes in zip((self.state | NUMBERS).values(), shapes,
-                                             [*self.axes.values(), *[0] * len(NUMBERS)], strict=True)]
+        out = [Field(*place, torch.empty((K or 1, call.B, *shape[len(shape) - own:]), dtype=self.chain.dtype, device=CPU), own,
+                     flat=True)
+               for place, shape, own in zip((self.state | NUMBERS).values(), shapes,
+                                            [*self.axes.values(), *[0] * len(NUMBERS)], strict=True)]
         return Form(call, Table(self.chain, fields, batch), Table(self.chain, out, batch), shapes)
 
     def _adjoint(self, names: frozenset[str]) -> Chain:

@@ -32,8 +32,8 @@ NEAR = 2  # nodes that the clamp holds, or a neighbour of
 
 
 def rows(quick: bool) -> Iterator[Row]:
-    """Microseconds of a step of the whole batch: in all, native, of this what the traced functions take by themselves, and the
-    wrapper. What is native beside them is the driver: loops, masks, transfers between tensors and memory.
+    """CPU microseconds of a step of the whole batch: in all, native, of this what the traced functions take by themselves, and
+    the wrapper. What is native beside them is the driver: loops, masks, transfers between tensors and memory.
     """
     case, steps = Case.load(), 40 if quick else STEPS
     for space, plane in SPACES.items():
@@ -45,9 +45,9 @@ def rows(quick: bool) -> Iterator[Row]:
             best = float("inf"), 0.0, 0.0
             for _ in range(2 if quick else 4):
                 with torch.no_grad(), clocked(program) as clock:
-                    begun = time.perf_counter()
+                    begun = time.process_time()
                     solution = simulate(scene, t, start, step=STEP, engine="compiled")
-                    seconds = time.perf_counter() - begun
+                    seconds = time.process_time() - begun
                 best = min(best, (seconds, clock["seconds"], solution.stats.iterations.double().mean().item()))
             whole, native, iterations = best
             lanes = 1 if batch == 1 else program.lanes()
@@ -63,7 +63,7 @@ def rows(quick: bool) -> Iterator[Row]:
                      "native: assembly": assembly, "native: elimination": elimination, "native: other functions": others,
                      "native: driver": native / steps - assembly - elimination - others}
             for what, seconds in found.items():
-                yield Row.of(PART, what, 1e6 * seconds, "us a step", engine="compiled", space=space, elements=N,
+                yield Row.of(PART, what, 1e6 * seconds, "CPU us a step", engine="compiled", space=space, elements=N,
                              step_ms=1e3 * STEP, batch=batch)
             progress(f"{space}, batch {batch}: {1e6 * whole / steps:.0f} us a step, {1 - native / whole:.0%} of it not native")
 
@@ -79,16 +79,16 @@ def calls(name: str, elements: int, iterations: float) -> float:
 
 @contextmanager
 def clocked(program: NativeProgram) -> Iterator[dict[str, float]]:
-    """Adds up the seconds in a program's native code."""
+    """Adds up the CPU seconds in a program's native code."""
     clock = {"seconds": 0.0}
 
     def run(lanes: int) -> Callable[[Any], None]:
         native = type(program).run(program, lanes)
 
         def timed(arguments: Any) -> None:
-            begun = time.perf_counter()
+            begun = time.process_time()
             native(arguments)
-            clock["seconds"] += time.perf_counter() - begun
+            clock["seconds"] += time.process_time() - begun
 
         return timed
 
@@ -100,7 +100,7 @@ def clocked(program: NativeProgram) -> Iterator[dict[str, float]]:
 
 
 def by_themselves(program: NativeProgram, lanes: int) -> dict[str, float]:
-    """Seconds of a call of each function of a program, for so many lanes, with all that it reads in the nearest cache."""
+    """CPU seconds of a call of each function of a program, for so many lanes, with all that it reads in the nearest cache."""
     module = Module(lanes, program.dtype)
     for name, function in program.functions.items():
         module.define(name, function)
@@ -121,7 +121,7 @@ def _seconds(library: Library, name: str, function: Function, dtype: torch.dtype
     native = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * len(fields), ctypes.c_int64)(library.address(f"repeat {name}"))
     best = float("inf")
     for _ in range(5):
-        begun = time.perf_counter()
+        begun = time.process_time()
         native(*(field.data_ptr() for field in fields), CALLS)
-        best = min(best, (time.perf_counter() - begun) / CALLS)
+        best = min(best, (time.process_time() - begun) / CALLS)
     return best

@@ -96,7 +96,7 @@ def _operations(rows: Sequence[Row]) -> str:
 
 TABLES = {
     "Throughput, one thread: best (median)": _throughput, "Gradients": _gradients, "Environments": _elsewhere,
-    "First use": _pairs(first_use.PART, "", "seconds"), "Breakdown": _pairs(breakdown.PART, "", "us a step of the batch"),
+    "First use": _pairs(first_use.PART, "", "seconds"), "Breakdown": _pairs(breakdown.PART, "", "CPU us a step of the batch"),
     "Growth": _growth, "Operations": _operations,
 }
 
