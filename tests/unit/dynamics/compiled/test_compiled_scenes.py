@@ -10,6 +10,7 @@ from compiled_step_cases import moving, section
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam.studies.effect_costs import table
 
 pytest.importorskip("llvmlite")
 FIELDS = ("position", "rotation", "velocity", "spin", "stress", "reaction", "work", "defect", "t", "frame", "internal")
@@ -164,3 +165,33 @@ def test_single_steps_and_failures_in_a_frame_that_turns():
     for field in ("position", "velocity", "frame", "t"):
         assert_close(getattr(found[1], field), getattr(found[0], field), rtol=0, atol=1e-13)
     assert torch.equal(found[1].frame[1:], tb.rest(scene, (2,)).frame)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("make", [pytest.param(make, id=name) for name, _, make in table(2)])
+def test_every_row_of_the_effects_table_is_as_eager(make):
+    """Four steps from the start of a motion: values to 1e-12 of the largest, iterations, gradients by the start's velocities to
+    1e-9. Positions of 1 m are rounded to 1e-16 m, and EA = 1e4 N is the largest stiffness: stresses and reactions also to 4 eps
+    EA.
+    """
+    scene, found = make(), []
+    rounding = {"stress": 4e4 * torch.finfo(torch.float64).eps, "reaction": 4e4 * torch.finfo(torch.float64).eps}
+    for engine in ("eager", "compiled"):
+        start = tb.rest(scene)
+        velocity = start.velocity.clone().requires_grad_(not scene.has_prescribed_motion)
+        t, begin = torch.linspace(0, 0.01, 3), replace(start, velocity=velocity)
+        with torch.no_grad():
+            solution = tb.simulate(scene, t, begin, step=0.0025, engine=engine)
+        slope = None
+        if velocity.requires_grad:
+            value = tb.simulate(scene, t, begin, step=0.0025, engine=engine).state
+            (slope,) = torch.autograd.grad(value.position.sum() + value.spin.square().sum() + value.work.sum(), velocity)
+        found.append((solution, slope))
+    (eager, wanted), (compiled, slope) = found
+    assert not eager.status.any() and torch.equal(compiled.stats.iterations, eager.stats.iterations)
+    for field in FIELDS:
+        if (x := getattr(eager.state, field)) is not None:
+            limit = 1e-12 * max([1e-3, *x.abs().flatten().tolist()]) + rounding.get(field, 0.0)
+            assert_close(getattr(compiled.state, field), x, rtol=0, atol=limit, msg=lambda m, f=field: f"{f}: {m}")
+    if wanted is not None:
+        assert_close(slope, wanted, rtol=0, atol=1e-9 * float(wanted.abs().max()))
