@@ -19,7 +19,7 @@ from ...solvers.compiled.object_cache import ObjectCache
 from .chain_code import ChainCode
 from .layout import Layout
 from .local_functions import LocalFunctions
-from .local_problem import NodeKind
+from .local_problem import Kinds
 from .tracing import Tracing
 
 LOG = logging.getLogger("torchbeam")
@@ -30,7 +30,7 @@ class NotCompiled(RuntimeError):
 
 
 class NativeProgram:
-    """kinds: of the nodes; held: whether there are supports.
+    """kinds: that there are of nodes and elements; held: whether there are supports.
 
     functions  by name, as the driver calls them
     layout     of the memory
@@ -39,8 +39,9 @@ class NativeProgram:
 
     driver: type[ChainCode]
 
-    def __init__(self, local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> None:
+    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool) -> None:
         self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
+        self.state = local.state
         begin = time.perf_counter()
         self.w, self.k = local.model.space.unknowns, local.model.space.strain
         tracing = Tracing(local)
@@ -81,7 +82,7 @@ class NativeProgram:
         module = Module(lanes, self.dtype)
         for name, function in self.functions.items():
             module.define(name, function)
-        module.added.append(self.driver(module, self.functions, self.layout, len(self.kinds), self.held).text())
+        module.added.append(self.driver(module, self.functions, self.layout, self.kinds, self.held).text())
         return module.text()
 
     def given(self, record: str) -> list[tuple[str, int]]:
