@@ -111,14 +111,16 @@ class Constants:
 
     loads  those that are evaluated natively: of the motion, with internal states, and the library's own whose values are inputs
     asks   whether anything is evaluated at t in torch
+    orientation  of frame a at rest, None = it does not turn
     sources  tensors that values are made from
     """
 
     def __init__(self, model: Model, steps: bool = True) -> None:
         space, inertia, constraints, small = model.space, model.inertia, model.constraints, isinstance(model.space, Small)
         self.model, self.prescribes = model, steps and model.scene.has_prescribed_motion
-        still = space.to_reduced(rest(model.scene, ()))
-        self.still = Nodes(still.position, still.rotation)
+        beam = model.scene.beam
+        still = space.to_reduced(rest(model.scene, torch.broadcast_shapes(beam.nodes.shape[:-2], beam.frames.shape[:-2])))
+        self.still, self.orientation = Nodes(still.position, still.rotation), still.frame
         moving, dead = model.loads
         self.loads = (*moving, *(load for load in dead if load.internal or _by_inputs(load)))
         dead = [load for load in dead if load not in self.loads]
