@@ -4,7 +4,8 @@ is written after.
 
 import torch
 
-from torchbeam.dynamics.compiled.constants import Constants, flattened
+from torchbeam.dynamics.compiled.chain_constants import flattened
+from torchbeam.dynamics.compiled.constants import Constants
 from torchbeam.dynamics.compiled.local_functions import LocalFunctions
 from torchbeam.dynamics.compiled.local_problem import NODE, node_kinds
 from torchbeam.dynamics.midpoint import MidpointUnknowns

@@ -21,7 +21,7 @@ from ...nodal.constitutive_law import times
 from ...nodal.model import Model
 from ...solvers.newton import converged
 from ..step_element import ElementBalance
-from .constants import filled
+from .chain_constants import filled
 from .local_problem import INTERNAL, NODE, ElementKind, Fields, LocalProblems, NodeKind
 
 

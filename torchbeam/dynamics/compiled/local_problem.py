@@ -24,7 +24,7 @@ from ...nodal.rotary import NoRotaryInertia, RotaryInertia
 from ...scene.effects import Pose, TipLoad
 from ...state.state import State
 from ..midpoint import MidpointProblem, MidpointUnknowns
-from .constants import Common, ElementConstants, NodeConstants, SupportConstants, filled
+from .chain_constants import Common, ElementConstants, NodeConstants, SupportConstants, filled
 
 Fields = dict[str, Tensor]
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
