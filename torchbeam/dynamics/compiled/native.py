@@ -22,6 +22,7 @@ from .local_functions import LocalFunctions
 from .local_problem import NodeKind
 from .tracing import Tracing
 
+SMALL = 60  # operations of a function that is rather written into the driver than called
 LOG = logging.getLogger("torchbeam")
 
 
@@ -80,7 +81,7 @@ class NativeProgram:
         """What the compiler gets."""
         module = Module(lanes, self.dtype)
         for name, function in self.functions.items():
-            module.define(name, function)
+            module.define(name, function, inline=function.operations() <= SMALL)
         module.added.append(self.driver(module, self.functions, self.layout, len(self.kinds), self.held).text())
         return module.text()
 
