@@ -20,7 +20,7 @@ class Chain:
         constants = Constants(model)
         trees = constants.at(problem.dt, problem.t, problem.inputs)
         self.local, self.N, w = LocalFunctions(model, *trees), model.count, model.space.unknowns
-        nodes, elements, common = map(flattened, trees)
+        nodes, elements, common, _ = map(flattened, trees)
         self.common = {f"common.{k}": x for k, (x, _) in enumerate(common)}
         self.node = [{f"node.{k}": row(x, axes, j) for k, (x, axes) in enumerate(nodes)} | self.common
                      | {name: getattr(problem.start, name)[j] for name in NODE} for j in range(self.N + 1)]
@@ -49,7 +49,7 @@ class Chain:
             given = {f"own.{name}": x for name, x in local.node(self.kinds[j], **self.node[j], **self.unknown[j]).items()}
             right = {**nothing, "U": block}
             if j < N:
-                elements.append(local.element(**self.ends(j)))
+                elements.append(local.element((None, None), **self.ends(j)))
                 right = {name[2:]: x for name, x in elements[j].items() if name[:2] == "i."} | {"U": elements[j]["U"]}
             given |= {f"left.{name}": x for name, x in left.items()} | {f"right.{name}": x for name, x in right.items()}
             held = bool((self.free[max(j - 1, 0):j + 2] == 0).any())

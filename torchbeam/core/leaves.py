@@ -176,6 +176,13 @@ def _mapped(function: Callable[..., Any], tree: Tree, others: tuple, made: dict[
     return new
 
 
+def with_values(tree: Any, **values: Any) -> Any:
+    """A copy of a tree with these values of fields, which are not checked again, and nothing that it had cached."""
+    new = object.__new__(type(tree))
+    vars(new).update({name: value for name, value in vars(tree).items() if not cache_of(tree, name)} | values)
+    return new
+
+
 def _declared(owner: Tree, name: str) -> Field | None:
     return getattr(owner, "__dataclass_fields__", {}).get(name)
 

@@ -15,7 +15,7 @@ from ..scene.scene import merge_inputs
 from ..state.state import State
 from .stepper import Ahead, Stepper
 
-AT_ONCE, ROOM = 256, 2**18  # steps that native code is asked for at once, at most; positions of nodes in the states after them
+AT_ONCE = 256  # steps that native code is asked for, at most
 
 
 def rollout(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] | None = None, **more: Any) -> State:
@@ -50,10 +50,10 @@ def march(stepper: Stepper, state: State, dt: Tensor, t: Tensor | None, held: Ca
     done, steps = 0, len(dt)
     size = AT_ONCE if t is not None and stepper.compiled is not None else 1
     while done < steps:
-        few = slice(done, min(done + min(size, max(1, ROOM // state.position[..., 0].numel())), steps))
+        few = slice(done, min(done + size, steps))
         inputs = held(few.start, few.stop)
         made = None if t is None else stepper.ahead(state, dt[few], t[few], inputs, wanted[few])
-        size = 1 if made is None or len(made.iterations) < len(dt[few]) else min(2 * size, AT_ONCE)
+        size = 1 if made is None or made.stopped else min(2 * len(made.iterations), AT_ONCE)
         if made is None:
             last, asked = stepper.advance(state, inputs[0], dt=dt[done], t=None if t is None else t[done]), int(wanted[done])
             made = Ahead(last.map(lambda x, asked=asked: x[None][:asked]), last, stepper.iterations[None])

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import weakref
 from copy import copy
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
-from torch._C import _functorch as functorch
 
 from ..core.arguments import boolean, choice, count, duration, mask, step_size
 from ..core.arguments import tolerance as check_tolerance
@@ -24,30 +21,29 @@ from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..scene.scene import Scene
-from ..solvers.compiled.trace import NotTraceable
-from ..solvers.implicit_gradient import differentiated, implicit_gradient
-from ..solvers.newton import LIMIT, TOLERANCE, newton
+from ..solvers.newton import LIMIT
 from ..state.start import on_supports
 from ..state.state import State, check_state, of_mesh, rest, with_optional_fields
-from .compiled.coverage import ENGINES, automatic_step, compiled_step, given_up, meaning
-from .compiled.native import NotCompiled
-from .compiled.step import CompiledStep, Steps
+from .compiled.coverage import ENGINES
+from .compiled.step import CompiledStep
 from .failure import Failure
 from .generalized_alpha import AlphaState, GeneralizedAlphaProblem
 from .midpoint import MidpointProblem
+from .step_solver import METHODS, StepSolver
 
 
 class Ahead(NamedTuple):
-    """Steps that were made at once: the states that were asked for (time, ...), the last, and iterations (steps, ...)."""
+    """Steps that were made at once: the states that were asked for (time, ...), the last, iterations (steps, ...); whether the
+    next one is for `advance`.
+    """
 
     states: State
     last: State
     iterations: Tensor
+    stopped: bool = False
 
 
-METHODS = {"midpoint": MidpointProblem, "generalized_alpha": GeneralizedAlphaProblem}
-QUICK = 12  # iterations of a step that can still be made in parts: one that takes more is quicker so
-TURN = 1.2  # rad that a node may turn in one step; larger turns have more than one solution, and the wrong one gains energy
+ROOM = 2**18  # nodes, over samples and steps, of the states that native code makes at once
 
 
 class Stepper:
@@ -91,7 +87,6 @@ class Stepper:
                 raise ValueError(f"rho_inf = {shown(rho_inf)} was given; a number from 0 to 1 is wanted")
         elif rho_inf is not None:
             raise ValueError(f"rho_inf was given; {method!r} has none (generalized_alpha has)")
-        self._step = partial(METHODS[method], **own)
         self.method = METHODS[method]
         self.scene = scene
         self.model = discretise(scene, lumped)
@@ -105,30 +100,20 @@ class Stepper:
                     raise ValueError(f"{what} was given to generalized_alpha; 'midpoint' takes it")
         self.dt = duration("dt", dt, scene.dtype, scene.device)
         self._changes = scene.changes
-        self.tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
-        self.limit = count("iterations", iterations)
+        tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
         self.halvings = count("halvings", halvings, least=0)
-        self.engine = engine if engine != "auto" else "compiled" if meaning() == "compiled" else "auto"
-        self._asked = method, conserve
-        self._compiled = compiled_step(self.model, *self._asked) if self.engine == "compiled" else None
-        self._decided = self.engine != "auto"
+        self.solver = StepSolver(self.model, method, own, engine, tolerance, count("iterations", iterations))
         self.iterations: Tensor | None = None  # (...) of the last step
         self._last: tuple[Any, Any, State] | None = None  # the last state made, how often it was written to, and itself reduced
         self.failures: dict[int, Failure] = {}  # the first of each status
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_last": None}
+
     @property
     def compiled(self) -> CompiledStep | None:
-        """The steps by native code; None where they are made eagerly. "auto" decides when it is first asked, outside of
-        torch.func, whose tensors are not to be kept.
-        """
-        if not self._decided and not functorch.peek_interpreter_stack():
-            self._compiled, self._decided = automatic_step(self.model, *self._asked), True
-        return self._compiled
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Copies decide for themselves, where "auto" does: they may be in another process."""
-        held = {**vars(self), "_last": None}
-        return held if self.engine != "auto" else {**held, "_compiled": None, "_decided": False}
+        """The steps by native code; None where they are made eagerly."""
+        return self.solver.compiled
 
     def rest(self, batch_shape: tuple[int, ...] | None = None) -> State:
         """The beam undeformed and at rest."""
@@ -155,11 +140,7 @@ class Stepper:
                 t: Tensor | None = None) -> State:
         """The same, with the time t (0-dim) of all samples where it is known; None = the state's."""
         dt = self._length(dt)
-        given = self.scene.tensors(inputs)
-        of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-        broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
-                  *(value.shape[:-1] for value in given.values()))
-        state = self._reduced(self._begin(state, dt, inputs=given))
+        given, state = self._given(state, inputs, dt)
         if active is None and self.compiled is not None and (t is not None or not self._changes or state.t.ndim == 0):
             found = self._quickly(state, dt, t, given)
             if found is not None:
@@ -168,8 +149,8 @@ class Stepper:
         if active is not None:
             moving = moving & mask("active", active, moving)
         t = t if t is not None else shared(state.t, moving) if self._changes else state.t
-        after, status, self.iterations = self._attempt(self.model, state, dt, t + self.method.INSTANT * dt, given, moving,
-                                                       last=not self.halvings)
+        after, status, self.iterations = self.solver.solve(
+            self.model, state, dt, t + self.method.INSTANT * dt, given, moving, last=not self.halvings)
         lost = moving & (status != SUCCESS)
         failed = lost & (status == DIVERGED) if concrete(lost).any() else lost
         if self.halvings and failed is not lost and concrete(failed).any():
@@ -197,8 +178,8 @@ class Stepper:
     def repeat(self, state: State, count: int, inputs: dict[str, Any], active: Tensor | None = None) -> State:
         """The state `count` steps later, with the inputs held: as so many calls."""
         if count > 1 and active is None and self.compiled is not None and not self._changes:
-            of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-            found = self._quickly(self._reduced(state), self.dt, None, self.scene.tensors(inputs), count)
+            given, start = self._given(state, inputs, self.dt)
+            found = self._quickly(start, self.dt, None, given, count)
             if found is not None:
                 return found
         for _ in range(count):
@@ -212,7 +193,7 @@ class Stepper:
         if concrete(state.status).any():
             return None
         t = (state.t if t is None else t) + self.method.INSTANT * dt if self.compiled.takes_time else None
-        found = self._natively(state, dt, t, inputs, None, self._limit(last=not self.halvings), repeat=repeat)
+        found = self.solver.natively(state, dt, t, inputs, None, last=not self.halvings, repeat=repeat)
         if found is None or not found.well:
             return None
         self.iterations, now = found.iterations, state.t
@@ -236,8 +217,8 @@ class Stepper:
             parts, trial, good = 2**level, start, left
             for k in range(parts):
                 now = t + (k + self.method.INSTANT) * dt / parts
-                trial, status, iterations = self._attempt(model, trial, dt / parts, now, inputs, good,
-                                                          last=level == self.halvings)
+                trial, status, iterations = self.solver.solve(model, trial, dt / parts, now, inputs, good,
+                                                              last=level == self.halvings)
                 counted = counted + torch.where(good, iterations, 0)
                 good = good & (status == SUCCESS)
                 if not concrete(good).any():
@@ -260,14 +241,15 @@ class Stepper:
         start = self._reduced(state)
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                           *(value.shape[:-1] for one in given for value in one.values()))
+        count = min(len(dt), max(1, ROOM // max(1, shape.numel() * (self.scene.beam.count + 1))))
+        dt, t = dt[:count], t[:count]
         moving = (start.status == SUCCESS).expand(shape)
-        given = given[0] if len(given) == 1 else {name: torch.stack([one[name].expand(*shape, -1) for one in given])
+        given = given[0] if len(given) == 1 else {name: torch.stack([one[name].expand(*shape, -1) for one in given[:count]])
                                                   for name in self.scene.inputs}
-        found = self._natively(start, dt, t + self.method.INSTANT * dt if self.compiled.takes_time else None, given, moving,
-                               self._limit(last=not self.halvings), len(dt))
+        middle = t + self.method.INSTANT * dt if self.compiled.takes_time else None
+        found = self.solver.natively(start, dt, middle, given, moving, last=not self.halvings, K=count)
         if found is None:
             return None
-        count = len(dt)
         if not found.well:
             count = [*(found.status == SUCCESS).reshape(count, -1).all(1).tolist(), False].index(False)
             if not count:
@@ -283,7 +265,15 @@ class Stepper:
             return self.model.space.to_public(replace(start, **fields, defect=defect, t=now[k], status=stands))
 
         part = slice(0, count) if len(places) == count else places
-        return Ahead(after(part, len(places)), after(count - 1), found.iterations[:count])
+        return Ahead(after(part, len(places)), after(count - 1), found.iterations[:count], not found.well)
+
+    def _given(self, state: State, inputs: dict[str, Any], dt: Tensor) -> tuple[Inputs, State]:
+        """Inputs as tensors, and the state to start a step of dt from in the space's coordinates; checked."""
+        given = self.scene.tensors(inputs)
+        of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
+        broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
+                  *(value.shape[:-1] for value in given.values()))
+        return given, self._reduced(self._begin(state, dt, inputs=given))
 
     def _reduced(self, state: State) -> State:
         """A state in the space's coordinates, with all that the scene has, and the batch's axes on every field."""
@@ -293,10 +283,6 @@ class Stepper:
                 return reduced
         state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
         return self.model.space.to_reduced(with_optional_fields(state, self.scene))
-
-    def _limit(self, last: bool) -> int:
-        """Iterations of a solve; fewer where the step can still be made in parts."""
-        return self.limit if last else min(self.limit, QUICK)
 
     def _length(self, dt: float | Tensor | None) -> Tensor:
         """Of a step, s."""
@@ -310,7 +296,7 @@ class Stepper:
         for code in set(concrete(status).flatten().tolist()) - {SUCCESS, *self.failures}:
             begin, dt = t.detach(), dt.detach()
             held = {name: value.detach() for name, value in inputs.items()}
-            problem = self._step(self.model, state.detach(), dt, begin + self.method.INSTANT * dt, held)
+            problem = self.solver.problem(self.model, state.detach(), dt, begin + self.method.INSTANT * dt, held)
             self.failures[code] = Failure(problem, status == code)
 
     def begin(self, state: State, dt: float | Tensor | None = None, **inputs: Any) -> State:
@@ -329,7 +315,7 @@ class Stepper:
             return state
         dt = self._length(dt)
         trial = copy(self)
-        trial.method = trial._step = MidpointProblem
+        trial.method, trial.solver = MidpointProblem, self.solver.by_midpoint()
         after = trial(state, dt=dt, **inputs)
         enter = self.model.space.to_reduced
         before, end = (MidpointProblem(self.model, enter(s), dt, dt, {}).element.strain for s in (state, after))
@@ -343,54 +329,9 @@ class Stepper:
         """
         merged = copy(self)
         merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))
-        merged._compiled = CompiledStep(merged.model) if self.engine == "compiled" else None
-        merged._decided = self.engine != "auto" or (self._decided and self._compiled is None)
+        merged.solver = self.solver.of(merged.model)
         merged.iterations, merged.failures = None, {}
         return merged
-
-    def _attempt(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, last: bool
-                 ) -> tuple[State, Tensor, Tensor]:
-        """One Newton solve: (state after, of a failed sample before; status; iterations). Without `last`, parts can follow."""
-        limit = self._limit(last)
-        if self.compiled is not None and model is self.model:
-            shape = torch.broadcast_shapes(self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values()))
-            found = self._natively(state, dt, t, inputs, moving.expand(shape), limit)
-            if found is not None:
-                good = moving & (found.status == SUCCESS)
-                after = replace(state, **found.fields, t=torch.where(good, state.t + dt, state.t))
-                return after, found.status, found.iterations
-        problem = self._step(model, state, dt, t, inputs)
-        x, reaction, status, iterations = newton(problem, problem.predictor(), moving, self.tolerance, limit)
-        turned = self.model.space.cosine(x.m).amin(-1) < self._least
-        status = torch.where((status == SUCCESS) & turned, DIVERGED, status)
-        good = moving & (status == SUCCESS)
-        if differentiated(problem, x):
-            x = type(x)(*(torch.where(good[..., None, None], a, b) for a, b in zip(x, problem.rest_guess(), strict=True)))
-            if not concrete(good).all():  # nothing that failed samples hold reaches a derivative
-                held = {name: torch.where(good[..., None], v, v.detach()) for name, v in inputs.items()}
-                t = torch.where(good, t, t.detach()) if t.ndim else t
-                problem = replace(problem, start=state.where(good, state.detach()), t=t, inputs=held)
-            x, reaction = implicit_gradient(problem, x, good)
-        after = problem.finish(x, reaction)
-        return (after if concrete(good).all() else after.where(good, state)), status, iterations
-
-    @property
-    def _least(self) -> float:
-        """Cosine of half the angle that a node may turn by up to where the unknown of its rotation is."""
-        return math.cos(TURN * self.method.PART / 2)
-
-    def _natively(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, limit: int,
-                  K: int | None = None, repeat: int = 1) -> Steps | None:
-        """A step of dt with the middle t (...), or K, see `CompiledStep`; None where they are to be made eagerly."""
-        tolerance = TOLERANCE[self.scene.dtype] if self.tolerance is None else float(self.tolerance)
-        try:
-            return self.compiled(state, dt, t, inputs, moving, tolerance, self._least, limit, K, repeat=repeat)
-        except (NotCompiled, NotTraceable) as error:
-            if self.engine == "compiled":
-                raise
-            given_up(error)
-            self._compiled = None
-            return None
 
 
 def _versions(state: State) -> tuple[int, ...] | None:

@@ -32,7 +32,7 @@ def test_growth_is_told_in_a_sentence(counts, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(operations, "counts", lambda: counts)
     file = tmp_path / "operations.json"
     assert main(["--operations", str(file), "--update"]) == 0 == main(["--operations", str(file)])
-    name = "3D: step, element"
+    name = "3D: step, element 0"
     for count, status in ((counts[name] / 1.03, 0), (counts[name] / 1.04, 1)):
         operations.store(file, counts | {name: count})
         assert main(["--operations", str(file)]) == status
@@ -54,9 +54,9 @@ def test_without_llvmlite_the_extra_is_named(monkeypatch, capsys):
 
 def test_every_function_of_both_spaces_is_counted(counts):
     for space in ("3D", "plane"):
-        assert counts[f"{space}: step, element"] > 0 and counts[f"{space}: adjoint, element bar"] > 0
+        assert counts[f"{space}: step, element 0"] > 0 and counts[f"{space}: adjoint, element bar 0"] > 0
         assert 0 < counts[f"{space}: compiled step, tensor operations"] < counts[f"{space}: eager step, tensor operations"] / 2
-    assert counts["plane: step, element"] < counts["3D: step, element"] / 4
+    assert counts["plane: step, element 0"] < counts["3D: step, element 0"] / 4
 
 
 def test_files_of_a_part(tmp_path, capsys):

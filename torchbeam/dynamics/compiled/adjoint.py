@@ -10,7 +10,7 @@ from ...solvers.compiled.function import Function
 from .adjoint_driver import AdjointDriver
 from .layout import ELEMENTS, MOVES, NODES, ONE, SUPPORTS, TWO, Layout
 from .local_functions import LocalFunctions
-from .local_problem import NODE, NodeKind
+from .local_problem import Kinds
 from .native import NativeProgram
 from .tracing import Tracing
 
@@ -22,30 +22,33 @@ class AdjointProgram(NativeProgram):
 
     driver = AdjointDriver
 
-    def __init__(self, local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool, wanted: frozenset[str]) -> None:
+    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, wanted: frozenset[str],
+                 key: str | None = None) -> None:
         self.wanted = wanted
-        super().__init__(local, kinds, held)
+        super().__init__(local, kinds, held, key)
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         wanted, w, shapes, node = self.wanted, self.w, self.shapes, traced.node
-        start = (*NODE, *wanted)
+        start = (*self.state, *wanted)
         found = {"solution": traced(local.solution, {
             "position": shapes["position"], "rotation": shapes["rotation"], "after_position": shapes["position"],
             "after_rotation": shapes["rotation"]})}
-        for k, kind in enumerate(self.kinds):
+        for k, kind in enumerate(self.kinds.nodes):
             whole = traced(partial(local.node, kind), node)
             found[f"node bar {k}"] = _derivative(whole.only(["balance"]), start)
             found[f"block {k}"] = whole.only(["D"])
             finish = traced(partial(local.finish, kind), node)
-            found[f"finish bar {k}"] = _derivative(finish, (*start, "u", "m"), keep=("u", "m"))
-            update = vjp(traced(partial(local.update, kind), {**node, "move": (w,)}), ["move"])
-            found[f"update bar {k}"] = update.with_constants({"move": [0.0] * w})
-        whole = traced(local.element, traced.element)
+            found[f"finish bar {k}"] = _derivative(finish, (*start, "u", "m", "found"), keep=("u", "m"))
+            update = traced(partial(local.update, kind), {**node, "move": (w,)})
+            if "move" in update.inputs:  # a clamp that moves goes its own way
+                found[f"update bar {k}"] = vjp(update, ["move"]).with_constants({"move": [0.0] * w})
         ends = [f"{side}.{name}" for side in "ij" for name in start if not name.startswith(("element", "common"))]
         ends += [name for name in wanted if name.startswith(("element", "common"))]
-        found["element bar"] = _derivative(whole.only(["i.balance", "j.balance", "gap"]), ends)
-        found["blocks"] = whole.only(["i.D", "j.D", "U", "L"])
-        found["law"] = whole.only(["E", "hB"])
+        for k, kind in enumerate(self.kinds.elements):
+            whole = traced(partial(local.element, kind), traced.element)
+            found[f"element bar {k}"] = _derivative(whole.only(["i.balance", "j.balance", "gap"]), ends)
+            found[f"blocks {k}"] = whole.only(["i.D", "j.D", "U", "L"])
+            found[f"law {k}"] = whole.only(["E", "hB"])
         law = {name: whole.outputs[name].shape for name in ("gap", "E", "hB")}
         stress = traced(local.stress, {**traced.element, **law, "move_i": (w,), "move_j": (w,)})
         found["stress bar"] = vjp(stress, ["gap", "move_i", "move_j"])
@@ -63,8 +66,8 @@ class AdjointProgram(NativeProgram):
 
     def _layout(self) -> Layout:
         w, k, layout = self.w, self.k, Layout()
-        state = [(name, prod(self.shapes[name])) for name in NODE]
-        for kind, rows in (("node", NODES), ("element", ELEMENTS), ("common", ONE)):
+        state = [(name, prod(self.shapes[name])) for name in self.state]
+        for kind, rows in (("node", NODES), ("element", ELEMENTS), ("common", ONE), *((("support", SUPPORTS),) * self.held)):
             outputs = (one for name in self.functions for one in self.outputs(name))  # a derivative need not read what it is by
             found = {name: size for out, size in outputs
                      if (name := out.removeprefix("i.").removeprefix("j.").removesuffix("_bar")).startswith(f"{kind}.")}
@@ -78,7 +81,7 @@ class AdjointProgram(NativeProgram):
             layout.record(name, ELEMENTS, [("stress", k)])
         for name in ("asked", "push", "move", "found"):
             layout.record(name, MOVES, [(name, w)])
-        layout.record("law", ELEMENTS, [*self.outputs("law"), ("gap_bar", k)])
+        layout.record("law", ELEMENTS, [*self.outputs("law 0"), ("gap_bar", k)])
         layout.record("at_node", ONE, [("D", w * w)])
         layout.record("left", TWO, [("D", w * w), ("U", w * w)])
         layout.record("right", ONE, [("D", w * w), ("L", w * w)])
@@ -89,10 +92,15 @@ class AdjointProgram(NativeProgram):
             if name.startswith(("node bar", "finish bar", "stress bar")):
                 for out in self.outputs(name):
                     change.add(*out)
-        layout.record("of_element", ONE, self.outputs("element bar"))
+        of_element = layout.record("of_element", ONE)
+        for k in range(len(self.kinds.elements)):
+            for out in self.outputs(f"element bar {k}"):
+                of_element.add(*out)
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
         layout.record("free", NODES, [("free", w)])
         if self.held:
+            read = any("found" in function.inputs for function in self.functions.values())
+            layout.record("support", SUPPORTS, [("found", w)] * read)
             for name in ("reaction_bar", "reaction_grad"):
                 layout.record(name, SUPPORTS, [("reaction", w)])
         return layout

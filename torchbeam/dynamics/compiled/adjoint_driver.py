@@ -10,19 +10,19 @@ from __future__ import annotations
 
 from ...solvers.compiled.derivative import bar
 from .chain_code import ChainCode
-from .local_problem import NODE
 
 
 class AdjointDriver(ChainCode):
     """Cotangents, step by step backwards."""
 
     ARGS = ("inputs", "input_count", "outputs", "output_count", "stepwises", "stepwise_count", "samples", "steps", "elements",
-            "memory", "bases", "kinds", "held", "support_of", "support_nodes", "supports", "first_group", "end_group")
+            "memory", "bases", "kinds", "element_kinds", "held", "support_of", "support_nodes", "supports", "first_group",
+            "end_group")
 
     def _group(self, first: str) -> None:
         code, N = self.code, self.args["elements"]
         last = code.sub(self.args["steps"], 1)
-        nodes, supports = code.add(N, 1), ((("reaction_bar", self.args["supports"]),) if self.held else ())
+        nodes, supports = code.add(N, 1), [(f"{of}_bar", self.args["supports"]) for of in ("reaction", "support") * self.held]
         for record, count in (("state_bar", nodes), ("stress_bar", N), *supports, ("node_bar", nodes), ("element_bar", N),
                               ("common_bar", 1)):
             with code.loop(0, count) as k:
@@ -93,15 +93,16 @@ class AdjointDriver(ChainCode):
                 return self.at("change", 0, f[2:])
             name = f.removesuffix("_bar")
             if f != name:
-                return self.at("state_bar", j, name) if name in NODE else self.at("sample", 0, f)
+                return self.at("sample", 0, f) if name == "work" else self.at("state_bar", j, name)
             return self._of_node(f, j)
 
         with self._kind(j) as kinds:
             for k in kinds:
                 self._call(f"finish bar {k}", where)
                 self._spread(f"finish bar {k}", j)
-                self._call(f"update bar {k}", lambda f: self.at("asked", code.add(j, 1)) if f[0] == ">" else
-                           self.at("change", 0, f) if f.endswith("_bar") else self._of_node(f, j))
+                if f"update bar {k}" in self.functions:
+                    self._call(f"update bar {k}", lambda f: self.at("asked", code.add(j, 1)) if f[0] == ">" else
+                               self.at("change", 0, f) if f.endswith("_bar") else self._of_node(f, j))
 
     def _of_element(self, field: str, e: str) -> str:
         side, _, name = field.partition(".")
@@ -115,7 +116,9 @@ class AdjointDriver(ChainCode):
     def _laws(self, e: str) -> None:
         """What the stress's cotangent asks of the nodes' moves."""
         code = self.code
-        self._call("law", lambda f: self.at("law", e, f[2:]) if f[0] == ">" else self._of_element(f, e))
+        with self._element_kind(e) as kinds:
+            for k in kinds:
+                self._call(f"law {k}", lambda f: self.at("law", e, f[2:]) if f[0] == ">" else self._of_element(f, e))
         places = {f"> {bar('gap')}": ("law", e, "gap_bar"), bar("stress"): ("stress_bar", e)}
         self._call("stress bar", lambda f: self.at(*places[f]) if f in places else
                    self.at("change", 0, f[2:]) if f[0] == ">" else self._of_element(f, e))
@@ -131,7 +134,10 @@ class AdjointDriver(ChainCode):
         with code.when(code.new(f"xor i1 {last}, true")):
             places = {"i.D": ("right", self.at("right"), "D"), "L": ("right", self.at("right"), "L"),
                       "j.D": ("left", behind, "D"), "U": ("left", behind, "U")}
-            self._call("blocks", lambda f: self._inside(*places[f[2:]]) if f[0] == ">" else self._of_element(f, j))
+            with self._element_kind(j) as kinds:
+                for k in kinds:
+                    self._call(f"blocks {k}", lambda f: self._inside(*places[f[2:]]) if f[0] == ">" else
+                               self._of_element(f, j))
         near = self._near(j) if self.held else {}
         if self.held:
             near |= {f"push_{name}": self.at("push", code.add(j, k)) for k, name in enumerate(("before", "here", "after"))}
@@ -158,20 +164,26 @@ class AdjointDriver(ChainCode):
                    found[f] if f in found else self._of_element(f, e))
         self._add(self.at("law", e, "gap_bar"), self.at("change", 0, "gap_bar"), self.layout.records["stress"].size)
         given = {bar("i.balance"): found["i_bar"], bar("j.balance"): found["j_bar"], bar("gap"): self.at("law", e, "gap_bar")}
-        self._call("element bar", lambda f: self.at("of_element", 0, f[2:]) if f[0] == ">" else
-                   given[f] if f in given else self._of_element(f, e))
-        self._spread("element bar", e)
+        with self._element_kind(e) as kinds:
+            for k in kinds:
+                self._call(f"element bar {k}", lambda f: self.at("of_element", 0, f[2:]) if f[0] == ">" else
+                           given[f] if f in given else self._of_element(f, e))
+                self._spread(f"element bar {k}", e)
 
     def _spread(self, name: str, j: str) -> None:
-        """Add the cotangents that a function gives to those of the start and of the constants; u's and m's stay."""
+        """Add the cotangents that a function gives to those of the start, of the constants and of the step's reaction; u's and
+        m's stay.
+        """
         records = self.layout.records
-        source = "of_element" if name == "element bar" else "change"
+        source = "of_element" if name.startswith("element bar") else "change"
         for out in self.functions[name].outputs:
             field, at = out.removesuffix("_bar"), j
             if field[:2] in ("i.", "j."):
                 at, field = (j if field[0] == "i" else self.code.add(j, 1)), field[2:]
-            for record in ("start_bar", "node_bar", "element_bar", "common_bar"):
-                if field in records[record].fields:
-                    row = 0 if record == "common_bar" else at
-                    self._sum(self.at(record, row, field), self.at(source, 0, out), self.at("sample", 0, "good"),
-                              records[record].fields[field][1])
+            record = field.partition(".")[0] + "_bar" if "." in field else "start_bar"
+            record, field = ("reaction_bar", "reaction") if field == "found" else (record, field)
+            if field in records[record].fields:
+                on_support = record in ("support_bar", "reaction_bar")
+                row = 0 if record == "common_bar" else self._support_of(at) if on_support else at
+                self._sum(self.at(record, row, field), self.at(source, 0, out), self.at("sample", 0, "good"),
+                          records[record].fields[field][1])

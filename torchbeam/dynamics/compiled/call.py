@@ -14,10 +14,11 @@ from torch import Tensor
 from ...nodal.model import Model
 from .chain_code import ENTRY, POINTERS
 from .layout import ONE
-from .local_problem import NodeKind
+from .local_problem import Kinds
 from .native import NativeProgram
 
-WORK = 2048  # samples times elements times steps that are worth a thread of their own (about half a millisecond)
+CPU = torch.device("cpu")  # whatever the default device is
+WORK = 4096  # samples times elements times steps that are worth a thread of their own (about a millisecond)
 
 
 class Field(NamedTuple):
@@ -33,9 +34,11 @@ class Field(NamedTuple):
 
 
 class Chain:
-    """A model with nodes of these kinds in the memory of a program. free (N+1, w) bool: what supports leave of the nodes."""
+    """A model with nodes and elements of these kinds in the memory of a program. free (N+1, w) bool: what supports leave of the
+    nodes.
+    """
 
-    def __init__(self, program: NativeProgram, model: Model, kinds: list[NodeKind]) -> None:
+    def __init__(self, program: NativeProgram, model: Model, kinds: Kinds) -> None:
         self.program, self.dtype = program, model.length.dtype
         self.N, self.supports, self.free = model.count, model.constraints.nodes, model.constraints.moving
         records, N = program.layout.records, self.N
@@ -43,7 +46,8 @@ class Chain:
         self.base = dict(zip(records, bases, strict=True))
         support_of = [self.supports.index(j) if j in self.supports else -1 for j in range(N + 1)]
         near = [int(any(support_of[i] >= 0 for i in range(max(j - 1, 0), min(j + 2, N + 1)))) for j in range(N + 1)]
-        lists = bases, [program.kinds.index(kind) for kind in kinds], near, support_of, [*self.supports, 0]
+        nodes, elements = ([there.index(kind) for kind in own] for there, own in zip(program.kinds, kinds, strict=True))
+        lists = bases, nodes, elements, near, support_of, [*self.supports, 0]
         self.lists = dict(zip(POINTERS[1:], map(_integers, lists), strict=True))
         self._blocks: dict[int, list[Tensor]] = {}  # of memory that no call uses, by lanes
 
@@ -59,7 +63,7 @@ class Chain:
         try:
             return self._blocks.setdefault(lanes, []).pop()
         except IndexError:
-            return torch.zeros(self.size * lanes, dtype=self.dtype)
+            return torch.zeros(self.size * lanes, dtype=self.dtype, device=CPU)
 
     def given_back(self, lanes: int, block: Tensor) -> None:
         self._blocks[lanes].append(block)
@@ -139,7 +143,7 @@ class Call:
 
     def empty(self, *own: int, steps: bool = True) -> Tensor:
         """For a flat field that is written."""
-        return torch.empty(*(self.K,) * steps, self.B, *own, dtype=self.chain.dtype)
+        return torch.empty(*(self.K,) * steps, self.B, *own, dtype=self.chain.dtype, device=CPU)
 
     def made(self, limit: int = 0, **tables: Iterable[Field]) -> None:
         """Run with these tables, by the names of the driver's arguments."""

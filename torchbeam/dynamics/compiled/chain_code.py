@@ -6,25 +6,26 @@ A table says what is taken from tensors, or written to them: rows of 64-bit inte
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.llvm import Module
 from .code import Code
 from .layout import Layout
+from .local_problem import Kinds
 
 ENTRY = ("pointer", "sample", "step", "row", "rows", "components", "place", "row_size")  # strides and places in numbers
-POINTERS = ("memory", "bases", "kinds", "held", "support_of", "support_nodes")
+POINTERS = ("memory", "bases", "kinds", "element_kinds", "held", "support_of", "support_nodes")
 
 
 class ChainCode:
     """Text of `run(ptr args)`, with 64-bit integers and pointers in the order of `ARGS`, for functions by name; those of kinds
-    of nodes end with the number of the kind.
+    of nodes, or of elements, end with the number of the kind.
     """
 
     ARGS: tuple[str, ...] = ()
 
-    def __init__(self, module: Module, functions: dict[str, Function], layout: Layout, kinds: int, held: bool) -> None:
+    def __init__(self, module: Module, functions: dict[str, Function], layout: Layout, kinds: Kinds, held: bool) -> None:
         self.module, self.functions, self.layout, self.kinds, self.held = module, functions, layout, kinds, held
         self.lanes = module.lanes
         self.bytes = self.lanes.count * self.lanes.bytes  # of a component
@@ -66,11 +67,17 @@ class ChainCode:
         self.code.call(name, *(where(field) for field in (*function.inputs, *(f"> {field}" for field in function.outputs))))
 
     def _of_node(self, field: str, j: str) -> str:
-        """A field that is held at a node, or by all."""
+        """A field that is held at a node, or by its support, or by all."""
         for record in ("node", "state", "unknown"):
             if field in self.layout.records[record].fields:
                 return self.at(record, j, field)
+        if self.held and field in self.layout.records["support"].fields:
+            return self.at("support", self._support_of(j), field)
         return self.at("common", 0, field)
+
+    def _support_of(self, j: str) -> str:
+        """Which support is that of node j; -1 where it has none."""
+        return self.code.load(self.code.at(self.args["support_of"], j))
 
     def _near(self, j: str) -> dict[str, str]:
         """What is free of the node before, of node j and of the next, where there are any."""
@@ -115,15 +122,22 @@ class ChainCode:
             self._call("held row", where)
             after()
 
-    @contextmanager
-    def _kind(self, j: str) -> Iterator[Iterator[int]]:
+    def _kind(self, j: str) -> AbstractContextManager[Iterator[int]]:
         """The kinds of nodes one after the other; what is written for each runs where node j is of it."""
+        return self._each("kinds", len(self.kinds.nodes), j)
+
+    def _element_kind(self, e: str) -> AbstractContextManager[Iterator[int]]:
+        """The same of elements."""
+        return self._each("element_kinds", len(self.kinds.elements), e)
+
+    @contextmanager
+    def _each(self, kinds: str, count: int, at: str) -> Iterator[Iterator[int]]:
         code = self.code
-        kind = code.load(code.at(self.args["kinds"], j))
+        kind = code.load(code.at(self.args[kinds], at))
 
         def each() -> Iterator[int]:
-            for k in range(self.kinds):
-                if self.kinds == 1:
+            for k in range(count):
+                if count == 1:
                     yield k
                     continue
                 with code.when(code.compare("eq", kind, k)):

@@ -3,31 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
-from ...core.leaves import Tree, constant, leaf, map_leaves, own_leaves
+from ...core.leaves import Tree, constant, detached, functions, leaf, map_leaves, own_leaves, with_values
 from ...core.validation import concrete
 from ...nodal.balance import same_law
 from ...nodal.constitutive_law import ElasticLaw
 from ...nodal.coordinates.linearised import LinearElement, Small
 from ...nodal.coordinates.planar import Plane
-from ...nodal.loads import Nodes, external
+from ...nodal.loads import Nodes, advanced, external, internal_slices
 from ...nodal.model import Model
-from ...scene.effects import Along, Effect, Input, Inputs, Pose
+from ...scene.effects import Effect, Input, Inputs, Pose
 from ...scene.effects.values import value_at
 from ...state.state import rest
+
+HELD = ("position", "rotation", "velocity", "spin")  # of a support
 
 
 @dataclass(frozen=True)
 class NodeConstants(Tree):
     """Rows of nodes. mass, J, offset: see `LumpedMass`, `RotaryInertia`, `Lever`, None = absent; slide, turn: see
     `Constraints`; section_mass, tributary_length: see `Model`; s (..., N+1) m; dead (..., N+1, w) loads that depend on no
-    motion, None = none; frames, R: see `Small`, None in other coordinates.
+    motion, None = none; frames, R: see `Small`, None in other coordinates; loads: those of the loads of `Common`
+    that have values by place, rows in each of their leaves, None in the place of the others.
     """
 
     mass: Tensor = leaf(2)
@@ -41,6 +44,7 @@ class NodeConstants(Tree):
     dead: Tensor | None = leaf(2)
     frames: Tensor | None = leaf(2)
     R: Tensor | None = leaf(3)
+    loads: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -70,8 +74,9 @@ class SupportPose(Tree):
 
 @dataclass(frozen=True)
 class Common(Tree):
-    """One of all nodes: dt and t (...) s of the step and of its middle, the loads that depend on the motion, inputs, the place
-    of a plane, and where a root's support stands.
+    """One of all nodes: dt and t (...) s of the step and of its middle, the loads that are evaluated natively (None in the
+    place of those of `NodeConstants`), inputs, the place of a plane, where a root's support stands; of frame a, in the middle
+    of the step, its velocity and angular velocity (..., 3) and its orientation, see `State.frame`, None = at rest.
     """
 
     dt: Tensor = leaf(0)
@@ -80,29 +85,51 @@ class Common(Tree):
     inputs: Inputs = leaf(1)
     place: Tensor | None = leaf(0)
     support: SupportPose | None
+    velocity: Tensor | None = leaf(1)
+    angular_velocity: Tensor | None = leaf(1)
+    frame: Tensor | None = leaf(1)
+
+
+@dataclass(frozen=True)
+class SupportConstants(Tree):
+    """Rows of supports at the end of the step: position (..., S, 3) m and quaternion (..., S, 4) of those that move, velocity
+    (..., S, 3) m/s, absolute, frame a, and spin (..., S, 3) rad/s, absolute, section axes, of clamps; zeros of the others.
+    """
+
+    position: Tensor = leaf(2)
+    rotation: Tensor = leaf(2)
+    velocity: Tensor = leaf(2)
+    spin: Tensor = leaf(2)
+
+
+Trees = tuple[NodeConstants, ElementConstants, Common, SupportConstants | None]
 
 
 class Constants:
-    """Of a model's steps, in two parts: trees of what holds for all of them, and values by name of what changes.
+    """Of a model's steps (or, without `steps`, of what stands still in it), in two parts: trees of what holds for all of them,
+    and values by name of what changes.
 
-    loads  those that are evaluated natively: of the motion, and the library's own whose values are inputs
+    loads  those that are evaluated natively: of the motion, with internal states, and the library's own whose values are inputs
     asks   whether anything is evaluated at t in torch
     sources  tensors that values are made from
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, steps: bool = True) -> None:
         space, inertia, constraints, small = model.space, model.inertia, model.constraints, isinstance(model.space, Small)
-        self.model = model
+        self.model, self.prescribes = model, steps and model.scene.has_prescribed_motion
         still = space.to_reduced(rest(model.scene, ()))
         self.still = Nodes(still.position, still.rotation)
         moving, dead = model.loads
-        self.loads = (*moving, *(load for load in dead if _by_inputs(load)))
-        self.given = tuple(load for load in dead if _given(load))
-        self.asked = tuple(load for load in dead if not (_by_inputs(load) or _given(load)))
+        self.loads = (*moving, *(load for load in dead if load.internal or _by_inputs(load)))
+        dead = [load for load in dead if load not in self.loads]
+        self.given = tuple(load for load in dead if _given(load) and not (model.turning and load.wants_axes))
+        self.asked = tuple(load for load in dead if load not in self.given)
+        none = {name: still.position.new_zeros(size) for name, size in model.scene.inputs.items()}
+        self.rows = tuple(self._rows(load, model.length.new_zeros(()), none) for load in self.loads)
         self.nodes = NodeConstants(
             inertia.mass, getattr(inertia.rotary, "J", None), getattr(inertia.offset, "x", None), constraints.slide,
             constraints.turn, model.section_mass, model.tributary_length, model.s, None,
-            *((space.frames, space.R) if small else (None, None)))
+            *((space.frames, space.R) if small else (None, None)), ())
         self.elements = ElementConstants(
             model.length, model.reference, model.law, model.law.C, getattr(inertia.translational, "coupling", None), None,
             space.element if small else None)
@@ -110,10 +137,13 @@ class Constants:
         self.given_eigenstrain = all(_given(effect) for effect in model.scene.eigenstrains)
         self.rests = not model.scene.has_prescribed_motion and model.scene.root is None
         self.of_time = {f"load {k} {one.name}": one.value for k, load in enumerate(self.loads) for one in own_leaves(load)
-                        if one.axes == 1 and callable(one.value) and not isinstance(one.value, (Tensor, Along))}
-        self.asks = bool(self.asked or not self.given_eigenstrain or (self.wants_support and not self.rests) or self.of_time)
+                        if one.axes == 1 and callable(one.value) and self.rows[k] is None}
+        changing = any(row is not None and not _unchanging(load) for row, load in zip(self.rows, self.loads, strict=True))
+        self.asks = bool(self.asked or not self.given_eigenstrain or not self.rests or self.of_time or changing)
         scene = model.scene
-        held = (self.given, scene.eigenstrains, scene.beam, scene.supports, model.law, inertia)
+        by_place = tuple(load for load, row in zip(self.loads, self.rows, strict=True) if row is not None)
+        prescribed = () if self.rests else (scene.frame, scene.root)
+        held = (self.given, by_place, prescribed, scene.eigenstrains, scene.beam, scene.supports, model.law, inertia)
         self.sources = [x for x, _ in flattened(held)]
         self.sources += [model.length, model.section_mass, model.tributary_length]
         self._kept: dict[Any, Any] = {}
@@ -122,14 +152,17 @@ class Constants:
         """Take values afresh: a tensor that they were made from has been written to."""
         self._kept = {}
 
-    def changing(self, dt: Tensor, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        """Values by name for steps of dt (...) with loads as at t (...), which broadcast with the batch of the model."""
+    def changing(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None) -> dict[str, Tensor]:
+        """Values by name for steps of dt (...) with loads as at t (...), which broadcast with the batch of the model; frame:
+        orientation of frame a at t, None = it does not turn.
+        """
         model = self.model
         C, exact = self._tangent(dt)
         found = {"dt": dt, "t": t, "C": C, "exact": exact}
+        still = self.still._replace(frame=frame)
         if self.given or self.asked:
             dead = self._held("dead", lambda: external(model, self.still, t, inputs, self.given))
-            found["dead"] = dead + external(model, self.still, t, inputs, self.asked) if self.asked else dead
+            found["dead"] = dead + external(model, still, t, inputs, self.asked) if self.asked else dead
         if model.scene.eigenstrains:
             found["eigenstrain"] = (
                 self._held("eigenstrain", lambda: model.eigenstrain(t, inputs))
@@ -140,31 +173,102 @@ class Constants:
             found |= {f"support {name}": x for name, x in zip(pose._fields, pose, strict=True) if x is not None}
         for name, value in self.of_time.items():
             found[name] = value_at(value, t, inputs, model.scene.beam.nodes)
+        for k, (load, row) in enumerate(zip(self.loads, self.rows, strict=True)):
+            if row is not None:
+                found |= self._row_values(k, load, t, inputs)
         for name, x in inputs.items():
             found[f"input {name}"] = x
-        return found
+        return found | self._prescribed(t, t + dt / 2, frame) if self.prescribes else found
 
-    def at(self, dt: Tensor, t: Tensor, inputs: Inputs) -> tuple[NodeConstants, ElementConstants, Common]:
+    def _row_values(self, k: int, load: Any, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """Of a load by place."""
+        def values() -> list[Tensor]:
+            return [x for x, _ in flattened(self._rows(load, t, inputs))]
+
+        found = self._held(f"row {k}", values) if _unchanging(load) else values()
+        return {f"row {k} {i}": x for i, x in enumerate(found)}
+
+    def _rows(self, load: Any, t: Tensor, inputs: Inputs) -> Any:
+        return load.at_sites(self.model.s, t, inputs, self.model.count)
+
+    def _prescribed(self, t: Tensor, end: Tensor, frame: Tensor | None) -> dict[str, Tensor]:
+        """Motion of frame a at t, and of supports at the time `end`."""
+        scene, motion, like = self.model.scene, self.model.prescribed_motion, self.model.length
+        found = dict(zip(("frame velocity", "frame angular_velocity", "frame"), (*motion.frame(t), frame), strict=True))
+        if scene.supports:
+            none = {"pose": (like.new_zeros(3), like.new_zeros(4)), "absolute": (like.new_zeros(3),) * 2}
+            rows = [(*(motion.pose(one, end) if one.moves else none["pose"]),
+                     *(motion.absolute(one, end) if one.clamp else none["absolute"])) for one in scene.supports]
+            for name, parts in zip(HELD, zip(*rows, strict=True), strict=True):
+                found[f"held {name}"] = torch.stack(torch.broadcast_tensors(*parts), -2)
+        return {name: x for name, x in found.items() if x is not None}
+
+    def orientations(self, start: Tensor, dt: Tensor, t: Tensor) -> tuple[Tensor, Tensor]:
+        """Of frame a in the middle and at the end of K steps of dt (K, ...) with the middles t, from `start` (...), in the
+        space's coordinates, (K, ..., q).
+        """
+        space, frame = self.model.space, self.model.frame(t)
+        turns, half = (frame.orientation(space.identity(start[..., 1:]), part * dt) for part in (1.0, 0.5))
+        size = 1
+        while size < len(turns):  # each is that of all steps up to its own
+            turns = torch.cat((turns[:size], space.multiply(turns[:-size], turns[size:])))
+            size *= 2
+        end = space.multiply(start, turns)
+        begin = torch.cat((start.expand(1, *end.shape[1:]), end[:-1]))
+        return space.multiply(begin, half), end
+
+    def internal_rows(self, internal: Tensor) -> Tensor:
+        """Internal states (..., z) of a state as rows of nodes (..., N+1, Z): of each load in turn, zeros where it does not
+        act.
+        """
+        nodes, found, places = self.model.count + 1, [], internal_slices(self.model)
+        for load in self.loads:
+            if load.internal:
+                j = 0 if load.node is None else load.node % nodes
+                rows = internal[..., places[id(load)]].unflatten(-1, (-1, load.internal))
+                found.append(rows if load.node is None else pad(rows, (0, 0, j, nodes - 1 - j)))
+        return torch.cat(found, -1)
+
+    def of_rows(self, rows: Tensor) -> Tensor:
+        """The inverse."""
+        remembering, places = [load for load in self.loads if load.internal], internal_slices(self.model)
+        parts = zip(remembering, rows.split([load.internal for load in remembering], -1), strict=True)
+        found = {places[id(load)].start: own.flatten(-2) if load.node is None else own[..., load.node, :]
+                 for load, own in parts}
+        return torch.cat([found[first] for first in sorted(found)], -1)
+
+    def at(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None) -> Trees:
         """The trees at once."""
-        return self.trees(self.changing(dt, t, inputs))
+        return self.trees(self.changing(dt, t, inputs, frame))
 
-    def trees(self, values: dict[str, Tensor]) -> tuple[NodeConstants, ElementConstants, Common]:
+    def trees(self, values: dict[str, Tensor]) -> Trees:
         """The trees with the values that change."""
-        loads = tuple(_with(load, {one.name: values[name] for one in own_leaves(load)
-                                   if (name := f"load {k} {one.name}") in values}) for k, load in enumerate(self.loads))
+        rows = tuple(filled(row, lambda i, k=k: values[f"row {k} {i}"]) for k, row in enumerate(self.rows))
+        loads = tuple(with_values(load, **{one.name: values[name] for one in own_leaves(load)
+                                           if (name := f"load {k} {one.name}") in values}) if rows[k] is None else None
+                      for k, load in enumerate(self.loads))
         support = SupportPose(*(values.get(f"support {name}") for name in Pose._fields)) if self.wants_support else None
         place = self.model.space.place if isinstance(self.model.space, Plane) else None
         inputs = {name: values[f"input {name}"] for name in self.model.scene.inputs}
-        return (replace(self.nodes, dead=values.get("dead")),
+        frame = (values.get(name) for name in ("frame velocity", "frame angular_velocity", "frame"))
+        supports = SupportConstants(*(values[f"held {name}"] for name in HELD)) if f"held {HELD[0]}" in values else None
+        return (replace(self.nodes, dead=values.get("dead"), loads=rows),
                 replace(self.elements, C=values["C"], eigenstrain=values.get("eigenstrain")),
-                Common(values["dt"], values["t"], loads, inputs, place, support))
+                Common(values["dt"], values["t"], loads, inputs, place, support, *frame), supports)
 
-    def moving_loads(self, t: Tensor, inputs: Inputs) -> Tensor:
-        """Loads (..., N+1, w) that depend on the motion, of the beam undeformed and at rest."""
-        position, turn = self.still.position, torch.zeros_like(self.still.position[..., :self.model.space.spin])
-        nodes = self.still._replace(velocity=torch.zeros_like(position), spin=turn, acceleration=torch.zeros_like(position),
-                                    angular_acceleration=turn)
-        return external(self.model, nodes, t, inputs, self.model.loads[0])
+    def closures(self, values: dict[str, Tensor]) -> tuple[Any, ...]:
+        """Loads (..., N+1, w) by functions of the motion, of the beam undeformed and at rest, and their internal states, whose
+        gradient is that of what these functions close over.
+        """
+        nodes, _, common, _ = map(detached, self.trees(values))
+        loads = (row or load for row, load in zip(nodes.loads, common.loads, strict=True))
+        model = detached(self.model)
+        model = with_values(model, scene=with_values(model.scene, effects=tuple(load for load in loads if functions(load))))
+        position, rotation = (x.detach() for x in self.still[:2])
+        zero, turn = torch.zeros_like(position), torch.zeros_like(position[..., :model.space.spin])
+        still = Nodes(position, rotation, zero, turn, common.frame, position.new_zeros(model.internal_states), common.dt, zero,
+                      turn)
+        return external(model, still, common.t, common.inputs), advanced(model, still, common.t, common.inputs)
 
     def _held(self, name: str, value: Callable[[], Any]) -> Any:
         """A value that is the same at all steps: kept, unless a derivative by what it is made from is recorded."""
@@ -184,6 +288,11 @@ class Constants:
         return found[1:]
 
 
+def _unchanging(load: Any) -> bool:
+    """Whether the values of a load by place are the same at all times and for all inputs."""
+    return all(constant(one.value) for one in own_leaves(load) if one.axes is not None)
+
+
 def _given(effect: Any) -> bool:
     """Whether an effect is one of the library's with numbers alone."""
     return of_library(effect) and constant(effect)
@@ -199,16 +308,6 @@ def _by_inputs(load: Any) -> bool:
 def of_library(effect: Any) -> bool:
     """Whether an effect's class is torchbeam's own."""
     return type(effect).__module__.startswith(f"{Effect.__module__.rpartition('.')[0]}.")
-
-
-def _with(load: Any, values: dict[str, Tensor]) -> Any:
-    """A load with these values in the place of functions of t."""
-    if not values:
-        return load
-    load = copy(load)
-    for name, value in values.items():
-        object.__setattr__(load, name, value)
-    return load
 
 
 def flattened(tree: Any) -> list[tuple[Tensor, int]]:

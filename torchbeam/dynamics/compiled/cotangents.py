@@ -11,15 +11,17 @@ from torch.autograd.function import once_differentiable
 
 from .call import Call, Chain, Field
 from .constants import flattened
-from .local_problem import NODE
 
-STATE = {**{name: ("state", name) for name in NODE}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
-         "work": ("sample", "work")}
+
+def state_fields(nodes: tuple[str, ...]) -> dict[str, tuple[str, str]]:
+    """Record and field of what a step changes, `nodes` of a node."""
+    return {**{name: ("state", name) for name in nodes}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
+            "work": ("sample", "work")}
 
 
 def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
-    """The tensors of the trees of nodes, elements and what they have in common."""
-    for record, tree in zip(("node", "element", "common"), trees, strict=True):
+    """The tensors of the trees of nodes, elements, what they have in common, and supports."""
+    for record, tree in zip(("node", "element", "common", "support"), trees, strict=True):
         for k, (x, axes) in enumerate(flattened(tree)):
             yield Field(record, f"{record}.{k}", x, axes)
 
@@ -31,6 +33,7 @@ class Adjoint:
 
     def __init__(self, chain: Chain, call: Call, fields: list[Field], good: Tensor) -> None:
         self.chain, self.call, self.fields, self.good = chain, call, fields, good
+        self.state = [*state_fields(chain.program.state)]
 
     def cotangents(self, start: list[Tensor], made: tuple[Tensor, ...], grads: tuple[Tensor | None, ...], wanted: list[bool]
                    ) -> list[Tensor | None]:
@@ -40,13 +43,15 @@ class Adjoint:
         call = Call(chain, batch, K, self.call.lanes)
         inputs = [*self.fields, Field("free", "free", chain.free, 2), Field("sample", "good", self.good, 0, flat=True)]
         outputs, stepwise, found = [], [], {}
-        for name, x, after, grad in zip(STATE, start, made, grads, strict=True):
+        for name, x, after, grad in zip(self.state, start, made, grads, strict=True):
             own = () if name == "work" else after.shape[-2:]
             after = after.reshape(K, B, *own)
             grad = after.new_zeros(own) if grad is None else grad.reshape(K, B, *own).contiguous()
             record, field = {"stress": ("stress", "stress"), "reaction": ("reaction", "reaction"),
                              "work": ("sample", "work")}.get(name, ("state", name))
-            if name in NODE:
+            if name == "reaction":
+                inputs.append(Field("support", "found", after, 2, flat=True))
+            if name in chain.program.state:
                 first = x.expand(*batch, *own).reshape(1, B, *own)
                 inputs.append(Field("state", name, torch.cat((first, after[:-1])), 2, flat=True))
                 inputs.append(Field("after", f"after_{name}", after, 2, flat=True))
@@ -79,7 +84,7 @@ class Adjoint:
             shape = (K, *batch, *shape[2:]) if name in stepped else (*batch, *shape[1:])
             return found[name].reshape(shape).sum_to_size(x.shape)
 
-        every = [*((one.name, one.value) for one in self.fields), *zip(STATE, start, strict=True)]
+        every = [*((one.name, one.value) for one in self.fields), *zip(self.state, start, strict=True)]
         return [of(*one, asked) for one, asked in zip(every, wanted, strict=True)]
 
 
@@ -89,12 +94,13 @@ class Differentiated(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, adjoint: Adjoint, made: tuple[Tensor, ...], *held: Tensor) -> tuple[Tensor, ...]:
         ctx.adjoint = adjoint
-        ctx.save_for_backward(*held[-len(STATE):], *made)
+        ctx.save_for_backward(*held[-len(made):], *made)
         return made
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
         saved = ctx.saved_tensors
-        found = ctx.adjoint.cotangents([*saved[:len(STATE)]], saved[len(STATE):], grads, ctx.needs_input_grad[2:])
+        count = len(grads)
+        found = ctx.adjoint.cotangents([*saved[:count]], saved[count:], grads, ctx.needs_input_grad[2:])
         return None, None, *found

@@ -10,7 +10,6 @@ from typing import Any
 from ...core.arguments import choice
 from ...core.leaves import own_leaves
 from ...nodal.model import Model
-from ...scene.effects import Along, CustomLoad, LineLoad, PerElement
 from ...solvers.compiled.trace import NotTraceable
 from .constants import of_library
 from .step import CompiledStep
@@ -28,20 +27,8 @@ def refusal(model: Model, method: str, conserve: bool = False) -> str | None:
         f"method {method!r}": method != "midpoint",
         "conserve": conserve,
         f"the device {scene.device}": scene.device.type != "cpu",
-        "a frame that moves": scene.frame is not None,
-        "a support or root that moves": scene.has_prescribed_motion or scene.root is not None,
-        "a load with internal states": bool(model.internal_states),
-        **{f"{type(load).__name__} along the beam with values of each element or node": True
-           for load in model.loads[0] if by_place(load)},
     }
     return next((reason for reason, given in reasons.items() if given), None)
-
-
-def by_place(load: Any) -> bool:
-    """Whether a load that depends on the motion has values of its own in each element or node."""
-    if isinstance(load, LineLoad):
-        return any(isinstance(value, PerElement) for value in (load.force, load.moment))
-    return isinstance(load, CustomLoad) and load.node is None and bool(load.values)
 
 
 def why_eager(model: Model, method: str, conserve: bool = False) -> str | None:
@@ -61,8 +48,8 @@ def why_eager(model: Model, method: str, conserve: bool = False) -> str | None:
 
 def by_function(model: Model) -> list[Any]:
     """Loads that depend on the motion and are functions that a user wrote, or hold such."""
-    return [load for load in model.loads[0] if not of_library(load) or any(
-        one.axes is None or isinstance(one.value, Along) for one in own_leaves(load))]
+    loads = (*model.loads[0], *(load for load in model.loads[1] if load.internal))
+    return [load for load in loads if not of_library(load) or any(one.axes is None for one in own_leaves(load))]
 
 
 def meaning() -> str:

@@ -18,7 +18,7 @@ class Driver(ChainCode):
     """Steps of Newton's method."""
 
     ARGS = ("inputs", "input_count", "outputs", "output_count", "samples", "steps", "elements", "memory", "bases", "kinds",
-            "held", "support_of", "support_nodes", "supports", "limit", "first_group", "end_group")
+            "element_kinds", "held", "support_of", "support_nodes", "supports", "limit", "first_group", "end_group")
 
     def _group(self, first: str) -> None:
         with self.code.loop(0, self.args["steps"]) as step:
@@ -35,15 +35,26 @@ class Driver(ChainCode):
             with self._kind(j) as kinds:
                 for k in kinds:
                     self._call(f"predictor {k}", lambda f: self.at("unknown", j, f[2:]) if f[0] == ">" else self._of_node(f, j))
-                    self._call(f"before node {k}", lambda f: self.at("before node", j) if f[0] == ">" else self._of_node(f, j))
+        self._hoisted()
         with code.loop(0, N) as e:
-            self._call("before element", lambda f: self._of_element(f, e))
             self._copy_to(self.at("stress", e), self.at("start_stress", e), self.layout.records["stress"].size)
         for name in ("over", "done"):
             code.call("opposite", self.at("sample", 0, name), self.at("sample", 0, "moving"))
         self._border()
         self._newton()
         self._finish()
+
+    def _hoisted(self) -> None:
+        """What does not depend on the unknowns."""
+        code, N = self.code, self.args["elements"]
+        with code.loop(0, code.add(N, 1)) as j:
+            with self._kind(j) as kinds:
+                for k in kinds:
+                    self._call(f"before node {k}", lambda f: self.at("before node", j) if f[0] == ">" else self._of_node(f, j))
+        with code.loop(0, N) as e:
+            with self._element_kind(e) as kinds:
+                for k in kinds:
+                    self._call(f"before element {k}", lambda f: self._of_element(f, e))
 
     def _border(self) -> None:
         """What is on either side of the chain: nothing, which does not move."""
@@ -80,7 +91,9 @@ class Driver(ChainCode):
                                self.at("before node", j) if f == HOISTED else self._of_node(f, j))
             last, left, right, behind = self._sides(j)
             with code.when(code.new(f"xor i1 {last}, true")):
-                self._call("element", lambda f: self._of_element(f, j, behind))
+                with self._element_kind(j) as kinds:
+                    for k in kinds:
+                        self._call(f"element {k}", lambda f: self._of_element(f, j, behind))
                 for name in ("force", "moment", "strain", "left_strain"):
                     self._largest(name, "at_element")
             self._row(j, left, right)
@@ -121,7 +134,7 @@ class Driver(ChainCode):
             return near[field] if field in near else self._row_before(field, j)
 
         def keep() -> None:
-            support = code.load(code.at(self.args["support_of"], j))
+            support = self._support_of(j)
             with code.when(code.compare("sge", support, 0)):
                 for name in ("rows", "asked"):
                     self._copy_to(self.at("support", support, name), self.at("at_row", 0, name),

@@ -2,9 +2,9 @@
 
 They are those of `local_problem`; an element condenses its stress. A chain's balance and its blocks are the sums of both.
 
-Fields have no axes of the batch: of a node's `node.k` and `common.k` (the tensors of `NodeConstants` and `Common`, in order),
-position, rotation, velocity, spin at the start, u and m; of an element's `element.k`, the stress, and the same of its nodes,
-behind `i.` and `j.`.
+Fields have no axes of the batch: of a node's `node.k`, `common.k` and `support.k` (the tensors of `NodeConstants`, `Common` and
+`SupportConstants`, in order), position, rotation, velocity, spin and internal states at the start, u and m; of an element's
+`element.k`, the stress, and the same of its nodes, behind `i.` and `j.`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ...nodal.model import Model
 from ...solvers.newton import converged
 from ..step_element import ElementBalance
 from .constants import filled
-from .local_problem import NODE, Fields, LocalProblems, NodeKind
+from .local_problem import INTERNAL, NODE, ElementKind, Fields, LocalProblems, NodeKind
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,7 @@ class LocalFunctions(LocalProblems):
     def node(self, kind: NodeKind, **fields: Tensor) -> Fields:
         """Balance (w) of the node's inertia and loads, its derivative D (w, w); both terms apart."""
         problem, x = self.of_node(fields, kind)
+        x = problem.apply_supports(x) if kind.support is not None else x
         way, inertia, load = problem.node_balance(x)
         _, (D,) = problem.node_tangent(way, inertia)
         load = load + torch.zeros_like(inertia.wrench)
@@ -57,19 +58,27 @@ class LocalFunctions(LocalProblems):
         return {"cosine": self.model.space.cosine(m)}
 
     def finish(self, kind: NodeKind, **fields: Tensor) -> Fields:
-        """The node at the end of the step, and the work done on it."""
+        """The node at the end of the step, and the work done on it; `found` (w): the reaction of its support."""
         problem, x = self.of_node(fields, kind)
-        after = problem.finish(x, x.u.new_zeros(0, self.model.space.unknowns))
-        return {name: getattr(after, name)[0] for name in NODE} | {"work": after.work}
+        reaction = x.u.new_zeros(0, self.model.space.unknowns) if kind.support is None else fields["found"][None]
+        after = problem.finish(x, reaction)
+        found = {name: getattr(after, name)[0] for name in NODE} | {"work": after.work}
+        if INTERNAL in self.state:
+            own = dict(zip(kind.acting, after.internal.split([self.internal[k] for k in kind.acting]), strict=True)
+                       if after.internal is not None else ())
+            still = fields[INTERNAL].split(self.internal)
+            found[INTERNAL] = torch.cat([own.get(k, still[k]) for k in range(len(still))])
+        return found
 
     # Functions of an element
 
-    def element(self, **fields: Tensor) -> Fields:
+    def element(self, kind: ElementKind, **fields: Tensor) -> Fields:
         """What an element gives its nodes: balance (w), `asked` (w), the same with what its condensed stress adds, and the
         blocks D (w, w), each for i and j, U from i to j and L back; gap (k) and EC (k, p + 2 s), by which its stress follows
         the moves; inertia (w) for i and j, if it has any; the largest force, moment, gap and strain in it.
         """
-        problem, x = self.of_element(fields)
+        problem, x = self.of_element(fields, kind)
+        x = problem.apply_supports(x) if any(kind) else x
         model = problem.model
         way, inertia, _ = problem.node_balance(x)
         element = problem.element_balance(x, way)

@@ -4,18 +4,18 @@ without mass. An element knows the coupling of the half-consistent mass; a node 
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from ...core.leaves import leaf
+from ...core.derivatives import cached
+from ...core.leaves import leaf, with_values
 from ...nodal.constraints import Constraints
 from ...nodal.coordinates.linearised import Small
 from ...nodal.coordinates.planar import Plane
-from ...nodal.frame import FixedFrame
 from ...nodal.inertia import Inertia
 from ...nodal.lever import Lever, NoLever
 from ...nodal.mass import HalfConsistentMass, LumpedMass
@@ -24,27 +24,91 @@ from ...nodal.rotary import NoRotaryInertia, RotaryInertia
 from ...scene.effects import Pose, TipLoad
 from ...state.state import State
 from ..midpoint import MidpointProblem, MidpointUnknowns
-from .constants import Common, ElementConstants, NodeConstants, filled
+from .constants import Common, ElementConstants, NodeConstants, SupportConstants, filled
 
 Fields = dict[str, Tensor]
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
+INTERNAL = "internal"
+
+
+class SupportKind(NamedTuple):
+    """Of a support, where something moves the beam: 1 for what it holds of its node's freedoms, else 0; whether it moves in
+    frame a; whether it is a clamp.
+    """
+
+    fixed: tuple[float, ...]
+    moves: bool
+    clamp: bool
 
 
 class NodeKind(NamedTuple):
     """What a node has beside what all have: numbers of the loads in `common.loads` that act there; the axis of its hinge, a
-    mask in frame a, None = no hinge.
+    mask in frame a, None = no hinge; its support, None = none, or nothing moves.
     """
 
     acting: tuple[int, ...] = ()
     hinge: tuple[float, ...] | None = None
+    support: SupportKind | None = None
+
+
+ElementKind = tuple[SupportKind | None, SupportKind | None]  # the supports of its nodes
+
+
+class Kinds(NamedTuple):
+    """Of all nodes and of all elements; or those that there are."""
+
+    nodes: tuple[NodeKind, ...]
+    elements: tuple[ElementKind, ...]
+
+    @classmethod
+    def of(cls, nodes: list[NodeKind]) -> Kinds:
+        """From those of all nodes."""
+        return cls(tuple(nodes), tuple((i.support, j.support) for i, j in pairwise(nodes)))
+
+    def distinct(self) -> Kinds:
+        return Kinds(*(tuple(dict.fromkeys(kinds)) for kinds in self))
 
 
 def node_kinds(model: Model, loads: tuple[Any, ...]) -> list[NodeKind]:
     """Of all nodes, on which these loads act."""
-    nodes = model.count + 1
+    nodes, supports = model.count + 1, {}
     hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
-    return [NodeKind(tuple(k for k, load in enumerate(loads) if load.node is None or load.node % nodes == j), hinges.get(j))
-            for j in range(nodes)]
+    if model.scene.has_prescribed_motion:
+        supports = {one.node: SupportKind(tuple(fixed.tolist()), one.moves, one.clamp)
+                    for one, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True)}
+    return [NodeKind(tuple(k for k, load in enumerate(loads) if load.node is None or load.node % nodes == j), hinges.get(j),
+                     supports.get(j)) for j in range(nodes)]
+
+
+class LocalSupport(NamedTuple):
+    """A support of a local chain's node."""
+
+    node: int
+    kind: SupportKind
+    at: SupportConstants
+
+    moves = property(lambda self: self.kind.moves)
+    clamp = property(lambda self: self.kind.clamp)
+
+
+class LocalMotion(NamedTuple):
+    """Prescribed motion, as it is at the time of the problem: see `PrescribedMotion`."""
+
+    root: Pose | None
+    velocity: Tensor | None
+    angular_velocity: Tensor | None
+
+    def frame(self, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
+        return self.velocity, self.angular_velocity
+
+    def root_pose(self, t: Tensor) -> Pose | None:
+        return self.root
+
+    def pose(self, support: LocalSupport, t: Tensor) -> tuple[Tensor, Tensor]:
+        return support.at.position, support.at.rotation
+
+    def absolute(self, support: LocalSupport, t: Tensor) -> tuple[Tensor, Tensor]:
+        return support.at.velocity, support.at.spin
 
 
 @dataclass(frozen=True)
@@ -53,37 +117,33 @@ class LocalScene:
 
     beam: Any
     loads: tuple[Any, ...] = ()
-    has_prescribed_motion: bool = False
+    supports: tuple[LocalSupport, ...] = ()
     eigenstrains: tuple[Any, ...] = ()
-    supports: tuple[Any, ...] = ()
-    frame: None = None
+
+    @property
+    def has_prescribed_motion(self) -> bool:
+        return bool(self.supports)
 
     @property
     def internal_states(self) -> tuple[int, ...]:
-        return (0,) * len(self.loads)
+        return tuple(load.internal for load in self.loads)
 
 
 @dataclass(frozen=True)
 class LocalModel(Model):
     """A model of one node or element, for which what depends on all of the chain, or on time, is given: C of the tangent, the
-    eigenstrain, the arclength of the nodes, the pose of a root's support.
+    eigenstrain, the arclength of the nodes, what is prescribed.
     """
 
     elements: int
     C: Tensor | None = leaf(3)
     own: Tensor | float = leaf(2)
     arclength: Tensor = leaf(1)
-    pose: Pose | None
+    motion: LocalMotion
 
     count = property(lambda self: self.elements)
     s = property(lambda self: self.arclength)
-    prescribed_motion = property(lambda self: self)
-
-    def frame(self, t: Tensor) -> FixedFrame:
-        return FixedFrame(self.space)
-
-    def root_pose(self, t: Tensor) -> Pose | None:
-        return self.pose
+    prescribed_motion = property(lambda self: self.motion)
 
     def eigenstrain(self, t: Tensor, inputs: dict[str, Tensor]) -> Tensor | float:
         return self.own
@@ -93,22 +153,50 @@ class LocalModel(Model):
 
 
 @dataclass(frozen=True)
+class LocalProblem(MidpointProblem):
+    """A step from `start`, whose orientation of frame a is that of the middle of the step."""
+
+    @cached
+    def _frame_middle(self) -> Tensor | None:
+        return self.start.frame
+
+
+@dataclass(frozen=True)
 class LocalProblems:
-    """Of a model's nodes and elements; the trees say which fields exist, their values do not matter."""
+    """Of a model's nodes and elements; the trees say which fields exist, their values do not matter. supports: None where
+    nothing moves them.
+
+    A node's internal states are those of all loads that have some, one after the other, whichever act there.
+    """
 
     model: Model
     nodes: NodeConstants
     elements: ElementConstants
     common: Common
+    supports: SupportConstants | None = None
+
+    @property
+    def internal(self) -> tuple[int, ...]:
+        """How many internal states each of the loads has at a node."""
+        return tuple((row or load).internal for row, load in zip(self.nodes.loads, self.common.loads, strict=True))
+
+    @property
+    def state(self) -> tuple[str, ...]:
+        """Fields of a node's state."""
+        return (*NODE, INTERNAL) if any(self.internal) else NODE
 
     def of_node(self, fields: Fields, kind: NodeKind) -> tuple[MidpointProblem, MidpointUnknowns]:
         rows = filled(self.nodes, lambda k: fields[f"node.{k}"][None])
         common = self._common(fields)
-        loads = tuple(_at_only_node(common.loads[k]) for k in kind.acting)
+        loads = tuple(_at_only_node(rows.loads[k] or common.loads[k]) for k in kind.acting)
         given = {name: fields[name][None] for name in (*NODE, "u", "m") if name in fields}
-        return self._problem(rows, None, common, loads, given, kind.hinge)
+        if INTERNAL in self.state:
+            parts = fields[INTERNAL].split(self.internal)
+            given[INTERNAL] = torch.cat([parts[k] for k in kind.acting] or [fields[INTERNAL][:0]])
+        supports = () if kind.support is None else (self._support(fields, "", 0, kind.support),)
+        return self._problem(rows, None, common, loads, given, supports, kind.hinge)
 
-    def of_element(self, fields: Fields) -> tuple[MidpointProblem, MidpointUnknowns]:
+    def of_element(self, fields: Fields, kind: ElementKind = (None, None)) -> tuple[MidpointProblem, MidpointUnknowns]:
         def ends(name: str) -> Tensor:
             return torch.stack((fields[f"i.{name}"], fields[f"j.{name}"]))
 
@@ -116,13 +204,19 @@ class LocalProblems:
         rows = replace(rows, mass=torch.zeros_like(rows.mass), J=None)
         element = filled(self.elements, lambda k: fields[f"element.{k}"][None])
         given = {name: ends(name) for name in (*NODE, "u", "m")} | {"stress": fields["stress"][None]}
-        return self._problem(rows, element, self._common(fields), (), given)
+        supports = tuple(self._support(fields, f"{side}.", k, one)
+                         for k, (side, one) in enumerate(zip("ij", kind, strict=True)) if one is not None)
+        return self._problem(rows, element, self._common(fields), (), given, supports)
+
+    def _support(self, fields: Fields, of: str, node: int, kind: SupportKind) -> LocalSupport:
+        return LocalSupport(node, kind, filled(self.supports, lambda k: fields[f"{of}support.{k}"]))
 
     def _common(self, fields: Fields) -> Common:
         return filled(self.common, lambda k: fields[f"common.{k}"])
 
     def _problem(self, rows: NodeConstants, element: ElementConstants | None, common: Common, loads: tuple[Any, ...],
-                 given: Fields, hinge: tuple[float, ...] | None = None) -> tuple[MidpointProblem, MidpointUnknowns]:
+                 given: Fields, supports: tuple[LocalSupport, ...], hinge: tuple[float, ...] | None = None
+                 ) -> tuple[MidpointProblem, MidpointUnknowns]:
         whole, space, position = self.model, self.model.space, given["position"]
         linear = None if element is None else element.linear
         space = (Small(rows.frames, rows.R, linear) if isinstance(space, Small)
@@ -130,7 +224,8 @@ class LocalProblems:
         zero, none = position.new_zeros(()), position.new_zeros(0, space.strain)
         count = 0 if element is None else 1
         free = torch.ones(count + 1, space.unknowns, dtype=torch.bool)
-        constraints = Constraints((), 0, position.new_zeros(0, space.unknowns), free, None, rows.slide, rows.turn,
+        fixed = position.new_tensor([one.kind.fixed for one in supports]).reshape(-1, space.unknowns)
+        constraints = Constraints(tuple(one.node for one in supports), 0, fixed, free, None, rows.slide, rows.turn,
                                   () if hinge is None else ((0, position.new_tensor(hinge)),))
         if rows.dead is not None and element is None:
             force, moment = space.embed(rows.dead[0]).split(3, -1)
@@ -144,13 +239,16 @@ class LocalProblems:
             space, LumpedMass(rows.mass) if coupling is None else HalfConsistentMass(rows.mass, coupling),
             NoRotaryInertia(space) if rows.J is None else RotaryInertia(space, rows.J),
             NoLever() if rows.offset is None else Lever(space, rows.offset))
-        pose = None if common.support is None else Pose(*vars(common.support).values())
+        root = None if common.support is None else Pose(*vars(common.support).values())
+        motion = LocalMotion(root, common.velocity, common.angular_velocity)
         model = LocalModel(
-            LocalScene(whole.scene.beam, loads), space, constraints, inertia, length, reference, law, rows.section_mass,
-            rows.tributary_length, elements=count, C=C, own=0.0 if own is None else own, arclength=rows.s, pose=pose)
+            LocalScene(whole.scene.beam, loads, supports), space, constraints, inertia, length, reference, law,
+            rows.section_mass, rows.tributary_length, elements=count, C=C, own=0.0 if own is None else own,
+            arclength=rows.s, motion=motion)
         stress = given.get("stress", none)
-        start = State(*(given[name] for name in NODE), stress, position.new_zeros(0, space.unknowns), zero, zero, zero, zero)
-        problem = MidpointProblem(model, start, common.dt, common.t, common.inputs)
+        start = State(*(given[name] for name in NODE), stress, position.new_zeros(0, space.unknowns), zero, zero, zero, zero,
+                      frame=common.frame, internal=given.get(INTERNAL))
+        problem = LocalProblem(model, start, common.dt, common.t, common.inputs)
         return problem, MidpointUnknowns(given.get("u"), given.get("m"), stress)
 
 
@@ -159,8 +257,4 @@ DEAD = TipLoad(force=torch.zeros(3), moment=torch.zeros(3))
 
 def _at_only_node(load: Any) -> Any:
     """A load at a node, for a chain that is this node alone."""
-    if vars(load).get("node") is None:
-        return load
-    load = copy(load)
-    object.__setattr__(load, "node", -1)
-    return load
+    return load if vars(load).get("node") is None else with_values(load, node=-1)

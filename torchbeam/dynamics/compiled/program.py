@@ -11,12 +11,14 @@ from ...core.derivatives import cache_of
 from ...core.leaves import Tree, map_leaves
 from ...nodal.coordinates.planar import Plane
 from ...solvers.compiled.function import Function
+from ...solvers.compiled.object_cache import key_of
 from ...solvers.compiled.split import HOISTED, split
 from .adjoint import AdjointProgram
 from .driver import SUMS, Driver
+from .kept import key_on_disk
 from .layout import ELEMENTS, MOVES, NODES, ONE, SUPPORTS, TWO, Layout
 from .local_functions import LocalFunctions
-from .local_problem import NODE, NodeKind
+from .local_problem import Kinds
 from .native import NativeProgram
 from .tracing import Tracing
 
@@ -39,12 +41,13 @@ class ChainProgram(NativeProgram):
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         w, found = self.w, self._of_nodes(traced, local)
-        for k in range(len(self.kinds)):
+        for k in range(len(self.kinds.nodes)):
             _split(found, f"node {k}", found[f"node {k}"], (*self.unknown, *self.varying))
-        whole = traced(local.element, traced.element | {name: () for name in self.varying})
-        whole = whole.only(name for name in whole.outputs if name != "hB")
         ends = [f"{side}.{name}" for side in "ij" for name in self.unknown]
-        _split(found, "element", whole, (*ends, "stress", *self.varying))
+        for k, kind in enumerate(self.kinds.elements):
+            whole = traced(partial(local.element, kind), traced.element | {name: () for name in self.varying})
+            whole = whole.only(name for name in whole.outputs if name != "hB")
+            _split(found, f"element {k}", whole, (*ends, "stress", *self.varying))
         law = {name: whole.outputs[name].shape for name in ("gap", "E")}
         moves = {"move_i": (w,), "move_j": (w,)}
         found["stress"] = traced(local.stress, {**traced.element, **law, **moves})
@@ -75,17 +78,17 @@ class ChainProgram(NativeProgram):
         layout.record("unknown", NODES, outputs("update 0"))
         for name in ("stress", "start_stress"):
             layout.record(name, ELEMENTS, [("stress", k)])
-        hoisted = [len(self.functions[f"before node {i}"].outputs[HOISTED].nodes) for i in range(len(self.kinds))]
-        layout.record("before node", NODES, [(HOISTED, max(hoisted))])
-        layout.record("before element", ELEMENTS, outputs("before element"))
+        for name, rows, kinds in zip(("before node", "before element"), (NODES, ELEMENTS), self.kinds, strict=True):
+            hoisted = [len(self.functions[f"{name} {i}"].outputs[HOISTED].nodes) for i in range(len(kinds))]
+            layout.record(name, rows, [(HOISTED, max(hoisted))])
         layout.record("at_node", ONE, outputs("node 0"))
-        layout.record("at_element", ONE, outputs("element", "force", "moment", "strain", "left_strain"))
-        both = [(name[2:], size) for name, size in outputs("element") if name.startswith("i.") and name[2:] in SIDES]
+        layout.record("at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain"))
+        both = [(name[2:], size) for name, size in outputs("element 0") if name.startswith("i.") and name[2:] in SIDES]
         layout.record("left", TWO, [*both, ("L", w * w)])
         layout.record("right", ONE, [*both, ("U", w * w)])
         layout.record("row", NODES, outputs(row, "ahead", "y"))
         layout.record("at_row", ONE, [one for one in outputs(row) if one[0] not in ("ahead", "y")])
-        layout.record("strain_law", ELEMENTS, outputs("element", "gap", "E"))
+        layout.record("strain_law", ELEMENTS, outputs("element 0", "gap", "E"))
         layout.record("move", MOVES, [("move", w)])
         layout.record("nothing", ONE, [("zeros", layout.records["left"].size + w * w)])
         layout.record("change", ONE, [*outputs("update 0"), ("stress", k)])
@@ -93,7 +96,7 @@ class ChainProgram(NativeProgram):
         layout.record("sums", ONE, [(name, 1) for name in SUMS])
         if self.held:
             layout.record("free", NODES, [("free", w)])
-            layout.record("support", SUPPORTS, [*outputs(row, "rows", "asked"), *((name, w) for name in (
+            layout.record("support", SUPPORTS, [*inputs("support"), *outputs(row, "rows", "asked"), *((name, w) for name in (
                 "reaction", "found", "last"))])
         return layout
 
@@ -104,15 +107,15 @@ class StepProgram(ChainProgram):
     driver = Driver
     unknown = "u", "m"
 
-    def __init__(self, local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> None:
-        super().__init__(local, kinds, held)
+    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, key: str | None = None) -> None:
+        super().__init__(local, kinds, held, key)
         self.adjoints: dict[frozenset[str], AdjointProgram] = {}
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         w, node = self.w, traced.node
         still = {name: shape for name, shape in node.items() if name not in self.unknown}
         found = {"cosine": traced(local.cosine, {"m": self.shapes["m"]})}
-        for k, kind in enumerate(self.kinds):
+        for k, kind in enumerate(self.kinds.nodes):
             found[f"node {k}"] = traced(partial(local.node, kind), node)
             found[f"predictor {k}"] = traced(partial(local.predictor, kind), still)
             found[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
@@ -124,7 +127,7 @@ class StepProgram(ChainProgram):
     def _layout(self) -> Layout:
         layout = super()._layout()
         layout.record("common", ONE, [("least", 1)])
-        layout.record("state", NODES, self.outputs("finish 0", *NODE))
+        layout.record("state", NODES, self.outputs("finish 0", *self.state))
         layout.record("change", ONE, [*self.outputs("finish 0"), ("cosine", 1)])
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
         return layout
@@ -140,35 +143,38 @@ PROGRAMS: dict[tuple, ChainProgram] = {}  # by structure
 KEPT = 64  # of them; the oldest goes first
 
 
-def program_of(local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool, shared: bool,
+def program_of(local: LocalFunctions, kinds: Kinds, held: bool, shared: bool,
                made: type[ChainProgram] = StepProgram) -> ChainProgram:
     """The program of a structure, that of an earlier scene if there was one; one of its own where it is not `shared`: what a
-    user's function closes over is part of it.
+    user's function closes over is part of it. kinds: of all nodes and elements.
     """
+    kinds = kinds.distinct()
     if not shared:
         return made(local, kinds, held)
     key = made, *structure(local, kinds, held)
     if key not in PROGRAMS:
         if len(PROGRAMS) >= KEPT:
             del PROGRAMS[next(iter(PROGRAMS))]
-        PROGRAMS[key] = made(local, kinds, held)
+        PROGRAMS[key] = made(local, kinds, held, key_on_disk(key))
     return PROGRAMS[key]
 
 
 def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str]) -> AdjointProgram:
     """The adjoint of a program, for these constants."""
     if wanted not in program.adjoints:
-        program.adjoints[wanted] = AdjointProgram(local, program.kinds, program.held, wanted)
+        key = None if program.key is None else key_of(program.key, *sorted(wanted))
+        program.adjoints[wanted] = AdjointProgram(local, program.kinds, program.held, wanted, key)
     return program.adjoints[wanted]
 
 
-def structure(local: LocalFunctions, kinds: tuple[NodeKind, ...], held: bool) -> tuple:
+def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
     """What the program of a step depends on; never the values of tensors, nor how many elements there are."""
     model = local.model
     space = model.space
     plane = (space.name, tuple(space.section.flatten().tolist())) if isinstance(space, Plane) else None
+    trees = (local.nodes, 1), (local.elements, 1), (local.common, 0), (local.supports, 1)
     return (type(space), plane, model.length.dtype, model.scene.beam.offset, bool(model.scene.loads), kinds, held,
-            *(_static(_shapes(tree, rows)) for tree, rows in ((local.nodes, 1), (local.elements, 1), (local.common, 0))))
+            *(_static(_shapes(tree, rows)) for tree, rows in trees))
 
 
 def _shapes(tree: Any, rows: int) -> Any:

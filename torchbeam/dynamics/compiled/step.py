@@ -12,17 +12,16 @@ from torch.autograd import forward_ad
 from ...core.leaves import functions, wants_gradient
 from ...nodal.model import Model
 from ...scene.effects import Inputs
-from ...state.state import State
-from .call import Call, Chain, Field, Table
+from ...state.state import State, rest
+from .call import CPU, Call, Chain, Field, Table
 from .constants import Constants
-from .cotangents import STATE, Adjoint, Differentiated, constant_fields
+from .cotangents import Adjoint, Differentiated, constant_fields, state_fields
 from .local_functions import LocalFunctions
-from .local_problem import node_kinds
+from .local_problem import INTERNAL, Kinds, node_kinds
 from .program import adjoint_of, program_of
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
 FORMS = 32  # that are kept; the oldest goes first
-AXES = {name: 0 if name == "work" else 2 for name in STATE}
 
 
 class Steps(NamedTuple):
@@ -58,15 +57,17 @@ class CompiledStep:
         self.model, self.constants, self.batch = model, Constants(model), model.scene.batch_shape
         like = model.length
         nothing = {name: like.new_zeros(size) for name, size in model.scene.inputs.items()}
-        values = self.constants.changing(like.new_ones(()), like.new_zeros(()), nothing)
+        frame = model.space.to_reduced(rest(model.scene, ())).frame
+        values = self.constants.changing(like.new_ones(()), like.new_zeros(()), nothing, frame)
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         self.trees = self.constants.trees(values)
-        self.function = any(one.axes is None for one in functions(model.loads[0]))
-        self.kinds = node_kinds(model, self.constants.loads)
+        self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
+        self.kinds = Kinds.of(node_kinds(model, self.constants.loads))
         self.local = LocalFunctions(model, *self.trees)
-        kinds = tuple(dict.fromkeys(self.kinds))
-        self.program = program_of(self.local, kinds, bool(model.constraints.nodes), not self.function)
+        self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), not self.function)
         self.chain = Chain(self.program, model, self.kinds)
+        self.state = state_fields(self.program.state)
+        self.axes = {name: 0 if name == "work" else 2 for name in self.state}
         names = {id(x): name for name, x in values.items()}
         every = [*constant_fields(self.trees)]
         # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
@@ -106,18 +107,22 @@ class CompiledStep:
             dt, t = (x if x.ndim == 0 else x.reshape(K, *(1,) * (dims + 1 - x.ndim), *x.shape[1:]) for x in (dt, t))
             inputs = {name: x.reshape(K, *(1,) * (dims + 2 - x.ndim), *x.shape[1:]) if x.ndim > axes + 1 else x
                       for name, x in inputs.items()}
-        states = [getattr(start, name) for name in STATE]
-        if functorch.peek_interpreter_stack() is not None:
+        states = [self.constants.internal_rows(start.internal) if name == INTERNAL else getattr(start, name)
+                  for name in self.state]
+        if functorch.peek_interpreter_stack() is not None or (repeat > 1 and start.frame is not None):
             return None
         if forward_ad._current_level >= 0 and any(forward_ad.unpack_dual(x).tangent is not None for x in (
                 *self.sources, dt, t, *inputs.values(), *states)):
             return None
         recorded = torch.is_grad_enabled()
-        if recorded and self.function and wants_gradient(self.constants.moving_loads(t, inputs)):
-            return None
         self._look()
-        values = self.constants.changing(dt, t, inputs)
+        middle, frame = (None, None) if start.frame is None else self._orientations(start.frame, dt, t, K, dims)
+        values = self.constants.changing(dt, t, inputs, middle)
         given = [values[name] for _, name in self.changing]
+        if forward_ad._current_level >= 0 and any(forward_ad.unpack_dual(x).tangent is not None for x in given):
+            return None
+        if recorded and self.function and wants_gradient(*self.constants.closures(values)):
+            return None
         constant = [one.value for one in self.constant]
         held = [*given, *constant, *states]
         differentiated = recorded and any(x.requires_grad for x in held)
@@ -126,7 +131,7 @@ class CompiledStep:
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         with torch.no_grad():
             form = self._form(tensors, K, dims, (tolerance, least, lanes, repeat))
-            made = [torch.empty(shape, dtype=self.chain.dtype) for shape in form.shapes]
+            made = [torch.empty(shape, dtype=self.chain.dtype, device=CPU) for shape in form.shapes]
             lasting: list[Any] = [tensors, made]
             tables = {"inputs": (form.inputs.of(tensors, lasting), form.inputs.count),
                       "outputs": (form.outputs.of(made, lasting), form.outputs.count)}
@@ -139,7 +144,22 @@ class CompiledStep:
             names = frozenset(one.name for one, x in zip(fields, held, strict=False) if x.requires_grad)
             adjoint = Adjoint(self._adjoint(names), form.call, fields, good.reshape(form.call.K, -1))
             made = Differentiated.apply(adjoint, tuple(made), *held)
-        return Steps(dict(zip(STATE, made, strict=True)), status.long(), iterations.long(), not status.numpy().any())
+        fields = dict(zip(self.state, made, strict=True))
+        if INTERNAL in fields:
+            fields[INTERNAL] = self.constants.of_rows(fields[INTERNAL])
+        if frame is not None:
+            steps, extra = status.shape[:K is not None], max(0, frame.ndim - 1 - status.ndim)
+            frame = frame.reshape(*steps, *frame.shape[len(steps) + extra:])
+            good = status == 0 if moving is None else (status == 0) & moving
+            fields["frame"] = torch.where(good[..., None], frame, start.frame)
+        return Steps(fields, status.long(), iterations.long(), not status.numpy().any())
+
+    def _orientations(self, start: Tensor, dt: Tensor, t: Tensor, K: int | None, dims: int) -> tuple[Tensor, Tensor]:
+        """See `Constants.orientations`; of one step without the axis of steps."""
+        if K is not None:
+            return self.constants.orientations(start, dt.expand(K, *(1,) * dims) if dt.ndim == 0 else dt, t)
+        frame = self.model.frame(t)
+        return frame.orientation(start, dt / 2), frame.orientation(start, dt)
 
     def _look(self) -> None:
         """Take afresh what was looked up, where a tensor that it came from has been written to since."""
@@ -163,8 +183,8 @@ class CompiledStep:
 
     def _new_form(self, tensors: list[Tensor], K: int | None, dims: int, tolerance: float, least: float, lanes: int | None,
                   repeat: int) -> Form:
-        *given, exact, moving = tensors[:-len(STATE)]
-        state = dict(zip(STATE, tensors[-len(STATE):], strict=True))
+        *given, exact, moving = tensors[:-len(self.state)]
+        state = dict(zip(self.state, tensors[-len(self.state):], strict=True))
         if any(x.device.type != "cpu" for x in tensors):
             device = next(x.device for x in tensors if x.device.type != "cpu")
             raise ValueError(f"a state, or an active, on {device} meets a scene on the CPU; one device is wanted")
@@ -173,7 +193,7 @@ class CompiledStep:
         numbers = {"total": like.sum((-1, -2)), "longest": like.amax((-1, -2)), "tolerance": like.new_tensor(tolerance),
                    "least": like.new_tensor(least)}
         fields = [*changing, Field("common", "exact", exact, 0), Field("sample", "moving", moving, 0),
-                  *(Field(*STATE[name], x, AXES[name]) for name, x in state.items()), *self.constant,
+                  *(Field(*self.state[name], x, self.axes[name]) for name, x in state.items()), *self.constant,
                   *(Field("common", name, x, 0) for name, x in numbers.items()),
                   Field("free", "free", self.chain.free, 2), Field("sample", "last_status", self.none, 0)]
         leads = [one.value.shape[:one.value.ndim - one.axes] for one in fields if one.record != "free"]
@@ -182,11 +202,13 @@ class CompiledStep:
         axes, own = moving.ndim or state["work"].ndim, batch
         if K is not None and batch[:dims - axes].numel() == 1:
             own = batch[dims - axes:]
-        shapes = [torch.Size((*(() if K is None else (K,)), *own, *x.shape[x.ndim - AXES[name]:])) for name, x in state.items()]
-        shapes += [torch.Size((*(() if K is None else (K,)), *own))] * len(NUMBERS)
-        out = [Field(*place, torch.empty((K or 1, call.B, *shape[len(shape) - axes:]), dtype=self.chain.dtype), axes, flat=True)
-               for place, shape, axes in zip((STATE | NUMBERS).values(), shapes, [*AXES.values(), *[0] * len(NUMBERS)],
-                                             strict=True)]
+        steps = () if K is None else (K,)
+        shapes = [torch.Size((*steps, *own, *x.shape[x.ndim - self.axes[name]:])) for name, x in state.items()]
+        shapes += [torch.Size((*steps, *own))] * len(NUMBERS)
+        out = [Field(*place, torch.empty((K or 1, call.B, *shape[len(shape) - own:]), dtype=self.chain.dtype, device=CPU), own,
+                     flat=True)
+               for place, shape, own in zip((self.state | NUMBERS).values(), shapes,
+                                            [*self.axes.values(), *[0] * len(NUMBERS)], strict=True)]
         return Form(call, Table(self.chain, fields, batch), Table(self.chain, out, batch), shapes)
 
     def _adjoint(self, names: frozenset[str]) -> Chain:

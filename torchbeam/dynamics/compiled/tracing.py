@@ -10,14 +10,14 @@ from ...solvers.compiled.function import Function
 from ...solvers.compiled.trace import trace
 from .constants import flattened
 from .local_functions import LocalFunctions
-from .local_problem import NODE
+from .local_problem import INTERNAL
 
 Shapes = dict[str, tuple[int, ...]]
 
 
 class Tracing:
-    """shapes: of the states' and unknowns' fields; constants: of a node's, an element's and the common ones; node, element: all
-    that a function of a node, or of an element, may read.
+    """shapes: of the states' and unknowns' fields; constants: of a node's, an element's, the common and a support's ones; node,
+    element: all that a function of a node, or of an element, may read.
     """
 
     def __init__(self, local: LocalFunctions) -> None:
@@ -27,11 +27,15 @@ class Tracing:
         q = space.identity(self.like.new_zeros(p)).shape[-1]
         self.shapes: Shapes = {"position": (p,), "rotation": (q,), "velocity": (p,), "spin": (s,), "u": (p,), "m": (q,),
                                "stress": (k,)}
-        trees = (("node", local.nodes, 1), ("element", local.elements, 1), ("common", local.common, 0))
+        if INTERNAL in local.state:
+            self.shapes[INTERNAL] = (sum(local.internal),)
+        trees = (("node", local.nodes, 1), ("element", local.elements, 1), ("common", local.common, 0),
+                 ("support", local.supports, 1))
         self.constants = {kind: {f"{kind}.{i}": tuple(x.shape[x.ndim - axes + rows:])
                                  for i, (x, axes) in enumerate(flattened(tree))} for kind, tree, rows in trees}
-        own = {**self.constants["node"], **{name: self.shapes[name] for name in (*NODE, "u", "m")}}
-        self.node = {**own, **self.constants["common"]}
+        own = {**self.constants["node"], **{name: self.shapes[name] for name in (*local.state, "u", "m")},
+               **self.constants["support"]}
+        self.node = {**own, **self.constants["common"], **({"found": (p + s,)} if local.supports is not None else {})}
         self.element = {**self.constants["element"], **self.constants["common"], "stress": self.shapes["stress"],
                         **{f"{side}.{name}": shape for side in "ij" for name, shape in own.items()}}
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from ...core.arguments import choice, count
 from ...core.arguments import function as check_function
 from ...core.functions_of_time import at_time, taken
-from ...core.leaves import leaf
+from ...core.leaves import leaf, with_values
 from ...core.validation import Value, broadcast, finite, shown
 from ..beam import Beam
 from .load_point import INERTIAL, INTERNAL, MOTION, READS, Load, LoadPoint, Wrench, derivatives, jacobians
@@ -122,6 +122,14 @@ class CustomLoad(Load):
 
         return at_time(wrench, t, own=1 if self.node is not None else 2)
 
+    def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> CustomLoad | None:
+        along = self.node is None and self.values
+        return with_values(self, values=self._values_at(s, elements)) if along else None
+
+    def _values_at(self, s: Tensor, elements: int) -> dict[str, Tensor]:
+        """Parameters (..., sites)."""
+        return {name: to_sites(f"Load's value {name!r}", v, s, elements) for name, v in self.values.items()}
+
     def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         return super().tangent(site, t, inputs) if self.depends else {}
 
@@ -159,7 +167,7 @@ class CustomLoad(Load):
         numbers = self.values
         if self.node is None:
             named = {name: v[..., None, :] for name, v in named.items()}
-            numbers = {name: to_sites(f"Load's value {name!r}", v, site.s, site.elements) for name, v in numbers.items()}
+            numbers = self._values_at(site.s, site.elements)
             numbers |= {PLACE: site.s} if PLACE in self.of else {}
         for name in INERTIAL:
             if name in self.of:

@@ -116,6 +116,12 @@ class Load(Effect):
         """How many numbers it remembers."""
         return self.internal
 
+    def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Load | None:
+        """Of a load along the beam: the same with numbers for each of the sites with the arclengths s (..., sites), or for all
+        (..., 1), in each of its leaves, at time t; None where all that it holds is the same everywhere.
+        """
+        return None
+
     def in_free_vibration(self) -> Load | None:
         """What of it is left in a free vibration about the beam at rest: the load itself where it is a stiffness, the mass of a
         fluid that moves along; None = nothing.

@@ -8,11 +8,11 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean, whole
-from ...core.leaves import leaf
+from ...core.leaves import leaf, with_values
 from ...core.validation import Value
 from ...math.quaternions import skew
 from .load_point import ROTATION, Load, LoadPoint, Wrench, together
-from .values import Inputs, LoadValue, load_value, value_along, value_at
+from .values import AtSites, ByPlace, Inputs, LoadValue, load_value, value_along, value_at
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +85,13 @@ class LineLoad(GivenLoad):
     """Force (N/m) and moment (N) per unit length along the whole beam: the same everywhere, `Along(function)` of s and t, or
     `PerElement(values)`.
     """
+
+    def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LineLoad | None:
+        given = {name: value for name in ("force", "moment") if (value := getattr(self, name)) is not None}
+        if not any(isinstance(value, ByPlace) for value in given.values()):
+            return None
+        return with_values(self, **{name: AtSites(value_along(value, s, t, inputs, s, elements))
+                                    for name, value in given.items()})
 
     def _at_sites(self, value: LoadValue, site: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         return value_along(value, site.s, t, inputs, site.R, site.elements)

@@ -32,8 +32,27 @@ class Input(Placeholder):
         count("size", self.size)
 
 
+class ByPlace(Tree):
+    """A line load's value that differs from site to site: it is asked for the sites (..., sites, 3) with the arclengths s
+    (..., sites) at time t, of a beam of so many elements.
+    """
+
+    def __call__(self, s: Tensor, t: Tensor, elements: int) -> Tensor:
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class Along(Tree):
+class AtSites(ByPlace):
+    """A line load's value (..., sites, 3) at the sites themselves."""
+
+    value: Tensor = leaf(2)
+
+    def __call__(self, s: Tensor, t: Tensor, elements: int) -> Tensor:
+        return self.value
+
+
+@dataclass(frozen=True)
+class Along(ByPlace):
     """A line load's value as a function of place and time: `function(s, t)` -> (..., sites, 3) per metre.
 
     s (..., sites) m is the arclength from the root, t (0-dim) s. It may return a tensor or a (nested) sequence.
@@ -45,12 +64,12 @@ class Along(Tree):
         if not callable(self.function):
             raise ValueError(f"Along({shown(self.function)}) was given; a function of s and t is wanted")
 
-    def __call__(self, s: Tensor, t: Tensor) -> Tensor:
+    def __call__(self, s: Tensor, t: Tensor, elements: int | None = None) -> Tensor:
         return at_time(lambda now: taken("an Along function's value", self.function(s, now), s, 3), t, own=2)
 
 
 @dataclass(frozen=True)
-class PerElement(Tree):
+class PerElement(ByPlace):
     """A line load's value for each element: (..., N, 3) per metre, or a function t -> (..., N, 3).
 
     A node takes the mean of its two elements, by their lengths: the load that it gathers is then half of each.
@@ -166,12 +185,12 @@ def changing(inputs: dict[str, Any], intervals: int) -> bool:
     return any(isinstance(v, PerInterval) or callable(v) for v in inputs.values())
 
 
-def value_along(value: LoadValue | Along | PerElement, s: Tensor | None, t: Tensor, inputs: Inputs, like: Tensor,
+def value_along(value: LoadValue | ByPlace, s: Tensor | None, t: Tensor, inputs: Inputs, like: Tensor,
                 elements: int) -> Tensor:
     """The same (..., sites or 1, 3) at sites along the beam of so many elements, at the arclengths s (..., sites)."""
-    if isinstance(value, PerElement):
+    if isinstance(value, ByPlace):
         return value(s, t, elements)
-    return value(s, t) if isinstance(value, Along) else value_at(value, t, inputs, like)[..., None, :]
+    return value_at(value, t, inputs, like)[..., None, :]
 
 
 def plain(value: Value) -> Tensor | np.ndarray:
@@ -185,7 +204,7 @@ def plain(value: Value) -> Tensor | np.ndarray:
 
 def load_value(name: str, value: Value | None, *, along: bool = False) -> LoadValue | None:
     """`value` checked: (..., 3), a function, an Input of size 3, or None; `along` the beam also Along and PerElement."""
-    if isinstance(value, (Along, PerElement)):
+    if isinstance(value, ByPlace):
         if not along:
             raise ValueError(f"{name} as {type(value).__name__} was given; only what acts along the beam takes it")
         return value

@@ -83,8 +83,8 @@ class Module:
                 body.operation(step)
         given = [f"ptr noalias readonly {name}" for name in inputs.values()]
         given += [f"ptr noalias writeonly {name}" for name in outputs.values()]
-        self._definitions[name] = "\n".join((f'define void @"{name}"({", ".join(given)}) {"always" if inline else "no"}inline nounwind {{',
-                                             *body.lines, "  ret void", "}"))
+        head = f"define void @\"{name}\"({', '.join(given)}) {'always' if inline else 'no'}inline nounwind {{"
+        self._definitions[name] = "\n".join((head, *body.lines, "  ret void", "}"))
 
     def elementary(self, name: str) -> str:
         """The name of an elementary function of float64 lanes."""

@@ -14,8 +14,8 @@ from ...core.validation import broadcast, concrete
 from ...dynamics.compiled.call import Call, Chain, Field
 from ...dynamics.compiled.constants import Constants
 from ...dynamics.compiled.cotangents import constant_fields
-from ...dynamics.compiled.coverage import MISSING, by_function, by_place, given_up, meaning
-from ...dynamics.compiled.local_problem import node_kinds
+from ...dynamics.compiled.coverage import MISSING, by_function, given_up, meaning
+from ...dynamics.compiled.local_problem import Kinds, node_kinds
 from ...dynamics.compiled.native import NotCompiled
 from ...dynamics.compiled.program import program_of
 from ...nodal.balance import same_law
@@ -50,8 +50,6 @@ def refusal(model: Model) -> str | None:
         f"the device {scene.device}": scene.device.type != "cpu",
         "a frame that moves": scene.frame is not None,
         "a load with internal states": bool(model.internal_states),
-        **{f"{type(load).__name__} along the beam with values of each element or node": True
-           for load in model.loads[0] if by_place(load)},
         MISSING: find_spec("llvmlite") is None,
     }
     return next((reason for reason, given in reasons.items() if given), None)
@@ -94,12 +92,12 @@ def automatic_climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, t
 @torch.no_grad()
 def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool,
              lanes: int | None) -> Climbed | None:
-    constants = Constants(model)
-    nodes, elements, common = constants.at(t.new_ones(()), t, inputs)
-    trees = nodes, replace(elements, C=model.tangent_stiffness()), common
+    constants = Constants(model, steps=False)
+    nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs)
+    trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
     kinds = _kinds(model, constants)
-    shared = not any(one.axes is None for one in functions(model.loads[0]))
-    program = program_of(SteadyFunctions(model, *trees), tuple(dict.fromkeys(kinds)), bool(model.constraints.nodes), shared,
+    shared = not any(one.axes is None for one in functions((nodes.loads, common.loads)))
+    program = program_of(SteadyFunctions(model, *trees), kinds, bool(model.constraints.nodes), shared,
                          JudgedProgram if judged else LoadProgram)
     chain = Chain(program, model, kinds)
     like, one = model.length, model.length.new_tensor
@@ -125,13 +123,12 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
     return Climbed(Configuration(*shape), reaction, status.long(), indefinite != 0 if judged else None)
 
 
-def _kinds(model: Model, constants: Constants) -> list[SteadyKind]:
-    """Of all nodes."""
+def _kinds(model: Model, constants: Constants) -> Kinds:
     kinds = [SteadyKind(kind.acting, kind.hinge) for kind in node_kinds(model, constants.loads)]
     for support, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True):
         displaced = support.displacement is not None, support.turn is not None
         kinds[support.node] = kinds[support.node]._replace(fixed=tuple(fixed.tolist()), displaced=displaced)
-    return kinds
+    return Kinds.of(kinds)
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:

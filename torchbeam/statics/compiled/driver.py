@@ -48,12 +48,7 @@ class LoadDriver(Driver):
         Newton's method has its first balance.
         """
         code, N = self.code, self.args["elements"]
-        with code.loop(0, code.add(N, 1)) as j:
-            with self._kind(j) as kinds:
-                for k in kinds:
-                    self._call(f"before node {k}", lambda f: self.at("before node", j) if f[0] == ">" else self._of_node(f, j))
-        with code.loop(0, N) as e:
-            self._call("before element", lambda f: self._of_element(f, e))
+        self._hoisted()
         self._border()
         if self.held:
             with code.loop(0, self.args["supports"]) as k:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ...core.status import SUCCESS
 from ...dynamics.compiled.local_functions import LocalFunctions
-from ...dynamics.compiled.local_problem import Fields
+from ...dynamics.compiled.local_problem import ElementKind, Fields
 from ...dynamics.midpoint import MidpointProblem
 from ...scene.prescribed_motion import moved
 from .. import load_steps
@@ -32,6 +32,8 @@ class SteadyKind(NamedTuple):
     hinge: tuple[float, ...] | None = None
     fixed: tuple[float, ...] | None = None
     displaced: tuple[bool, bool] = (False, False)
+
+    support = None  # nothing moves while the load rises
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class SteadyFunctions(LocalFunctions):
         """Angle by which a move (w) turns a node."""
         return {"turn": torch.linalg.vector_norm(move[self.model.space.position:])}
 
-    def element(self, load_factor: Tensor, **fields: Tensor) -> Fields:
+    def element(self, kind: ElementKind, load_factor: Tensor, **fields: Tensor) -> Fields:
         """See `LocalFunctions.element`."""
         problem, x = self._steady(self.of_element(fields)[0], load_factor)
         element = problem.element_balance(x)

@@ -29,7 +29,7 @@ class LoadProgram(ChainProgram):
         w, q = self.w, self.shapes["rotation"]
         node = {**traced.node, "load_factor": ()}
         found = {"cosine": traced(local.cosine, {"before": q, "rotation": q}), "turn": traced(local.turn, {"move": (w,)})}
-        for k, kind in enumerate(self.kinds):
+        for k, kind in enumerate(self.kinds.nodes):
             found[f"node {k}"] = traced(partial(local.node, kind), node)
             found[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
             if kind.fixed is not None:

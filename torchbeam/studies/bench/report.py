@@ -88,9 +88,9 @@ def _growth(rows: Sequence[Row]) -> str:
 
 
 def _operations(rows: Sequence[Row]) -> str:
-    shown = [r for r in rows if r.what.endswith("tensor operations") or any(
-        r.what.endswith(f", {name}") for name in ("element", "before element", "node 0", "row", "back", "element bar", "blocks",
-                                                  "law", "node bar 0", "block 0"))]
+    names = {"element", "before element", "node", "row", "back", "element bar", "blocks", "law", "node bar", "block"}
+    shown = [r for r in rows if r.what.endswith("tensor operations")
+             or r.what.partition(", ")[2].rstrip(" 0123456789") in names]
     return _pairs(operations.PART, "function", ", operations")(shown)
 
 

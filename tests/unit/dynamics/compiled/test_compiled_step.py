@@ -171,16 +171,9 @@ def test_a_moving_load_along_the_beam_by_place_and_time():
 @pytest.mark.parametrize("reason, scene, options", [
     ("generalized_alpha", lambda: arm(), dict(method="generalized_alpha")),
     ("conserve", lambda: arm(), dict(conserve=True)),
-    ("a frame that moves", lambda: arm(frame=tb.Frame(angular_velocity=(0, 0, 1.0))), {}),
-    ("a support or root that moves", lambda: arm(supports=[
-        tb.Support(0, displacement=lambda t: torch.stack((t, t, t)))]), {}),
-    ("internal states", lambda: tb.Scene(straight(2), [tb.Load(
-        lambda r, R, v, w, t, z: (-z, None), internal=3, rate=lambda z, r, R, v, w, t: v - z)]), {}),
     ("control flow", lambda: tb.Scene(straight(2), [tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None))]), {}),
     ("carries gradient", lambda: tb.Scene(straight(2), [tb.Load(
         lambda r, R, v, w, t: (GRADIENT * v, None))]), {}),
-    ("PerElement|each element", lambda: tb.Scene(straight(2), [
-        tb.LineLoad(force=tb.PerElement(torch.ones(2, 3)), follower=True)]), {}),
 ])
 def test_what_is_not_covered_is_refused_by_name(reason, scene, options):
     with pytest.raises(ValueError, match=f"engine = 'compiled' was given.*({reason}).*'eager' does"):

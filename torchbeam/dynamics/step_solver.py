@@ -1,0 +1,122 @@
+"""Solution of one implicit step: by native code, or by torch operations."""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch._C import _functorch as functorch
+
+from ..core.status import DIVERGED, SUCCESS
+from ..core.validation import concrete
+from ..nodal.model import Model
+from ..scene.effects import Inputs
+from ..solvers.compiled.trace import NotTraceable
+from ..solvers.implicit_gradient import differentiated, implicit_gradient
+from ..solvers.newton import TOLERANCE, newton
+from ..state.state import State
+from .compiled.coverage import automatic_step, compiled_step, given_up, meaning
+from .compiled.native import NotCompiled
+from .compiled.step import CompiledStep, Steps
+from .generalized_alpha import GeneralizedAlphaProblem
+from .midpoint import MidpointProblem
+
+METHODS = {"midpoint": MidpointProblem, "generalized_alpha": GeneralizedAlphaProblem}
+QUICK = 12  # iterations of a step that can still be made in parts: one that takes more is quicker so
+TURN = 1.2  # rad that a node may turn in one step; larger turns have more than one solution, and the wrong one gains energy
+
+
+class StepSolver:
+    """Solves steps of a model by a method with its options; engine, tolerance and limit (of iterations): see `Stepper`."""
+
+    def __init__(self, model: Model, method: str, options: dict[str, Any], engine: str, tolerance: float | None, limit: int
+                 ) -> None:
+        self.model, self.method, self.tolerance, self.limit = model, METHODS[method], tolerance, limit
+        self.problem = partial(self.method, **options)
+        self.engine = engine if engine != "auto" else "compiled" if meaning() == "compiled" else "auto"
+        self._asked = method, options.get("conserve", False)
+        self._compiled = compiled_step(model, *self._asked) if self.engine == "compiled" else None
+        self._decided = self.engine != "auto"
+
+    @property
+    def compiled(self) -> CompiledStep | None:
+        """The steps by native code; None where they are made eagerly. "auto" decides when it is first asked, outside of
+        torch.func, whose tensors are not to be kept.
+        """
+        if not self._decided and not functorch.peek_interpreter_stack():
+            self._compiled, self._decided = automatic_step(self.model, *self._asked), True
+        return self._compiled
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies decide for themselves, where "auto" does: they may be in another process."""
+        held = dict(vars(self))
+        return held if self.engine != "auto" else {**held, "_compiled": None, "_decided": False}
+
+    def of(self, model: Model) -> StepSolver:
+        """The same for another model, of the same structure."""
+        other = copy(self)
+        other.model = model
+        other._compiled = CompiledStep(model) if self.engine == "compiled" else None
+        other._decided = self.engine != "auto" or (self._decided and self._compiled is None)
+        return other
+
+    def by_midpoint(self) -> StepSolver:
+        """The same by the midpoint step, eagerly."""
+        other = copy(self)
+        other.method = other.problem = MidpointProblem
+        other._compiled, other._decided = None, True
+        return other
+
+    def solve(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, last: bool
+              ) -> tuple[State, Tensor, Tensor]:
+        """A step of the model, or of a part of its batch: (state after, of a failed sample before; status; iterations). Without
+        `last`, its parts can follow.
+        """
+        if self.compiled is not None and model is self.model:
+            shape = torch.broadcast_shapes(self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values()))
+            found = self.natively(state, dt, t, inputs, moving.expand(shape), last)
+            if found is not None:
+                good = moving & (found.status == SUCCESS)
+                after = replace(state, **found.fields, t=torch.where(good, state.t + dt, state.t))
+                return after, found.status, found.iterations
+        problem = self.problem(model, state, dt, t, inputs)
+        x, reaction, status, iterations = newton(problem, problem.predictor(), moving, self.tolerance, self._limit(last))
+        turned = self.model.space.cosine(x.m).amin(-1) < self._least
+        status = torch.where((status == SUCCESS) & turned, DIVERGED, status)
+        good = moving & (status == SUCCESS)
+        if differentiated(problem, x):
+            x = type(x)(*(torch.where(good[..., None, None], a, b) for a, b in zip(x, problem.rest_guess(), strict=True)))
+            if not concrete(good).all():  # nothing that failed samples hold reaches a derivative
+                held = {name: torch.where(good[..., None], v, v.detach()) for name, v in inputs.items()}
+                t = torch.where(good, t, t.detach()) if t.ndim else t
+                problem = replace(problem, start=state.where(good, state.detach()), t=t, inputs=held)
+            x, reaction = implicit_gradient(problem, x, good)
+        after = problem.finish(x, reaction)
+        return (after if concrete(good).all() else after.where(good, state)), status, iterations
+
+    def natively(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, last: bool,
+                 K: int | None = None, repeat: int = 1) -> Steps | None:
+        """A step of dt with the middle t (...), or K, see `CompiledStep`; None where they are to be made eagerly."""
+        tolerance = TOLERANCE[state.position.dtype] if self.tolerance is None else float(self.tolerance)
+        try:
+            return self.compiled(state, dt, t, inputs, moving, tolerance, self._least, self._limit(last), K, repeat=repeat)
+        except (NotCompiled, NotTraceable) as error:
+            if self.engine == "compiled":
+                raise
+            given_up(error)
+            self._compiled = None
+            return None
+
+    def _limit(self, last: bool) -> int:
+        """Iterations of a solve; fewer where the step can still be made in parts."""
+        return self.limit if last else min(self.limit, QUICK)
+
+    @property
+    def _least(self) -> float:
+        """Cosine of half the angle that a node may turn by up to where the unknown of its rotation is."""
+        return math.cos(TURN * self.method.PART / 2)
