@@ -18,6 +18,7 @@ from ...dynamics.compiled.coverage import MISSING, by_function, given_up, meanin
 from ...dynamics.compiled.local_problem import Kinds, node_kinds
 from ...dynamics.compiled.native import NotCompiled
 from ...dynamics.compiled.program import program_of
+from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
 from ...nodal.model import Model
 from ...scene.effects import Inputs
@@ -109,7 +110,7 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
     given = [one for one in given if chain.has(one.record, one.name)]
     if any(one.value is not concrete(one.value) for one in given):
         return None
-    batch = torch.broadcast_shapes(*(one.value.shape[:one.value.ndim - one.axes] for one in given))
+    batch = broadcast_shapes(*(one.value.shape[:one.value.ndim - one.axes] for one in given))
     call = Call(chain, batch, 1, lanes)
     made = {name: call.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
     made["reaction"] = call.empty(*model.constraints.fixed.shape, steps=False)
