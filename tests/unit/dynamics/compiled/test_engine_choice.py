@@ -266,7 +266,7 @@ def test_derivatives_that_native_code_has_not_are_made_eagerly_by_auto(auto):
 def test_steppers_that_are_made_within_torch_func_step_eagerly(auto, engine, recwarn):
     def tip(stiffness, engine=engine):
         section = tb.Section.from_stiffness(EA=1e3, GA=400.0, GJ=0.8, EI=stiffness, mass=1.0, inertia=0.01)
-        scene = tb.Scene(tb.Beam.straight(1.0, 3, section), [tb.TipLoad(force=(0.0, 0.3, 0.1))], plane="xy")
+        scene = tb.Scene(tb.Beam.straight(1.0, 3, section), [tb.TipLoad(force=(0.0, 0.3, 0.0))], plane="xy")
         stepper = tb.Stepper(scene, 0.05, engine=engine)
         return stepper(stepper(stepper.rest())).tip.position
 
