@@ -4,9 +4,10 @@ is written after.
 
 import torch
 
-from torchbeam.dynamics.compiled.constants import Constants, flattened
+from torchbeam.dynamics.compiled.chain_constants import flattened
+from torchbeam.dynamics.compiled.constants import Constants
 from torchbeam.dynamics.compiled.local_functions import LocalFunctions
-from torchbeam.dynamics.compiled.local_problem import NODE, node_kinds
+from torchbeam.dynamics.compiled.local_problem import NODE, Kinds, node_kinds
 from torchbeam.dynamics.midpoint import MidpointUnknowns
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
@@ -26,9 +27,9 @@ class Chain:
                      | {name: getattr(problem.start, name)[j] for name in NODE} for j in range(self.N + 1)]
         self.element = [{f"element.{k}": row(x, axes, j) for k, (x, axes) in enumerate(elements)} | self.common
                         for j in range(self.N)]
-        self.kinds = node_kinds(model, constants.loads)
+        self.kinds = Kinds.of(node_kinds(model, constants.loads))
         self.free, self.zero = model.constraints.moving.to(model.length), {"vector": torch.zeros(w), "block": torch.zeros(w, w)}
-        self.unknown = [self.local.predictor(kind, **node) for kind, node in zip(self.kinds, self.node, strict=True)]
+        self.unknown = [self.local.predictor(kind, **node) for kind, node in zip(self.kinds.nodes, self.node, strict=True)]
         self.stress = list(problem.start.stress)
 
     def ends(self, e):
@@ -46,10 +47,10 @@ class Chain:
         sums, rows, elements, left = dict.fromkeys(SUMS, torch.zeros(())), [], [], {**nothing, "L": block}
         ahead, y = block, vector
         for j in range(N + 1):
-            given = {f"own.{name}": x for name, x in local.node(self.kinds[j], **self.node[j], **self.unknown[j]).items()}
+            given = {f"own.{name}": x for name, x in local.node(self.kinds.nodes[j], **self.node[j], **self.unknown[j]).items()}
             right = {**nothing, "U": block}
             if j < N:
-                elements.append(local.element((None, None), **self.ends(j)))
+                elements.append(local.element(self.kinds.elements[j], **self.ends(j)))
                 right = {name[2:]: x for name, x in elements[j].items() if name[:2] == "i."} | {"U": elements[j]["U"]}
             given |= {f"left.{name}": x for name, x in left.items()} | {f"right.{name}": x for name, x in right.items()}
             held = bool((self.free[max(j - 1, 0):j + 2] == 0).any())
@@ -70,7 +71,7 @@ class Chain:
         self.stress = [local.stress(stress, found["gap"], found["E"], moves[e + 1], moves[e + 2], **self.element[e])["stress"]
                        for e, (stress, found) in enumerate(zip(self.stress, elements, strict=True))]
         self.unknown = [local.update(kind, moves[j + 1], **self.node[j], **self.unknown[j])
-                        for j, kind in enumerate(self.kinds)]
+                        for j, kind in enumerate(self.kinds.nodes)]
         zero, one = torch.zeros(()), torch.ones(())
         size = local.judge(**sums, total=model.length.sum(), longest=model.length.amax(), exact=one, tolerance=one, before=zero,
                            over=zero, done=zero, status=zero, iterations=zero)["before"]
@@ -83,7 +84,7 @@ class Chain:
     def finish(self):
         """Fields of the nodes at the end, and the work done."""
         found = [self.local.finish(kind, **node, **x)
-                 for kind, node, x in zip(self.kinds, self.node, self.unknown, strict=True)]
+                 for kind, node, x in zip(self.kinds.nodes, self.node, self.unknown, strict=True)]
         return {name: torch.stack([x[name] for x in found]) for name in NODE} | {"work": sum(x["work"] for x in found)}
 
 

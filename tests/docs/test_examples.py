@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from torchbeam.dynamics.compiled.coverage import VARIABLE
+
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
 LONG = {"identify"}
 
@@ -14,6 +16,7 @@ LONG = {"identify"}
 def test_example(path, tmp_path, monkeypatch):
     """CHECK within TOLERANCE of EXPECTED; importing draws nothing, writes nothing and needs no matplotlib."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(VARIABLE, "auto")
     monkeypatch.setitem(sys.modules, "matplotlib", None)  # importing it would raise
     spec = importlib.util.spec_from_file_location(f"example_{path.stem}", path)
     example = importlib.util.module_from_spec(spec)

@@ -17,7 +17,7 @@ from torchbeam.cli import main
 
 def run(*arguments):
     return subprocess.run([sys.executable, "-m", "torchbeam", *arguments], capture_output=True, text=True, timeout=120,
-                          env={**os.environ, "OMP_NUM_THREADS": "1"})
+                          env={**os.environ, "OMP_NUM_THREADS": "1", "TORCHBEAM_ENGINE": "auto"})
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from torchbeam.dynamics.compiled.coverage import VARIABLE
 from torchbeam.studies.hard_cases.case import run
 from torchbeam.studies.hard_cases.cases import CASES
 from torchbeam.studies.hard_cases.command import main
@@ -14,20 +15,40 @@ LONG = {  # what holds them in the suite otherwise
     "snap-through by `path`": "test_path::test_snap_through",
     "follower load past Beck's": "test_critical::test_beck, envs/test_tasks::test_flutter_grows_unless_it_is_held",
     "dead load past Euler's, statics": "test_path::test_gradient_on_the_stable_branch",
-    "ten turns and back": "test_statics::test_rolled_up_ten_times",
+    "ten turns and back": "ten turns by an end moment",
+    "root spun through 20 revolutions": "frame spun, test_prescribed_motion::test_a_turning_frame_is_a_turning_root",
 }
+NATIVE = [  # of one program, so that it is compiled once
+    "slenderness 10", "slenderness 1000", "slenderness 1e6", "elements 1e6 times stiffer by turns",
+    "elements of mass ratio 1e-6 by turns", "bending stiffness ratio 1e6, sudden", "P L^2/EI = 10, sudden, dt = 10 ms",
+    "P L^2/EI = 50, sudden, dt = 10 ms", "load reversed every step", "dead load past Euler's, dynamics", "snap-through",
+    "100,000 steps undamped", "1 element", "256 elements", "dt = 1e-5 s", "dt = 0.5 s",
+]
 
 
-@pytest.mark.parametrize("case", [pytest.param(c, marks=[pytest.mark.long] * (c.name in LONG)) for c in CASES],
-                         ids=lambda case: case.name)
-def test_case(case):
+def cases():
+    """Each by one engine: the default one where `NATIVE`, and then by eager steps as a long run."""
+    for case in CASES:
+        yield pytest.param(case, "auto" if case.name in NATIVE else "eager", id=case.name,
+                           marks=[pytest.mark.long] * (case.name in LONG))
+        if case.name in NATIVE:
+            yield pytest.param(case, "eager", id=f"{case.name}, eager", marks=pytest.mark.long)
+
+
+@pytest.mark.parametrize("case, engine", [*cases()])
+def test_case(case, engine, monkeypatch):
     """Solved in float64, in float32, in a batch (its first sample as alone, to 1e-10) and with gradient; what each allows
     stands with the case.
     """
+    monkeypatch.setenv(VARIABLE, engine)
     results = run(case, quick=True)
     assert len(results) == 4
     surprises = [f"{r.variant}: {r.reason or 'passes'}; known: {r.known or 'nothing'}" for r in results if not r.expected]
     assert not surprises, "\n".join(surprises)
+
+
+def test_what_is_listed_is_a_case():
+    assert {*LONG, *NATIVE} <= {case.name for case in CASES}
 
 
 def test_command(tmp_path, capsys):

@@ -101,8 +101,10 @@ def test_rolled_up_by_an_end_moment(reference):
     assert_close(states[8].stress[..., 5], (math.pi * lam)[:, None].expand(-1, 8), rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.long
 def test_rolled_up_ten_times():
-    """M L/EI = 20 pi, N = 40: a quarter turn an element; the tip is back at the root (rounding of forty rotations)."""
+    """M L/EI = 20 pi, N = 40: a quarter turn an element; the tip is back at the root (rounding of forty
+    rotations). Four turns: the hard case "ten turns by an end moment"."""
     state = tb.equilibrium(cantilever(40, tb.TipLoad(moment=(0, 0, 20 * math.pi))))
     assert_close(state.tip.position, torch.zeros(3), rtol=0, atol=1e-11)
     assert_close(state.tip.rotation, torch.eye(3), rtol=0, atol=1e-11)

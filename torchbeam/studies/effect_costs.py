@@ -21,7 +21,7 @@ from ..scene.scene import Frame, RootMotion, Scene
 from ..scene.section import Section
 
 STEP, STEPS = 0.005, 80  # s; of the answer
-MIDDLE, TIMED = 20, 4  # operations and times are those of TIMED steps after the first MIDDLE
+MIDDLE, TIMED = 20, 4  # operations and times are those of TIMED steps after the first MIDDLE; of fewer where `steps` are few
 ABOUT = (
     "A cantilever of 1 m along x, EI = 1 N m^2, GJ = 0.8 N m^2, kGA = 4e3 N, EA = 1e4 N, 0.2 kg/m, rotary inertia 1e-4 kg m, a "
     "dead force of (0, 0.5, 1) N on its tip, suddenly; {elements} elements, {steps} steps of 5 ms, float64, one thread. "
@@ -112,7 +112,8 @@ class _Ran:
     """A scene in motion: the tip's path, and steps from the middle of it."""
 
     def __init__(self, made: Scene, steps: int) -> None:
-        self.stepper = Stepper(made, STEP, engine="eager")
+        self.stepper = Stepper(made, STEP)
+        self.timed = min(TIMED, steps // 10)
         state = self.stepper.rest()
         path = [state.tip.position]
         for k in range(steps):
@@ -123,14 +124,14 @@ class _Ran:
         if (state.status != 0).any():
             raise RuntimeError("the steps did not converge")
         self.path = torch.stack(path)
-        self.operations = operations(self.run) / TIMED
+        self.operations = operations(self.run) / self.timed
 
     def run(self, batch: int = 1) -> None:
         state, iterations = repeated(self.middle, batch), 0.0
-        for _ in range(TIMED):
+        for _ in range(self.timed):
             state = self.stepper(state)
             iterations += self.stepper.iterations.double().mean().item()
-        self.iterations = iterations / TIMED
+        self.iterations = iterations / self.timed
 
 
 def measure(quick: bool = False) -> tuple[_Ran, list[Row]]:

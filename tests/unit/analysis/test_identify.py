@@ -50,12 +50,12 @@ def test_linear_least_squares():
 
 
 def test_covariance_is_the_scatter():
-    """Over 400 repeated measurements the found parameters scatter as the covariance says, within 15 % (the deviation of a
-    deviation from 400 samples is 3.5 %); in log theta too.
+    """Over 200 repeated measurements the found parameters scatter as the covariance says, within 15 % (the deviation of a
+    deviation from 200 samples is 5 %); in log theta too.
     """
     torch.manual_seed(1)
     clean = decay(TRUE[None])[0]
-    fits = [tb.identify(decay, clean + 0.02 * torch.randn(40), TRUE, sigma=0.02, log=True) for _ in range(400)]
+    fits = [tb.identify(decay, clean + 0.02 * torch.randn(40), TRUE, sigma=0.02, log=True) for _ in range(200)]
     found = torch.stack([f.theta for f in fits])
     assert_close(found.std(0), fits[0].deviation, rtol=0.15, atol=0)
 
@@ -117,7 +117,7 @@ def test_the_adjoint_through_a_beam():
         return tb.equilibrium(tb.Scene(beam, [tb.TipLoad(force=(0, 0, 0.2))])).position[..., 1:, 2]
 
     data = shapes(true[None])[0]
-    fits = [tb.identify(shapes, data, torch.full((3,), 1.2), log=True, derivatives=d) for d in ("adjoint", "forward")]
+    fits = [tb.identify(shapes, data, torch.full((3,), 1.5), log=True, derivatives=d) for d in ("adjoint", "forward")]
     assert_close(fits[1].theta, true, rtol=1e-6, atol=0)
     assert_close(fits[0].theta, true, rtol=1e-4, atol=0)
 

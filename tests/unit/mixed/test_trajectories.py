@@ -102,9 +102,9 @@ def test_stored_trajectories_to_one_second_and_energy_growth(reference):
 # -- the two forms ---------------------------------------------------------------------------------------------------
 
 def test_forms_agree_along_a_trajectory():
-    """Soft section, 3D, dead and follower loads, 0.3 s: every quantity to 1e-8 of at most unit size (both integrated to 1e-10).
+    """Soft section, 3D, dead and follower loads, 0.1 s: every quantity to 1e-8 of at most unit size (both integrated to 1e-10).
     """
-    t = torch.linspace(0, 0.3, 3)
+    t = torch.linspace(0, 0.1, 3)
     one, other = (simulate_mixed(soft_scene(), t, form, **TIGHT) for form in ("minimal", "block_rate"))
     for name in (*Fields._fields, "strain", "position", "velocity", "rotation", "spin", "reaction"):
         assert_close(getattr(one.state, name), getattr(other.state, name), rtol=1e-8, atol=1e-8, msg=name)
@@ -112,7 +112,7 @@ def test_forms_agree_along_a_trajectory():
 
 
 def test_dense_route_gives_the_same_trajectory():
-    t = torch.linspace(0, 0.3, 3)
+    t = torch.linspace(0, 0.1, 3)
     sweep, dense = (simulate_mixed(soft_scene(1), t, "block_rate", solver=s) for s in ("sweep", "dense"))
     assert_close(sweep.tip.position, dense.tip.position, rtol=0, atol=1e-12)
 
@@ -162,11 +162,11 @@ def test_projection_at_every_output():
 
 def test_restart_continues():
     """From a state in the middle, made consistent again: the same to the drift it had (1e-9 at these steps)."""
-    t = torch.linspace(0, 0.2, 41)
+    t = torch.linspace(0, 0.1, 21)
     whole = simulate_mixed(soft_scene(), t, "block_rate", method="rk4")
-    rest = simulate_mixed(soft_scene(), t[20:], "block_rate", initial=whole.state[20], method="rk4")
-    assert isinstance(whole.state[20], MixedState)
-    assert_close(rest.tip.position, whole.tip.position[20:], rtol=0, atol=1e-8)
+    rest = simulate_mixed(soft_scene(), t[10:], "block_rate", initial=whole.state[10], method="rk4")
+    assert isinstance(whole.state[10], MixedState)
+    assert_close(rest.tip.position, whole.tip.position[10:], rtol=0, atol=1e-8)
 
 
 # -- rotations -------------------------------------------------------------------------------------------------------
@@ -206,7 +206,7 @@ def test_several_turns_out_of_plane():
 
 def test_frame_velocity_is_a_change_of_observer():
     """A frame that moves steadily changes nothing but the velocities: exact (Galilei)."""
-    t = torch.linspace(0, 0.3, 4)
+    t = torch.linspace(0, 0.1, 4)
     still = simulate_mixed(soft_scene(), t, "minimal", **TIGHT)
     scene = Scene(soft_scene().beam, soft_scene().effects, frame=Frame(velocity=(1.0, 2, -1)))
     moving = simulate_mixed(scene, t, "minimal", **TIGHT)
@@ -230,7 +230,7 @@ def test_minimal_form_takes_damping():
     energies = []
     for tau in (0.1, torch.full((6,), 0.1)):
         scene = soft_scene(effects=(Damping(tau),))
-        sol = simulate_mixed(scene, t, "minimal", initial=consistent_state(scene, **start), rtol=1e-8)
+        sol = simulate_mixed(scene, t, "minimal", initial=consistent_state(scene, **start), rtol=1e-5)
         energies.append(sol.energy.kinetic + sol.energy.strain)
     assert_close(energies[0], energies[1], rtol=1e-6, atol=1e-9)
     assert (energies[0].diff() < 0).all() and energies[0][-1] < 0.5 * energies[0][0]
@@ -251,7 +251,7 @@ def test_input_is_held_and_batches():
 def final_height(EI, form, **options):
     section = Section.from_stiffness(20.0, 20.0, 0.5, EI, 1.0, 0.1)
     scene = soft_scene(1, section, (TipLoad(force=lambda t: torch.stack((0 * t, 0 * t, torch.sin(2 * t)))),))
-    return simulate_mixed(scene, torch.linspace(0, 0.3, 31), form, **options).tip.position[-1, 2]
+    return simulate_mixed(scene, torch.linspace(0, 0.3, 31), form, **options).tip.position[-1, ..., 2]
 
 
 @pytest.mark.parametrize("form", ["minimal", "block_rate"])
@@ -259,15 +259,14 @@ def test_gradients(form):
     """d(tip height)/d(EI) by backprop through rk4, by the continuous adjoint (the scene's tensors found by themselves) and
     by forward mode, against central differences.
     """
-    EI = torch.tensor(0.5)
-    options = dict(method="rk4")
-    expected = (final_height(EI + 1e-4, form, **options) - final_height(EI - 1e-4, form, **options)) / 2e-4
+    EI, one = 0.5 + 1e-4 * torch.tensor([0.0, 1.0, -1.0]), torch.ones(3)
+    height, forward = torch.func.jvp(lambda v: final_height(v, form, method="rk4"), (EI,), (one,))
+    expected = (height[1] - height[2]) / 2e-4
+    assert_close(forward[0], expected, rtol=1e-6, atol=0)
     for adjoint in (False, True):
-        leaf = EI.clone().requires_grad_()
-        (gradient,) = torch.autograd.grad(final_height(leaf, form, adjoint=adjoint, **options), leaf)
+        leaf = EI[0].clone().requires_grad_()
+        (gradient,) = torch.autograd.grad(final_height(leaf, form, method="rk4", adjoint=adjoint), leaf)
         assert_close(gradient, expected, rtol=1e-4 if adjoint else 1e-6, atol=0)
-    assert_close(torch.func.jvp(lambda v: final_height(v, form, **options), (EI,), (torch.tensor(1.0),))[1], expected,
-                 rtol=1e-6, atol=0)
 
 
 def test_adjoint_of_a_damped_beam_warns():

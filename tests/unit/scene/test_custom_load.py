@@ -200,7 +200,7 @@ INERT = {
 }
 METHODS = {"midpoint": dict(step=0.02, lumped=True, tolerance=1e-12),
            "generalized_alpha": dict(method="generalized_alpha", step=0.02, lumped=True, tolerance=1e-12),
-           "explicit": dict(method="rk4", options={"step_size": 1e-3})}
+           "explicit": dict(method="rk4", options={"step_size": 5e-3})}
 
 
 def pair(name, *effects):

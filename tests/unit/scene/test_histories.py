@@ -29,15 +29,15 @@ def test_batch_and_gradient():
 
 
 def test_block_rate_follows_it():
-    """A ramp given as samples and as a function is one load: trajectories agree to the integration's tolerance, 1e-8."""
+    """A ramp given as samples and as a function is one load: the same steps to rounding."""
     section = tb.Section.from_stiffness(100.0, 40.0, 0.8, 1.0, 1.0, 0.05)
 
     def tip(load):
         scene = tb.Scene(tb.Beam.straight(1.0, 2, section), [tb.TipLoad(force=load)])
-        return tb.simulate(scene, [0.0, 0.1], form="block_rate", rtol=1e-9, atol=1e-10).tip.position[-1]
+        return tb.simulate(scene, [0.0, 0.1], form="block_rate", method="rk4", options={"step_size": 0.01}).tip.position[-1]
 
     sampled = tip(tb.History([0.0, 1.0], [[0, 0, 0], [0, 1.0, 3.0]]))
-    torch.testing.assert_close(sampled, tip(lambda t: t * torch.tensor([0, 1.0, 3.0])), rtol=0, atol=1e-8)
+    torch.testing.assert_close(sampled, tip(lambda t: t * torch.tensor([0, 1.0, 3.0])), rtol=0, atol=1e-13)
 
 
 def test_what_it_refuses():
@@ -81,7 +81,7 @@ HELD = {
 @pytest.mark.parametrize("what", HELD)
 def test_the_adjoint_finds_whatever_the_rates_read(what):
     """Effects that are no loads, inputs, motions, and what functions close over: the continuous adjoint gives the derivative
-    through the steps. Both differ by the integration's own error (rk4 at 1 ms of waves that take 100)."""
+    through the steps. Both differ by the integration's own error (rk4 at 2 ms of waves that take 100)."""
     slopes = []
     for adjoint in (False, True):
         p = torch.tensor(0.5, requires_grad=True)
@@ -89,7 +89,7 @@ def test_the_adjoint_finds_whatever_the_rates_read(what):
         soft = tb.Section.from_stiffness(EA=10.0, GA=10.0, GJ=0.1, EI=0.1, mass=1.0, inertia=0.01)
         beam = tb.Beam.straight(0.3, 2, soft)
         sol = tb.simulate(tb.Scene(beam, **{k: v for k, v in given.items() if k != "inputs"}), [0.0, 0.02], method="rk4",
-                          initial=tb.rest(tb.Scene(beam)), options={"step_size": 1e-3}, adjoint=adjoint,
+                          initial=tb.rest(tb.Scene(beam)), options={"step_size": 2e-3}, adjoint=adjoint,
                           inputs=given.get("inputs"))
         slopes.append(torch.autograd.grad(sol.tip.position[-1, :2].sum(), p)[0])
     assert slopes[0] != 0

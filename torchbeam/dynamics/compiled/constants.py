@@ -1,108 +1,36 @@
-"""Constants of a chain as rows: one of each node, one of each element, and what all have in common."""
+"""Constants of a model's steps: where the values of a chain's trees come from."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ...core.leaves import Tree, constant, detached, functions, leaf, map_leaves, own_leaves, with_values
+from ...core.leaves import constant, detached, functions, own_leaves, with_values
 from ...core.validation import concrete
 from ...nodal.balance import same_law
-from ...nodal.constitutive_law import ElasticLaw
-from ...nodal.coordinates.linearised import LinearElement, Small
+from ...nodal.coordinates.linearised import Small
 from ...nodal.coordinates.planar import Plane
 from ...nodal.loads import Nodes, advanced, external, internal_slices
 from ...nodal.model import Model
 from ...scene.effects import Effect, Input, Inputs, Pose
 from ...scene.effects.values import value_at
 from ...state.state import rest
-
-HELD = ("position", "rotation", "velocity", "spin")  # of a support
-
-
-@dataclass(frozen=True)
-class NodeConstants(Tree):
-    """Rows of nodes. mass, J, offset: see `LumpedMass`, `RotaryInertia`, `Lever`, None = absent; slide, turn: see
-    `Constraints`; section_mass, tributary_length: see `Model`; s (..., N+1) m; dead (..., N+1, w) loads that depend on no
-    motion, None = none; frames, R: see `Small`, None in other coordinates; loads: those of the loads of `Common`
-    that have values by place, rows in each of their leaves, None in the place of the others.
-    """
-
-    mass: Tensor = leaf(2)
-    J: Tensor | None = leaf(3)
-    offset: Tensor | None = leaf(2)
-    slide: Tensor = leaf(2)
-    turn: Tensor = leaf(2)
-    section_mass: Tensor = leaf(3)
-    tributary_length: Tensor = leaf(2)
-    s: Tensor = leaf(1)
-    dead: Tensor | None = leaf(2)
-    frames: Tensor | None = leaf(2)
-    R: Tensor | None = leaf(3)
-    loads: tuple[Any, ...]
-
-
-@dataclass(frozen=True)
-class ElementConstants(Tree):
-    """Rows of elements. C: the law's stiffness in the tangent of this step; coupling: see `HalfConsistentMass`; eigenstrain
-    (..., N, k), None = none; linear: None but for small rotations.
-    """
-
-    length: Tensor = leaf(2)
-    reference: Tensor = leaf(2)
-    law: ElasticLaw
-    C: Tensor = leaf(3)
-    coupling: Tensor | None = leaf(2)
-    eigenstrain: Tensor | None = leaf(2)
-    linear: LinearElement | None
-
-
-@dataclass(frozen=True)
-class SupportPose(Tree):
-    """`Pose` of the root's support, each field a leaf."""
-
-    position: Tensor = leaf(1)
-    R: Tensor = leaf(2)
-    velocity: Tensor = leaf(1)
-    spin: Tensor = leaf(1)
-
-
-@dataclass(frozen=True)
-class Common(Tree):
-    """One of all nodes: dt and t (...) s of the step and of its middle, the loads that are evaluated natively (None in the
-    place of those of `NodeConstants`), inputs, the place of a plane, where a root's support stands; of frame a, in the middle
-    of the step, its velocity and angular velocity (..., 3) and its orientation, see `State.frame`, None = at rest.
-    """
-
-    dt: Tensor = leaf(0)
-    t: Tensor = leaf(0)
-    loads: tuple[Any, ...]
-    inputs: Inputs = leaf(1)
-    place: Tensor | None = leaf(0)
-    support: SupportPose | None
-    velocity: Tensor | None = leaf(1)
-    angular_velocity: Tensor | None = leaf(1)
-    frame: Tensor | None = leaf(1)
-
-
-@dataclass(frozen=True)
-class SupportConstants(Tree):
-    """Rows of supports at the end of the step: position (..., S, 3) m and quaternion (..., S, 4) of those that move, velocity
-    (..., S, 3) m/s, absolute, frame a, and spin (..., S, 3) rad/s, absolute, section axes, of clamps; zeros of the others.
-    """
-
-    position: Tensor = leaf(2)
-    rotation: Tensor = leaf(2)
-    velocity: Tensor = leaf(2)
-    spin: Tensor = leaf(2)
-
-
-Trees = tuple[NodeConstants, ElementConstants, Common, SupportConstants | None]
+from .chain_constants import (
+    HELD,
+    Common,
+    ElementConstants,
+    NodeConstants,
+    SupportConstants,
+    SupportPose,
+    Trees,
+    filled,
+    flattened,
+)
 
 
 class Constants:
@@ -111,14 +39,16 @@ class Constants:
 
     loads  those that are evaluated natively: of the motion, with internal states, and the library's own whose values are inputs
     asks   whether anything is evaluated at t in torch
+    orientation  of frame a at rest, None = it does not turn
     sources  tensors that values are made from
     """
 
     def __init__(self, model: Model, steps: bool = True) -> None:
         space, inertia, constraints, small = model.space, model.inertia, model.constraints, isinstance(model.space, Small)
         self.model, self.prescribes = model, steps and model.scene.has_prescribed_motion
-        still = space.to_reduced(rest(model.scene, ()))
-        self.still = Nodes(still.position, still.rotation)
+        beam = model.scene.beam
+        still = space.to_reduced(rest(model.scene, torch.broadcast_shapes(beam.nodes.shape[:-2], beam.frames.shape[:-2])))
+        self.still, self.orientation = Nodes(still.position, still.rotation), still.frame
         moving, dead = model.loads
         self.loads = (*moving, *(load for load in dead if load.internal or _by_inputs(load)))
         dead = [load for load in dead if load not in self.loads]
@@ -308,30 +238,3 @@ def _by_inputs(load: Any) -> bool:
 def of_library(effect: Any) -> bool:
     """Whether an effect's class is torchbeam's own."""
     return type(effect).__module__.startswith(f"{Effect.__module__.rpartition('.')[0]}.")
-
-
-def flattened(tree: Any) -> list[tuple[Tensor, int]]:
-    """The tensors of a tree, each with its number of own axes, in the order of `filled`."""
-    found: list[tuple[Tensor, int]] = []
-
-    def visit(x: Any, axes: int | None) -> Any:
-        if isinstance(x, Tensor):
-            found.append((x, axes))
-        return x
-
-    map_leaves(visit, tree)
-    return found
-
-
-def filled(tree: Any, value: Callable[[int], Tensor]) -> Any:
-    """The tree with value(k) in the place of its k-th tensor."""
-    count = -1
-
-    def put(x: Any, axes: int | None) -> Any:
-        nonlocal count
-        if not isinstance(x, Tensor):
-            return x
-        count += 1
-        return value(count)
-
-    return map_leaves(put, tree)

@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .call import Call, Chain, Field
-from .constants import flattened
+from .chain_constants import flattened
 
 
 def state_fields(nodes: tuple[str, ...]) -> dict[str, tuple[str, str]]:

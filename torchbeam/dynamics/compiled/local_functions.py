@@ -21,7 +21,7 @@ from ...nodal.constitutive_law import times
 from ...nodal.model import Model
 from ...solvers.newton import converged
 from ..step_element import ElementBalance
-from .constants import filled
+from .chain_constants import filled
 from .local_problem import INTERNAL, NODE, ElementKind, Fields, LocalProblems, NodeKind
 
 
@@ -40,7 +40,7 @@ class LocalFunctions(LocalProblems):
     def node(self, kind: NodeKind, **fields: Tensor) -> Fields:
         """Balance (w) of the node's inertia and loads, its derivative D (w, w); both terms apart."""
         problem, x = self.of_node(fields, kind)
-        x = problem.apply_supports(x) if kind.support is not None else x
+        x = problem.apply_supports(x)  # they are; but so that derivatives know it
         way, inertia, load = problem.node_balance(x)
         _, (D,) = problem.node_tangent(way, inertia)
         load = load + torch.zeros_like(inertia.wrench)
@@ -78,7 +78,7 @@ class LocalFunctions(LocalProblems):
         the moves; inertia (w) for i and j, if it has any; the largest force, moment, gap and strain in it.
         """
         problem, x = self.of_element(fields, kind)
-        x = problem.apply_supports(x) if any(kind) else x
+        x = problem.apply_supports(x)
         model = problem.model
         way, inertia, _ = problem.node_balance(x)
         element = problem.element_balance(x, way)

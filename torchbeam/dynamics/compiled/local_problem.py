@@ -24,7 +24,7 @@ from ...nodal.rotary import NoRotaryInertia, RotaryInertia
 from ...scene.effects import Pose, TipLoad
 from ...state.state import State
 from ..midpoint import MidpointProblem, MidpointUnknowns
-from .constants import Common, ElementConstants, NodeConstants, SupportConstants, filled
+from .chain_constants import Common, ElementConstants, NodeConstants, SupportConstants, filled
 
 Fields = dict[str, Tensor]
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
@@ -51,7 +51,15 @@ class NodeKind(NamedTuple):
     support: SupportKind | None = None
 
 
-ElementKind = tuple[SupportKind | None, SupportKind | None]  # the supports of its nodes
+class EndKind(NamedTuple):
+    """What holds a node of an element, see `NodeKind`."""
+
+    hinge: tuple[float, ...] | None = None
+    support: SupportKind | None = None
+
+
+ElementKind = tuple[EndKind, EndKind]
+FREE: ElementKind = (EndKind(), EndKind())
 
 
 class Kinds(NamedTuple):
@@ -63,7 +71,7 @@ class Kinds(NamedTuple):
     @classmethod
     def of(cls, nodes: list[NodeKind]) -> Kinds:
         """From those of all nodes."""
-        return cls(tuple(nodes), tuple((i.support, j.support) for i, j in pairwise(nodes)))
+        return cls(tuple(nodes), tuple(pairwise(EndKind(one.hinge, one.support) for one in nodes)))
 
     def distinct(self) -> Kinds:
         return Kinds(*(tuple(dict.fromkeys(kinds)) for kinds in self))
@@ -194,9 +202,9 @@ class LocalProblems:
             parts = fields[INTERNAL].split(self.internal)
             given[INTERNAL] = torch.cat([parts[k] for k in kind.acting] or [fields[INTERNAL][:0]])
         supports = () if kind.support is None else (self._support(fields, "", 0, kind.support),)
-        return self._problem(rows, None, common, loads, given, supports, kind.hinge)
+        return self._problem(rows, None, common, loads, given, supports, _hinges(kind))
 
-    def of_element(self, fields: Fields, kind: ElementKind = (None, None)) -> tuple[MidpointProblem, MidpointUnknowns]:
+    def of_element(self, fields: Fields, kind: ElementKind = FREE) -> tuple[MidpointProblem, MidpointUnknowns]:
         def ends(name: str) -> Tensor:
             return torch.stack((fields[f"i.{name}"], fields[f"j.{name}"]))
 
@@ -204,9 +212,9 @@ class LocalProblems:
         rows = replace(rows, mass=torch.zeros_like(rows.mass), J=None)
         element = filled(self.elements, lambda k: fields[f"element.{k}"][None])
         given = {name: ends(name) for name in (*NODE, "u", "m")} | {"stress": fields["stress"][None]}
-        supports = tuple(self._support(fields, f"{side}.", k, one)
-                         for k, (side, one) in enumerate(zip("ij", kind, strict=True)) if one is not None)
-        return self._problem(rows, element, self._common(fields), (), given, supports)
+        supports = tuple(self._support(fields, f"{side}.", k, one.support)
+                         for k, (side, one) in enumerate(zip("ij", kind, strict=True)) if one.support is not None)
+        return self._problem(rows, element, self._common(fields), (), given, supports, _hinges(*kind))
 
     def _support(self, fields: Fields, of: str, node: int, kind: SupportKind) -> LocalSupport:
         return LocalSupport(node, kind, filled(self.supports, lambda k: fields[f"{of}support.{k}"]))
@@ -215,7 +223,7 @@ class LocalProblems:
         return filled(self.common, lambda k: fields[f"common.{k}"])
 
     def _problem(self, rows: NodeConstants, element: ElementConstants | None, common: Common, loads: tuple[Any, ...],
-                 given: Fields, supports: tuple[LocalSupport, ...], hinge: tuple[float, ...] | None = None
+                 given: Fields, supports: tuple[LocalSupport, ...], hinges: tuple[tuple[int, tuple[float, ...]], ...]
                  ) -> tuple[MidpointProblem, MidpointUnknowns]:
         whole, space, position = self.model, self.model.space, given["position"]
         linear = None if element is None else element.linear
@@ -226,7 +234,7 @@ class LocalProblems:
         free = torch.ones(count + 1, space.unknowns, dtype=torch.bool)
         fixed = position.new_tensor([one.kind.fixed for one in supports]).reshape(-1, space.unknowns)
         constraints = Constraints(tuple(one.node for one in supports), 0, fixed, free, None, rows.slide, rows.turn,
-                                  () if hinge is None else ((0, position.new_tensor(hinge)),))
+                                  tuple((node, position.new_tensor(axis)) for node, axis in hinges))
         if rows.dead is not None and element is None:
             force, moment = space.embed(rows.dead[0]).split(3, -1)
             loads = (filled(DEAD, lambda k: (force, moment)[k]), *loads)
@@ -253,6 +261,11 @@ class LocalProblems:
 
 
 DEAD = TipLoad(force=torch.zeros(3), moment=torch.zeros(3))
+
+
+def _hinges(*nodes: NodeKind | EndKind) -> tuple[tuple[int, tuple[float, ...]], ...]:
+    """Node and axis of each."""
+    return tuple((k, one.hinge) for k, one in enumerate(nodes) if one.hinge is not None)
 
 
 def _at_only_node(load: Any) -> Any:

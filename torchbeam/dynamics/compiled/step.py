@@ -13,7 +13,7 @@ from ...core.leaves import functions, wants_gradient
 from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...scene.effects import Inputs
-from ...state.state import State, rest
+from ...state.state import State
 from .call import CPU, Call, Chain, Field, Table
 from .constants import Constants
 from .cotangents import Adjoint, Differentiated, constant_fields, state_fields
@@ -58,8 +58,7 @@ class CompiledStep:
         self.model, self.constants, self.batch = model, Constants(model), model.scene.batch_shape
         like = model.length
         nothing = {name: like.new_zeros(size) for name, size in model.scene.inputs.items()}
-        frame = model.space.to_reduced(rest(model.scene, ())).frame
-        values = self.constants.changing(like.new_ones(()), like.new_zeros(()), nothing, frame)
+        values = self.constants.changing(like.new_ones(()), like.new_zeros(()), nothing, self.constants.orientation)
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         self.trees = self.constants.trees(values)
         self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))

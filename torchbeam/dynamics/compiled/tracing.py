@@ -8,7 +8,7 @@ import torch
 
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.trace import trace
-from .constants import flattened
+from .chain_constants import flattened
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 

@@ -29,9 +29,12 @@ def all_effects(batch, **where):
 
 
 def bent(batch, **where):
-    by = {"EI": wanted(*batch), "u": wanted(3)}
+    """A bow in the plane xz, each sample with its own."""
+    by = {"EI": wanted(*batch), "u": wanted(3), "bow": wanted(*batch)}
     section = tb.Section.from_stiffness(EA=2e3, GA=8e2, GJ=2.0, EI=3 * by["EI"], mass=0.5, inertia=1e-3)
-    return tb.Scene(tb.Beam.straight(1.0, 3, section), [tb.TipLoad(force=tb.Input("u", 3))], **where), by
+    x, bow = torch.linspace(0, 1, 4), by["bow"][..., None]
+    nodes = torch.stack((x + 0 * bow, 0 * x * bow, 0.2 * bow * x**2), -1)
+    return tb.Scene(tb.Beam.from_nodes(nodes, section), [tb.TipLoad(force=tb.Input("u", 3))], **where), by
 
 
 HINGES = [tb.Support(0, rotation="xz"), tb.Support(-1, position="z", rotation="")]

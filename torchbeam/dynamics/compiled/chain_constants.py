@@ -1,0 +1,123 @@
+"""Trees of a chain's constants: rows of nodes, of elements, of supports, and what all have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor
+
+from ...core.leaves import Tree, leaf, map_leaves
+from ...nodal.constitutive_law import ElasticLaw
+from ...nodal.coordinates.linearised import LinearElement
+from ...scene.effects import Inputs
+
+HELD = ("position", "rotation", "velocity", "spin")  # of a support
+
+
+@dataclass(frozen=True)
+class NodeConstants(Tree):
+    """Rows of nodes. mass, J, offset: see `LumpedMass`, `RotaryInertia`, `Lever`, None = absent; slide, turn: see
+    `Constraints`; section_mass, tributary_length: see `Model`; s (..., N+1) m; dead (..., N+1, w) loads that depend on no
+    motion, None = none; frames, R: see `Small`, None in other coordinates; loads: those of the loads of `Common`
+    that have values by place, rows in each of their leaves, None in the place of the others.
+    """
+
+    mass: Tensor = leaf(2)
+    J: Tensor | None = leaf(3)
+    offset: Tensor | None = leaf(2)
+    slide: Tensor = leaf(2)
+    turn: Tensor = leaf(2)
+    section_mass: Tensor = leaf(3)
+    tributary_length: Tensor = leaf(2)
+    s: Tensor = leaf(1)
+    dead: Tensor | None = leaf(2)
+    frames: Tensor | None = leaf(2)
+    R: Tensor | None = leaf(3)
+    loads: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class ElementConstants(Tree):
+    """Rows of elements. C: the law's stiffness in the tangent of this step; coupling: see `HalfConsistentMass`; eigenstrain
+    (..., N, k), None = none; linear: None but for small rotations.
+    """
+
+    length: Tensor = leaf(2)
+    reference: Tensor = leaf(2)
+    law: ElasticLaw
+    C: Tensor = leaf(3)
+    coupling: Tensor | None = leaf(2)
+    eigenstrain: Tensor | None = leaf(2)
+    linear: LinearElement | None
+
+
+@dataclass(frozen=True)
+class SupportPose(Tree):
+    """`Pose` of the root's support, each field a leaf."""
+
+    position: Tensor = leaf(1)
+    R: Tensor = leaf(2)
+    velocity: Tensor = leaf(1)
+    spin: Tensor = leaf(1)
+
+
+@dataclass(frozen=True)
+class Common(Tree):
+    """One of all nodes: dt and t (...) s of the step and of its middle, the loads that are evaluated natively (None in the
+    place of those of `NodeConstants`), inputs, the place of a plane, where a root's support stands; of frame a, in the middle
+    of the step, its velocity and angular velocity (..., 3) and its orientation, see `State.frame`, None = at rest.
+    """
+
+    dt: Tensor = leaf(0)
+    t: Tensor = leaf(0)
+    loads: tuple[Any, ...]
+    inputs: Inputs = leaf(1)
+    place: Tensor | None = leaf(0)
+    support: SupportPose | None
+    velocity: Tensor | None = leaf(1)
+    angular_velocity: Tensor | None = leaf(1)
+    frame: Tensor | None = leaf(1)
+
+
+@dataclass(frozen=True)
+class SupportConstants(Tree):
+    """Rows of supports at the end of the step: position (..., S, 3) m and quaternion (..., S, 4) of those that move, velocity
+    (..., S, 3) m/s, absolute, frame a, and spin (..., S, 3) rad/s, absolute, section axes, of clamps; zeros of the others.
+    """
+
+    position: Tensor = leaf(2)
+    rotation: Tensor = leaf(2)
+    velocity: Tensor = leaf(2)
+    spin: Tensor = leaf(2)
+
+
+Trees = tuple[NodeConstants, ElementConstants, Common, SupportConstants | None]
+
+
+def flattened(tree: Any) -> list[tuple[Tensor, int]]:
+    """The tensors of a tree, each with its number of own axes, in the order of `filled`."""
+    found: list[tuple[Tensor, int]] = []
+
+    def visit(x: Any, axes: int | None) -> Any:
+        if isinstance(x, Tensor):
+            found.append((x, axes))
+        return x
+
+    map_leaves(visit, tree)
+    return found
+
+
+def filled(tree: Any, value: Callable[[int], Tensor]) -> Any:
+    """The tree with value(k) in the place of its k-th tensor."""
+    count = -1
+
+    def put(x: Any, axes: int | None) -> Any:
+        nonlocal count
+        if not isinstance(x, Tensor):
+            return x
+        count += 1
+        return value(count)
+
+    return map_leaves(put, tree)
