@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
+from ..math.shapes import broadcast_shapes
 from .validation import as_tensor, axis_last, concrete
 
 MANY = 256  # instants that are asked for at once, whatever the size of the answer
@@ -102,7 +103,7 @@ def _picked(values: tuple[Tensor, ...], found: list[Tensor] | None, first: int, 
     picked = []
     for k, value in enumerate(values):
         lead, last = value.shape[1:value.ndim - own], value.shape[value.ndim - own:]
-        full = torch.broadcast_shapes(shape, lead)
+        full = broadcast_shapes(shape, lead)
         value = value.reshape(len(value), *(1,) * (len(full) - len(lead)), *lead, *last).expand(-1, *full, *last)
         at = here.clamp(0, len(value) - 1).expand(full)[(None, ..., *(None,) * own)]
         one = value.gather(0, at.expand(1, *full, *last))[0]

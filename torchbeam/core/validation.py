@@ -10,6 +10,8 @@ import torch
 from torch import Tensor
 from torch._C import _functorch as functorch
 
+from ..math.shapes import broadcast_shapes
+
 Value = Any  # a tensor, a NumPy array or scalar, a Python number, or a (nested) sequence of them
 NUMPY = (np.ndarray, np.generic)
 BOOLEANS = (bool, np.bool_)
@@ -128,7 +130,7 @@ def broadcast(what: str, *shapes: torch.Size) -> torch.Size:
     if len(different) < 2:  # as a rule
         return torch.Size(next(iter(different), ()))
     try:
-        return torch.broadcast_shapes(*shapes)
+        return broadcast_shapes(*shapes)
     except RuntimeError:
         given = " and ".join(str(tuple(shape)) for shape in dict.fromkeys(shapes) if shape)
         raise ValueError(f"{what} with the batch axes {given} were given; axes that broadcast are wanted") from None

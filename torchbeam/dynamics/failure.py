@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..core.derivatives import no_derivatives
 from ..core.validation import concrete
+from ..math.shapes import broadcast_shapes
 from ..nodal.loads import external
 from ..scene.effects import Effect
 from ..solvers.newton import newton
@@ -124,7 +125,7 @@ class Failure(NamedTuple):
 
 
 def _level(*parts: Tensor) -> tuple[Tensor, ...]:
-    shape = torch.broadcast_shapes(*(x.shape[:-1] for x in parts))
+    shape = broadcast_shapes(*(x.shape[:-1] for x in parts))
     return tuple(x.expand(*shape, x.shape[-1]) for x in parts)
 
 

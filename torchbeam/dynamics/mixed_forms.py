@@ -11,6 +11,7 @@ from torch import Tensor
 from ..core.arguments import boolean, choice
 from ..core.status import FAILED
 from ..core.validation import Value, as_tensor, increasing
+from ..math.shapes import broadcast_shapes
 from ..mixed import minimal
 from ..mixed.algebra import mv
 from ..mixed.consistent import at_rest, complete, consistent, drift, observe, rescaled
@@ -82,7 +83,7 @@ def simulate_mixed(
     start = at_rest(model, first) if initial is None else (initial.u, initial.theta, initial.V, initial.Omega)
     y0 = problem.start(first, *start)
     wide = problem.rates(first, y0).shape  # functions of t and inputs may bring batch axes
-    y0 = y0.expand(torch.broadcast_shapes(y0.shape, wide))
+    y0 = y0.expand(broadcast_shapes(y0.shape, wide))
     ys, status, evaluations = integrate(
         at(problem.rates), y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
         parameters=leaves(problem.rates(first, y0.detach())),

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..core.arguments import count, instance
 from ..core.functions_of_time import shared
+from ..math.shapes import broadcast_shapes
 from ..scene.effects import Inputs, changing, inputs_at
 from ..scene.scene import merge_inputs
 from ..state.state import State
@@ -65,5 +66,5 @@ def joined(*parts: Tensor) -> Tensor:
     """Parts of a series, one after the other, of common batch axes."""
     if len(parts) == 1:
         return parts[0]
-    shape = torch.broadcast_shapes(*(x.shape[1:] for x in parts))
+    shape = broadcast_shapes(*(x.shape[1:] for x in parts))
     return torch.cat([x.expand(len(x), *shape) for x in parts])

@@ -18,6 +18,7 @@ from ..core.functions_of_time import within_dual_numbers
 from ..core.leaves import constant
 from ..core.status import FAILED, STATUS
 from ..core.validation import as_tensor, concrete, increasing, shown
+from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene.effects import PerInterval, changing, inputs_at
@@ -172,7 +173,7 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     first = instants[0]
     y0 = rates.pack(_begin(rates.model, initial, first))
     acting = rates.balance(first, rates.unpack(first, y0)[0])[0]  # functions and inputs may have axes too
-    y0 = y0.expand(*torch.broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
+    y0 = y0.expand(*broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
     ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
                                         parameters=leaves(rhs(t[0], y0.detach())))
     trajectory = State.stack([rates.state(*at) for at in zip(instants, ys, status_at(ys, status), strict=True)])

@@ -14,6 +14,7 @@ from torch._C import _functorch as functorch
 
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import concrete
+from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..solvers.compiled.trace import NotTraceable
@@ -40,16 +41,18 @@ class StepSolver:
         self.problem = partial(self.method, **options)
         self.engine = engine if engine != "auto" else "compiled" if meaning() == "compiled" else "auto"
         self._asked = method, options.get("conserve", False)
-        self._compiled = compiled_step(model, *self._asked) if self.engine == "compiled" else None
-        self._decided = self.engine != "auto"
+        self._compiled, self._decided = None, self.engine == "eager"
+        if self.engine == "compiled":
+            _ = self.compiled  # is refused here, if at all
 
     @property
     def compiled(self) -> CompiledStep | None:
-        """The steps by native code; None where they are made eagerly. "auto" decides when it is first asked, outside of
-        torch.func, whose tensors are not to be kept.
+        """The steps by native code; None where they are made eagerly. That is decided when it is first asked, outside
+        of torch.func, whose tensors are not to be kept.
         """
         if not self._decided and not functorch.peek_interpreter_stack():
-            self._compiled, self._decided = automatic_step(self.model, *self._asked), True
+            made = compiled_step if self.engine == "compiled" else automatic_step
+            self._compiled, self._decided = made(self.model, *self._asked), True
         return self._compiled
 
     def __getstate__(self) -> dict[str, Any]:
@@ -61,8 +64,8 @@ class StepSolver:
         """The same for another model, of the same structure."""
         other = copy(self)
         other.model = model
-        other._compiled = CompiledStep(model) if self.engine == "compiled" else None
-        other._decided = self.engine != "auto" or (self._decided and self._compiled is None)
+        other._compiled = None
+        other._decided = self.engine != "compiled" and self._decided and self._compiled is None
         return other
 
     def by_midpoint(self) -> StepSolver:
@@ -78,7 +81,7 @@ class StepSolver:
         `last`, its parts can follow.
         """
         if self.compiled is not None and model is self.model:
-            shape = torch.broadcast_shapes(self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values()))
+            shape = broadcast_shapes(self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values()))
             found = self.natively(state, dt, t, inputs, moving.expand(shape), last)
             if found is not None:
                 good = moving & (found.status == SUCCESS)

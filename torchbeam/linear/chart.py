@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ..math.dense import inverse_unchecked
+from ..math.shapes import broadcast_shapes
 from ..nodal.assembly import ends
 from ..nodal.coordinates.spatial import Space
 from ..nodal.model import Model
@@ -53,5 +54,5 @@ class Chart:
         turn = turn if space.turns else space.to_frame(own.rotation, turn)
         strain = space.strains(space.kinematics(*ends(position), *ends(rotation), self.length), self.length) - self.strain
         parts = (position[..., base, :] - own.position[..., base, :], turn[..., base, :], strain.flatten(-2))
-        lead = torch.broadcast_shapes(*(x.shape[:-1] for x in parts))
+        lead = broadcast_shapes(*(x.shape[:-1] for x in parts))
         return (self.solve @ torch.cat([x.expand(*lead, -1) for x in parts], -1)[..., None])[..., 0]

@@ -29,6 +29,7 @@ from ..core.summary import kind, lines, span
 from ..core.validation import concrete
 from ..math.dense import solve_unchecked
 from ..math.quadratic_eigen import inverse_spectrum, slow_first, upright
+from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.scene import Scene
@@ -169,7 +170,7 @@ class _Path:
     def batch_shape(self, lowest: float) -> torch.Size:
         scene, inputs = self.scene(torch.tensor(float(lowest), device=self.device))
         self.device = scene.device
-        return torch.broadcast_shapes(scene.batch_shape, *(v.shape[:-1] for v in inputs.values()))
+        return broadcast_shapes(scene.batch_shape, *(v.shape[:-1] for v in inputs.values()))
 
     def matrices(self, factor: Tensor) -> tuple[Model, State, tuple[Tensor, Tensor | None, Tensor]]:
         scene, inputs = self.scene(factor)

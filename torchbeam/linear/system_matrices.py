@@ -18,6 +18,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
 from ..nodal.constitutive_law import times
 from ..nodal.loads import Lags
@@ -44,7 +45,7 @@ def augmented(model: Model, M: Tensor, D: Tensor | None, K: Tensor, lagging: Lag
     free = model.constraints.moving.flatten().nonzero()[:, 0]
     L, (H, H_v, H_a) = lagging.L.index_select(-2, free), (x.index_select(-1, free) for x in lagging[2:])
     D = torch.zeros_like(K) if D is None else D
-    shape = torch.broadcast_shapes(*(x.shape[:-2] for x in (M, D, L)))
+    shape = broadcast_shapes(*(x.shape[:-2] for x in (M, D, L)))
 
     def whole(*parts: Tensor) -> Tensor:
         a, b, c, d = (x.expand(*shape, *x.shape[-2:]) for x in parts)
@@ -104,7 +105,7 @@ def moves(model: Model, free: Tensor) -> Tensor:
 def dense(model: Model, *blocks: Tensor) -> Tensor:
     """(..., n, n) of the free moves, from blocks of all nodes, one at least."""
     nodes, w = model.count + 1, model.space.unknowns
-    shape = torch.broadcast_shapes(*(x.shape[:-3] for x in blocks))
+    shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
     A = blocks[0].new_zeros(*shape, nodes, w, nodes, w)
     at = torch.arange(nodes, device=A.device)
     for block, row, column in zip(blocks, (at, at[:-1], at[1:]), (at, at[1:], at[:-1]), strict=False):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from .shapes import broadcast_shapes
+
 
 def block_tridiagonal(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
     """x of D_i x_i + L_{i-1} x_{i-1} + U_i x_{i+1} = b_i by block elimination: O(n), pivoting inside the blocks.
@@ -50,7 +52,7 @@ def broadcast_matrices(*blocks: Tensor) -> tuple[Tensor, ...]:
     """Matrices with the same leading axes."""
     if len({b.shape[:-2] for b in blocks}) == 1:  # asked for first: broadcasting is slow beside a small solve
         return blocks
-    shape = torch.broadcast_shapes(*(b.shape[:-2] for b in blocks))
+    shape = broadcast_shapes(*(b.shape[:-2] for b in blocks))
     return tuple(b.expand(*shape, *b.shape[-2:]) for b in blocks)
 
 

@@ -11,6 +11,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from .shapes import broadcast_shapes
+
 LARGE = 128  # rows: below, a batch is right and quicker
 
 
@@ -30,7 +32,7 @@ def inverse_unchecked(A: Tensor) -> Tensor:
 
 
 def _by_sample(function: Callable[..., Tensor], *matrices: Tensor) -> Tensor:
-    batch = torch.broadcast_shapes(*(x.shape[:-2] for x in matrices))
+    batch = broadcast_shapes(*(x.shape[:-2] for x in matrices))
     if matrices[0].shape[-1] < LARGE or batch.numel() < 2 or matrices[0].device.type != "cpu":
         return function(*matrices)
     samples = zip(*(x.expand(*batch, *x.shape[-2:]).flatten(0, -3) for x in matrices), strict=True)

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from .shapes import broadcast_shapes
+
 Blocks = tuple[Tensor, Tensor]  # diagonal (..., N, k, k) and upper (..., N-1, k, k)
 EXTRA = 8  # vectors beyond those asked for
 SWEEPS, LATE = 40, 8
@@ -23,7 +25,7 @@ def subspace(M: Blocks, K: Blocks, count: int) -> tuple[Tensor, Tensor]:
     diagonal, _ = K
     nodes, k = diagonal.shape[-3], diagonal.shape[-1]
     size = min(2 * count, count + EXTRA)
-    batch = torch.broadcast_shapes(diagonal.shape[:-3], M[0].shape[:-3])
+    batch = broadcast_shapes(diagonal.shape[:-3], M[0].shape[:-3])
     factors = _Factors.of(K)
     start = torch.cos(torch.arange(nodes * k, dtype=diagonal.dtype, device=diagonal.device)[:, None]
                       * (1 + torch.arange(size, dtype=diagonal.dtype, device=diagonal.device)) * 0.7 + 0.3)

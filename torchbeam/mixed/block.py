@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from ..core.arguments import instance, instant
 from ..core.derivatives import cached
 from ..core.summary import counted, kind, lines, span
+from ..math.shapes import broadcast_shapes
 from ..scene.scene import Scene
 from .model import MixedModel
 from .rates import Terms, block_rows, block_system, solve_scaled, sweep, terms
@@ -32,7 +32,7 @@ class BlockRate:
     def __repr__(self) -> str:
         N = self.model.count
         n = 24 * N + 12
-        shape = torch.broadcast_shapes(*(x.shape[:-2] for x in self.x[:8]), *(x.shape[:-1] for x in self.x[8:]))
+        shape = broadcast_shapes(*(x.shape[:-2] for x in self.x[:8]), *(x.shape[:-1] for x in self.x[8:]))
         return lines("BlockRate", f"A ({n}, {n}) x' = b ({n},) of {counted(N, 'element')} at t = {span(self.t)} s",
                      kind(shape, self.x.u))
 

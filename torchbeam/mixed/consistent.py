@@ -8,6 +8,7 @@ from torch import Tensor
 from ..core.arguments import choice, instance, instant
 from ..core.validation import Value, as_tensor, finite
 from ..math import wiener_milenkovic as rot
+from ..math.shapes import broadcast_shapes
 from ..scene.scene import Scene
 from .algebra import cross, crossing, halves, mv, rotation_nodes
 from .kinematics import motion, node_rates, nodes
@@ -30,7 +31,7 @@ def consistent(model: MixedModel, t: Tensor, u: Tensor, theta: Tensor, V: Tensor
 
 def at_rest(model: MixedModel, t: Tensor) -> tuple[Tensor, ...]:
     """u, theta, V, Omega (..., N, 3) undeformed and at rest in frame a: it moves with the frame."""
-    shape = torch.broadcast_shapes(model.scene.batch_shape, model.middle.shape[:-2])
+    shape = broadcast_shapes(model.scene.batch_shape, model.middle.shape[:-2])
     zero = model.middle.new_zeros(*shape, model.count, 3)
     v, omega = (zero if x is None else x for x in model.frame(t))
     velocity = v + cross(omega, model.middle)

@@ -21,6 +21,7 @@ from ..core.functions_of_time import rate_along
 from ..math import wiener_milenkovic as rot
 from ..math.dense import solve_unchecked
 from ..math.quaternions import skew
+from ..math.shapes import broadcast_shapes
 from .algebra import backward, cross, halves, mtv, mv, six
 from .kinematics import Motion, motion, node_rates, nodes, strain_rates
 from .model import MixedModel, Places
@@ -165,7 +166,7 @@ def block_system(model: MixedModel, x: Fields, s: Terms) -> tuple[Tensor, Tensor
     """A (..., n, n) and b (..., n) of A x' = b, n = 24 N + 12; rows as in `block_rows`, columns as in `Fields`."""
     n = 3 * (8 * model.count + 4)
     blocks = block_rows(model, x, s)
-    batch = torch.broadcast_shapes(*(b.shape[:-3] for *_, b in blocks))
+    batch = broadcast_shapes(*(b.shape[:-3] for *_, b in blocks))
     values = torch.cat([b.expand(*batch, *b.shape[-3:]) for *_, b in blocks], -3)
     at = torch.tensor([3 * r * n + 3 * c for rows, cols, _ in blocks for r, c in zip(rows, cols, strict=True)])
     inside = torch.tensor([[i * n + j for j in range(3)] for i in range(3)])
@@ -189,7 +190,7 @@ def _right_hand_side(x: Fields, s: Terms) -> Tensor:
     minus, plus = (torch.stack(torch.broadcast_tensors(*m), -2) for m in (minus, plus))  # (..., N, 4, 3)
     known = torch.stack((s.u_nodes[..., 0, :], s.theta_nodes[..., 0, :]), -2)  # root rates
     first = torch.cat((torch.zeros_like(known), known), -2)[..., None, :, :]
-    shape = torch.broadcast_shapes(minus.shape[:-3], first.shape[:-3])
+    shape = broadcast_shapes(minus.shape[:-3], first.shape[:-3])
     minus, plus, first = (v.expand(*shape, *v.shape[-3:]) for v in (minus, plus, first))
     nodes = torch.cat((minus, torch.zeros_like(first)), -3) + torch.cat((first, plus), -3)
     rates = pack((s.k.u_dot, s.k.theta_dot, x.V_dot, x.Omega_dot))

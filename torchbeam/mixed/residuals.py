@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from ..math import wiener_milenkovic as rot
+from ..math.shapes import broadcast_shapes
 from .algebra import chart_jump, cross, crossing, forward, halves, mtv, mv, rotation_nodes, six
 from .model import MixedModel
 from .state import Fields
@@ -111,7 +112,7 @@ def residual(model: MixedModel, t: Tensor, x: Fields) -> Tensor:
 def _nodes(minus: Tensor, plus: Tensor, at_root: Tensor, at_right: Tensor) -> Tensor:
     """minus_1 - at_root;  plus_i + minus_{i+1} - at_right_i;  plus_N - at_right_N."""
     plus = plus - at_right
-    shape = torch.broadcast_shapes(minus.shape, plus.shape, (*at_root.shape[:-1], *minus.shape[-2:]))
+    shape = broadcast_shapes(minus.shape, plus.shape, (*at_root.shape[:-1], *minus.shape[-2:]))
     minus, plus = minus.expand(shape), plus.expand(shape)
     inner = plus[..., :-1, :] + minus[..., 1:, :]
     return torch.cat((minus[..., :1, :] - at_root[..., None, :], inner, plus[..., -1:, :]), -2)

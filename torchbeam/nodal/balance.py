@@ -21,6 +21,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..math.block_tridiagonal import ChainSolve, block_tridiagonal, recorded
+from ..math.shapes import broadcast_shapes
 from .constitutive_law import times
 from .constraints import Constraints
 from .coordinates.spatial import Space
@@ -121,7 +122,7 @@ def restrained_forces(model: Model, kin: Any, own: Tensor | float, h: Tensor) ->
     if isinstance(own, float):
         return own
     stress = model.law.stress(own)
-    return model.space.forces(kin, stress.expand(*torch.broadcast_shapes(stress.shape, (model.count, 1))), h)
+    return model.space.forces(kin, stress.expand(*broadcast_shapes(stress.shape, (model.count, 1))), h)
 
 
 def size_of_strain(followed: Tensor, own: Tensor | float) -> Tensor:

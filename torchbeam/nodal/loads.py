@@ -10,6 +10,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..math import quaternions as quat
+from ..math.shapes import broadcast_shapes
 from ..scene.effects import Inputs, LoadPoint
 from ..scene.effects.load_point import (
     ACCELERATION,
@@ -216,7 +217,7 @@ def lags(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, still: MotionJac
         rows.append((L, G, *H))
     if not rows:
         return None
-    shape = torch.broadcast_shapes(*(x.shape[:-2] for row in rows for x in row))
+    shape = broadcast_shapes(*(x.shape[:-2] for row in rows for x in row))
     rows, at, states = [[x.expand(*shape, *x.shape[-2:]) for x in row] for row in rows], 0, model.internal_states
     G = []
     for row in rows:
@@ -227,7 +228,7 @@ def lags(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, still: MotionJac
 
 
 def _joined(parts: list[Tensor]) -> Tensor:
-    shape = torch.broadcast_shapes(*(x.shape[:-1] for x in parts))
+    shape = broadcast_shapes(*(x.shape[:-1] for x in parts))
     return torch.cat([x.expand(*shape, x.shape[-1]) for x in parts], -1)
 
 

@@ -10,6 +10,7 @@ from torch import Tensor
 from ..core.derivatives import cached
 from ..core.functions_of_time import with_rate
 from ..math.block_tridiagonal import broadcast_matrices
+from ..math.shapes import broadcast_shapes
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.scene import Scene
 from ..state.state import State
@@ -73,7 +74,7 @@ class Rates:
     def pack(self, state: State) -> Tensor:
         """The state's nodes with unknowns, and what else changes, as one vector."""
         model = self.model
-        shape = torch.broadcast_shapes(state.batch_shape, model.scene.batch_shape)
+        shape = broadcast_shapes(state.batch_shape, model.scene.batch_shape)
         state = model.space.to_reduced(state)
         motion = state.position, state.rotation, state.velocity, state.spin
         parts = [x[..., model.constraints.first:, :].flatten(-2) for x in motion]

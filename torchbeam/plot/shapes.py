@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ..linear.modes import Modes
 from ..math import quaternions as quat
+from ..math.shapes import broadcast_shapes
 from ..state.state import State
 from .canvas import GREY, Axes, axes, is_3d, numbers
 
@@ -86,7 +87,7 @@ def _nodes(state: Any) -> tuple[Tensor, Tensor]:
         raise ValueError(f"{type(state).__name__} was given to a picture of the beam; a state is wanted (of a solution: "
                          "solution.state)")
     R = quat.matrix(state.rotation) if isinstance(state, State) else state.rotation
-    shape = torch.broadcast_shapes(state.position.shape[:-1], R.shape[:-2])
+    shape = broadcast_shapes(state.position.shape[:-1], R.shape[:-2])
     position, R = state.position.detach().expand(*shape, 3), R.detach().expand(*shape, 3, 3)
     return position.reshape(-1, shape[-1], 3), R.reshape(-1, shape[-1], 3, 3)
 

@@ -15,6 +15,7 @@ from ..core.leaves import Tree, batch_shapes, leaf
 from ..core.summary import counted, kind, lines, point, span
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive, rotations
 from ..math import quaternions as quat
+from ..math.shapes import broadcast_shapes
 from .section import Section, notes
 from .stations import Stations, of_elements
 
@@ -60,7 +61,7 @@ class Beam(Tree):
 
     @property
     def batch_shape(self) -> torch.Size:
-        return torch.broadcast_shapes(*batch_shapes(self))
+        return broadcast_shapes(*batch_shapes(self))
 
     @classmethod
     def straight(
@@ -203,7 +204,7 @@ class Beam(Tree):
         in_plane = radius[..., None, None] * torch.stack((torch.sin(s), 1 - torch.cos(s), torch.zeros_like(s)), -1)
         nodes = root[..., None, :] + in_plane @ axes.mT
         frames = quat.multiply(quat.from_matrix(axes)[..., None, :], quat.exponential(pad(s[..., None], (2, 0))))
-        each = (radius * angle / N)[..., None].expand(*torch.broadcast_shapes(radius.shape, angle.shape), N)
+        each = (radius * angle / N)[..., None].expand(*broadcast_shapes(radius.shape, angle.shape), N)
         return cls._with_section(section, nodes, frames, _middles(frames), each, curved=True)
 
     @classmethod

@@ -13,6 +13,7 @@ from ..core.leaves import Tree, leaf
 from ..core.summary import kind, lines, span
 from ..core.validation import Value, as_tensor, axis_last, broadcast, common_dtype, concrete, finite, inertia, positive
 from ..math.quaternions import skew
+from ..math.shapes import broadcast_shapes
 
 SHEAR_FACTOR_RECTANGLE = 5 / 6  # Timoshenko's, Poisson's ratio neglected
 SHEAR_FACTOR_CIRCLE = 9 / 10  # solid circle, Poisson's ratio neglected (Cowper 1966 at nu = 0 gives 6/7)
@@ -73,7 +74,7 @@ class Section(Tree):
 
     @property
     def batch_shape(self) -> torch.Size:
-        return torch.broadcast_shapes(self.compliance.shape[:-2], self.mass.shape[:-2])
+        return broadcast_shapes(self.compliance.shape[:-2], self.mass.shape[:-2])
 
     def rotated(self, angle: Value) -> Section:
         """The same section turned about x by `angle` (...) rad: what lay along its y axis now lies at `angle` from the y axis

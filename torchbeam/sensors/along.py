@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ..core.validation import Value, as_tensor, finite
+from ..math.shapes import broadcast_shapes
 from ..nodal.assembly import ends
 from ..nodal.element import kinematics, strain
 from ..scene.beam import Beam
@@ -73,7 +74,7 @@ def station_weights(station: Tensor, length: Tensor) -> Tensor:
                          f"{end.max().item():g} m; places from 0 to that are wanted")
     if N == 1:
         return torch.ones_like(station)[..., None]
-    shape = torch.broadcast_shapes(station.shape, middle.shape[:-1])
+    shape = broadcast_shapes(station.shape, middle.shape[:-1])
     at, middle = station.expand(shape)[..., None], middle.expand(*shape, N)
     k = (torch.searchsorted(middle.detach().contiguous(), at.detach().contiguous()) - 1).clamp(0, N - 2)
     a, b = middle.gather(-1, k), middle.gather(-1, k + 1)

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..core.validation import axis_last
+from ..math.shapes import broadcast_shapes
 
 XYZ = ("x", "y", "z")
 
@@ -120,7 +121,7 @@ class Stack(Sensor):
     def read(self, state: Any) -> Tensor:
         readings = [s.flat(state) for s in self.sensors]
         if len({r.shape[:-1] for r in readings}) > 1:
-            shape = torch.broadcast_shapes(*(r.shape[:-1] for r in readings))
+            shape = broadcast_shapes(*(r.shape[:-1] for r in readings))
             readings = [r.expand(*shape, r.shape[-1]) for r in readings]
         return torch.cat(readings, -1)
 

@@ -11,6 +11,7 @@ from torch import Tensor
 from ..core.leaves import leaf, map_leaves
 from ..core.validation import Value, broadcast
 from ..math import quaternions as quat
+from ..math.shapes import broadcast_shapes
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from .bent import bent
 from .instant import Instant, Point, Reaction
@@ -150,7 +151,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     zero = beam.nodes.new_zeros(())
     states = sum(scene.internal_states)
     time = torch.as_tensor(t, dtype=zero.dtype, device=zero.device)
-    shape = torch.broadcast_shapes(scene.batch_shape, time.shape) if batch_shape is None else torch.Size(batch_shape)
+    shape = broadcast_shapes(scene.batch_shape, time.shape) if batch_shape is None else torch.Size(batch_shape)
     state = State(
         position=beam.nodes.expand(*shape, nodes, 3),
         rotation=beam.frames.expand(*shape, nodes, 4),

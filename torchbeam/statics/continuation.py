@@ -22,6 +22,7 @@ from torch import Tensor
 
 from ..core.status import DIVERGED
 from ..math.block_tridiagonal import finite_pivots
+from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..solvers.newton import newton
 from .arc_length import ArcLengthProblem, LoadedProblem, PathPoint, load_slope, where
@@ -97,7 +98,7 @@ class Continuation:
         zero = self.model.length.new_zeros(())
         shape = self.loaded(zero).residual(start)[0].measure().shape
         if self.control is not None:
-            shape = torch.broadcast_shapes(shape, self.control(start).shape, self.target.shape)
+            shape = broadcast_shapes(shape, self.control(start).shape, self.target.shape)
         start = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in start))
         none, no = zero.expand(shape), torch.zeros(shape, dtype=torch.bool, device=zero.device)
         way = zero.expand(*start.position.shape[:-1], self.model.space.unknowns)

@@ -22,9 +22,10 @@ class AdjointProgram(NativeProgram):
 
     driver = AdjointDriver
 
-    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, wanted: frozenset[str]) -> None:
+    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, wanted: frozenset[str],
+                 key: str | None = None) -> None:
         self.wanted = wanted
-        super().__init__(local, kinds, held)
+        super().__init__(local, kinds, held, key)
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         wanted, w, shapes, node = self.wanted, self.w, self.shapes, traced.node

@@ -181,6 +181,7 @@ class ChainCode:
         V, T, scalar, W, size = self.lanes.vector, self.lanes.truth, self.lanes.scalar, self.lanes.count, self.lanes.bytes
         zero, one, align = self.lanes.constant(0.0), self.lanes.constant(1.0), f"align {size}"
         load = "{0} = load " + V + ", ptr {1}, " + align
+        kept = load.replace("load", "load volatile")  # else what is chosen becomes a masked store, which is slow
 
         def straight(name: str, given: str, *lines: str) -> str:
             return "\n".join((f'define internal void @"{name}"({given}) alwaysinline nounwind {{', *("  " + x for x in lines),
@@ -196,12 +197,12 @@ class ChainCode:
             return code.text().replace("define void", "define internal void").replace(") nounwind", ") alwaysinline nounwind")
 
         def chosen(name: str, compared: str) -> str:
-            return over(name, ["to", "source", "mask"], load.format("%m", "%mask"), load.format("%a", "{to}"),
+            return over(name, ["to", "source", "mask"], load.format("%m", "%mask"), kept.format("%a", "{to}"),
                         load.format("%b", "{source}"), f"%c = fcmp {compared} {V} %m, {zero}",
                         f"%r = select {T} %c, {V} %b, {V} %a", f"store {V} %r, ptr {{to}}, {align}")
 
         def extreme(name: str, compared: str) -> str:
-            return straight(name, "ptr %to, ptr %source", load.format("%a", "%to"), load.format("%b", "%source"),
+            return straight(name, "ptr %to, ptr %source", kept.format("%a", "%to"), load.format("%b", "%source"),
                             f"%c = fcmp {compared} {V} %a, %b", f"%n = fcmp uno {V} %a, %a", f"%d = or {T} %c, %n",
                             f"%r = select {T} %d, {V} %a, {V} %b", f"store {V} %r, ptr %to, {align}")
 
@@ -218,7 +219,7 @@ class ChainCode:
             chosen("keep", "oeq"), chosen("take", "one"), extreme("largest", "ogt"), extreme("least", "olt"),
             straight("opposite", "ptr %to, ptr %source", load.format("%a", "%source"), f"%r = fsub {V} {one}, %a",
                      f"store {V} %r, ptr %to, {align}"),
-            over("sum", ["to", "source", "mask"], load.format("%m", "%mask"), load.format("%a", "{to}"),
+            over("sum", ["to", "source", "mask"], load.format("%m", "%mask"), kept.format("%a", "{to}"),
                  load.format("%b", "{source}"), f"%c = fcmp one {V} %m, {zero}", f"%s = fadd {V} %a, %b",
                  f"%r = select {T} %c, {V} %s, {V} %a", f"store {V} %r, ptr {{to}}, {align}"),
             over("add", ["to", "source"], load.format("%a", "{to}"), load.format("%b", "{source}"),
@@ -232,26 +233,63 @@ class ChainCode:
         have the last one's numbers, and are not scattered.
         """
         code = Code(name, ["ptr %table", "i64 %count", "ptr %memory", "i64 %first", "i64 %samples", "i64 %step", "i64 %begin"])
-        scalar, W = self.lanes.scalar, self.lanes.count
+        scalar, W, bytes = self.lanes.scalar, self.lanes.count, self.bytes
+        whole = code.compare("sle", code.add("%first", W), "%samples")
+        last = code.sub("%samples", 1)
         with code.loop(0, "%count") as k:
             entry = code.at("%table", code.mul(k, len(ENTRY)))
             numbers = (code.load(code.at(entry, i)) for i in range(len(ENTRY)))
             pointer, sample, step, row, rows, components, place, size = numbers
             pointer = code.at(code.new(f"inttoptr i64 {pointer} to ptr"), code.mul(step, "%step"), scalar)
+            inside = [code.compare("slt", code.add("%first", lane), "%samples") for lane in range(W)]
+            samples = [code.choose(one, code.add("%first", lane), last) for lane, one in enumerate(inside)]
+            lanes = [code.at(pointer, code.mul(one, sample), scalar) for one in samples]
             fresh = code.new(f"or i1 {code.compare('eq', '%step', '%begin')}, "
                              f"{'true' if name == 'scatter' else code.compare('ne', step, 0)}")
-            with code.when(fresh), code.loop(0, rows) as r, code.loop(0, components) as c, code.loop(0, W) as lane:
-                at = code.add("%first", lane)
-                inside = code.compare("slt", at, "%samples")
-                at = code.choose(inside, at, code.sub("%samples", 1))
-                there = code.at(pointer, code.add(code.add(code.mul(at, sample), code.mul(r, row)), c), scalar)
-                component = code.add(code.add(place, code.mul(r, size)), c)
-                here = code.at("%memory", code.add(code.mul(component, W), lane), scalar)
+            with code.when(fresh), code.loop(0, rows) as r:
+                there = code.mul(r, row)
+                here = code.at("%memory", code.mul(code.add(place, code.mul(r, size)), bytes), "i8")
+                lanes = [code.at(one, there, scalar) for one in lanes]
                 if name == "gather":
-                    code.store(code.load(there, scalar), here, scalar)
+                    self._read(code, lanes, here, components, code.compare("eq", sample, 0))
                 else:
-                    with code.when(inside):
-                        code.store(code.load(here, scalar), there, scalar)
-                    if name == "drain":
-                        code.store("0.0", here, scalar)
+                    self._write(code, lanes, here, components, whole, inside)
+                if name == "drain":
+                    with code.loop(0, components) as c:
+                        self._joined(code, ["0.0"] * W, here, c)
         return code.text().replace("define void", "define internal void")
+
+    def _read(self, code: Code, lanes: list[str], here: str, components: str, alike: str) -> None:
+        """Components of each lane from its own place, or of all lanes, where they are alike, from one."""
+        scalar = self.lanes.scalar
+        with code.when(alike), code.loop(0, components) as c:
+            self._joined(code, [code.load(code.at(lanes[0], c, scalar), scalar)] * len(lanes), here, c)
+        with code.when(code.new(f"xor i1 {alike}, true")), code.loop(0, components) as c:
+            self._joined(code, [code.load(code.at(one, c, scalar), scalar) for one in lanes], here, c)
+
+    def _write(self, code: Code, lanes: list[str], here: str, components: str, whole: str, inside: list[str]) -> None:
+        """Components of each lane to its own place; of those inside, where not all are (`whole`)."""
+        scalar = self.lanes.scalar
+        with code.when(whole), code.loop(0, components) as c:
+            for one, value in zip(lanes, self._parted(code, here, c), strict=True):
+                code.store(value, code.at(one, c, scalar), scalar)
+        with code.when(code.new(f"xor i1 {whole}, true")), code.loop(0, components) as c:
+            for one, is_inside, value in zip(lanes, inside, self._parted(code, here, c), strict=True):
+                with code.when(is_inside):
+                    code.store(value, code.at(one, c, scalar), scalar)
+
+    def _joined(self, code: Code, numbers: list[str], here: str, component: str) -> None:
+        """A number in each lane of a component."""
+        V, scalar = self.lanes.vector, self.lanes.scalar
+        whole = numbers[0]
+        if len(numbers) > 1:
+            whole = "poison"
+            for lane, number in enumerate(numbers):
+                whole = code.new(f"insertelement {V} {whole}, {scalar} {number}, i64 {lane}")
+        code.line(f"store {V} {whole}, ptr {code.at(here, component, V)}, align {self.lanes.bytes}")
+
+    def _parted(self, code: Code, here: str, component: str) -> list[str]:
+        """The numbers of all lanes of a component."""
+        V, W = self.lanes.vector, self.lanes.count
+        whole = code.new(f"load {V}, ptr {code.at(here, component, V)}, align {self.lanes.bytes}")
+        return [whole] if W == 1 else [code.new(f"extractelement {V} {whole}, i64 {lane}") for lane in range(W)]

@@ -12,6 +12,7 @@ from torch.nn.functional import pad
 
 from ...core.leaves import constant, detached, functions, own_leaves, with_values
 from ...core.validation import concrete
+from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
 from ...nodal.coordinates.linearised import Small
 from ...nodal.coordinates.planar import Plane
@@ -47,7 +48,7 @@ class Constants:
         space, inertia, constraints, small = model.space, model.inertia, model.constraints, isinstance(model.space, Small)
         self.model, self.prescribes = model, steps and model.scene.has_prescribed_motion
         beam = model.scene.beam
-        still = space.to_reduced(rest(model.scene, torch.broadcast_shapes(beam.nodes.shape[:-2], beam.frames.shape[:-2])))
+        still = space.to_reduced(rest(model.scene, broadcast_shapes(beam.nodes.shape[:-2], beam.frames.shape[:-2])))
         self.still, self.orientation = Nodes(still.position, still.rotation), still.frame
         moving, dead = model.loads
         self.loads = (*moving, *(load for load in dead if load.internal or _by_inputs(load)))

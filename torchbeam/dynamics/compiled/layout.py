@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 NODES, ELEMENTS, SUPPORTS, MOVES, ONE, TWO = "nodes", "elements", "supports", "moves", "one", "two"  # rows of a record
 
@@ -50,3 +51,15 @@ class Layout:
             found.append(at)
             at += record.size * self.rows(record, elements, supports)
         return found, at
+
+    def numbers(self) -> list[list[Any]]:
+        """As plain lists, names and integers."""
+        return [[one.name, one.rows, [[name, size] for name, (_, size) in one.fields.items()]] for one in self.records.values()]
+
+    @classmethod
+    def of(cls, numbers: list[list[Any]]) -> Layout:
+        """From such lists. Raises ValueError, TypeError for others."""
+        found = cls()
+        for name, rows, fields in numbers:
+            found.record(str(name), str(rows), [(str(field), int(size)) for field, size in fields])
+        return found

@@ -6,22 +6,26 @@ import ctypes
 import logging
 import time
 from collections.abc import Callable
-from functools import cache
+from dataclasses import fields, replace
+from functools import cache, cached_property, partial
 from math import prod
 from typing import Any
 
 import torch
 
+from ...core.leaves import detached
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.library import Library
 from ...solvers.compiled.llvm import Module
 from ...solvers.compiled.object_cache import ObjectCache
 from .chain_code import ChainCode
+from .kept import store_layout, stored_layout
 from .layout import Layout
 from .local_functions import LocalFunctions
 from .local_problem import Kinds
 from .tracing import Tracing
 
+SMALL = 60  # operations of a function that is rather written into the driver than called
 LOG = logging.getLogger("torchbeam")
 
 
@@ -30,7 +34,8 @@ class NotCompiled(RuntimeError):
 
 
 class NativeProgram:
-    """kinds: that there are of nodes and elements; held: whether there are supports.
+    """kinds: that there are of nodes and elements; held: whether there are supports; key: of the structure, by which the
+    layout and the object code are kept on disk, so that another process need not trace; None = by the code's text alone.
 
     functions  by name, as the driver calls them
     layout     of the memory
@@ -39,17 +44,33 @@ class NativeProgram:
 
     driver: type[ChainCode]
 
-    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool) -> None:
+    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, key: str | None = None) -> None:
         self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
-        self.state = local.state
-        begin = time.perf_counter()
+        self.state, self.key, self.seconds = local.state, key, 0.0
         self.w, self.k = local.model.space.unknowns, local.model.space.strain
+        self._libraries: dict[int, Any] = {}
+        self._untraced: LocalFunctions | None = local
+        layout = None if key is None else stored_layout(key)
+        if layout is None:
+            layout = self._traced_layout()
+            if key is not None:
+                store_layout(key, layout)
+        else:
+            self._untraced = replace(local, **{one.name: detached(getattr(local, one.name)) for one in fields(local)})
+        self.layout = layout
+
+    @cached_property
+    def functions(self) -> dict[str, Function]:
+        begin, local = time.perf_counter(), self._untraced
         tracing = Tracing(local)
         self.shapes = tracing.shapes
-        self.functions = self._functions(tracing, local)
-        self.layout = self._layout()
-        self.seconds = time.perf_counter() - begin
-        self._libraries: dict[int, Any] = {}
+        found = self._functions(tracing, local)
+        self.seconds, self._untraced = time.perf_counter() - begin, None
+        return found
+
+    def _traced_layout(self) -> Layout:
+        _ = self.functions
+        return self._layout()
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         raise NotImplementedError
@@ -64,7 +85,7 @@ class NativeProgram:
         if lanes not in self._libraries:
             begin = time.perf_counter()
             try:
-                library = Library(self.text(lanes), ObjectCache())
+                library = Library(partial(self.text, lanes), ObjectCache(), None if self.key is None else f"{self.key} {lanes}")
             except Exception as error:
                 raise NotCompiled(f"{type(error).__name__}: {error}") from error
             function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(library.address("run"))
@@ -81,7 +102,7 @@ class NativeProgram:
         """What the compiler gets."""
         module = Module(lanes, self.dtype)
         for name, function in self.functions.items():
-            module.define(name, function)
+            module.define(name, function, inline=function.operations() <= SMALL)
         module.added.append(self.driver(module, self.functions, self.layout, self.kinds, self.held).text())
         return module.text()
 

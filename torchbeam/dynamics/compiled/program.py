@@ -11,9 +11,11 @@ from ...core.derivatives import cache_of
 from ...core.leaves import Tree, map_leaves
 from ...nodal.coordinates.planar import Plane
 from ...solvers.compiled.function import Function
+from ...solvers.compiled.object_cache import key_of
 from ...solvers.compiled.split import HOISTED, split
 from .adjoint import AdjointProgram
 from .driver import SUMS, Driver
+from .kept import key_on_disk
 from .layout import ELEMENTS, MOVES, NODES, ONE, SUPPORTS, TWO, Layout
 from .local_functions import LocalFunctions
 from .local_problem import Kinds
@@ -105,8 +107,8 @@ class StepProgram(ChainProgram):
     driver = Driver
     unknown = "u", "m"
 
-    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool) -> None:
-        super().__init__(local, kinds, held)
+    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, key: str | None = None) -> None:
+        super().__init__(local, kinds, held, key)
         self.adjoints: dict[frozenset[str], AdjointProgram] = {}
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
@@ -153,14 +155,15 @@ def program_of(local: LocalFunctions, kinds: Kinds, held: bool, shared: bool,
     if key not in PROGRAMS:
         if len(PROGRAMS) >= KEPT:
             del PROGRAMS[next(iter(PROGRAMS))]
-        PROGRAMS[key] = made(local, kinds, held)
+        PROGRAMS[key] = made(local, kinds, held, key_on_disk(key))
     return PROGRAMS[key]
 
 
 def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str]) -> AdjointProgram:
     """The adjoint of a program, for these constants."""
     if wanted not in program.adjoints:
-        program.adjoints[wanted] = AdjointProgram(local, program.kinds, program.held, wanted)
+        key = None if program.key is None else key_of(program.key, *sorted(wanted))
+        program.adjoints[wanted] = AdjointProgram(local, program.kinds, program.held, wanted, key)
     return program.adjoints[wanted]
 
 

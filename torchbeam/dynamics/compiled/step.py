@@ -10,6 +10,7 @@ from torch._C import _functorch as functorch
 from torch.autograd import forward_ad
 
 from ...core.leaves import functions, wants_gradient
+from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...state.state import State
@@ -196,7 +197,7 @@ class CompiledStep:
                   *(Field("common", name, x, 0) for name, x in numbers.items()),
                   Field("free", "free", self.chain.free, 2), Field("sample", "last_status", self.none, 0)]
         leads = [one.value.shape[:one.value.ndim - one.axes] for one in fields if one.record != "free"]
-        batch = torch.broadcast_shapes(*(lead if K is None else lead[len(lead) > dims:] for lead in leads))
+        batch = broadcast_shapes(*(lead if K is None else lead[len(lead) > dims:] for lead in leads))
         call = Call(self.chain, batch, K or repeat, lanes)
         axes, own = moving.ndim or state["work"].ndim, batch
         if K is not None and batch[:dims - axes].numel() == 1:

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ...core.leaves import Tree, leaf
 from ...math import quaternions as quat
+from ...math.shapes import broadcast_shapes
 from ...scene.scene import Scene
 from ...state.state import State
 from .. import element
@@ -55,7 +56,7 @@ class LinearElement(Tree):
         return length * (self.B.mT @ stress[..., None])[..., 0]
 
     def strain_operator(self, kin: Moves, length: Tensor) -> Tensor:
-        return self.B.expand(*torch.broadcast_shapes(self.B.shape[:-2], kin.nine.shape[:-1]), 6, 9)
+        return self.B.expand(*broadcast_shapes(self.B.shape[:-2], kin.nine.shape[:-1]), 6, 9)
 
     def geometric_stiffness(self, kin: Moves, stress: Tensor, length: Tensor) -> Tensor:
         return torch.zeros_like(kin.nine[..., None] + kin.nine[..., None, :])

@@ -11,6 +11,7 @@ from torch import Tensor
 from ...core.arguments import whole
 from ...core.leaves import leaf
 from ...core.validation import Value
+from ...math.shapes import broadcast_shapes
 from .effect import Effect
 from .values import Along, Inputs, LoadValue, PerElement, load_value, value_at
 
@@ -50,7 +51,7 @@ class Actuation(Effect):
         """[gamma; kappa] (..., N or 1, 6) of the unloaded beam at time t; `count` = N, dtype and device of `like`."""
         parts = [like.new_zeros(1, 3) if v is None else self._value(v, t, inputs, like, count)
                  for v in (self.strain, self.curvature)]
-        lead = torch.broadcast_shapes(*(p.shape[:-1] for p in parts))
+        lead = broadcast_shapes(*(p.shape[:-1] for p in parts))
         both = torch.cat([p.expand(*lead, 3) for p in parts], -1)
         if self.elements is None:
             return both

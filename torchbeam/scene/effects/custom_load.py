@@ -14,6 +14,7 @@ from ...core.arguments import function as check_function
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import leaf, with_values
 from ...core.validation import Value, broadcast, finite, shown
+from ...math.shapes import broadcast_shapes
 from ..beam import Beam
 from .load_point import INERTIAL, INTERNAL, MOTION, READS, Load, LoadPoint, Wrench, derivatives, jacobians
 from .loads import whole_node
@@ -140,7 +141,7 @@ class CustomLoad(Load):
 
         def rate(now: Tensor) -> Tensor:
             g = _returned("a Load's rate", self.rate(z, *motion, now, **named), self.internal, lead, z)
-            return g.expand(torch.broadcast_shapes(g.shape, z.shape))
+            return g.expand(broadcast_shapes(g.shape, z.shape))
 
         return at_time(rate, t, own=1 if self.node is not None else 2)
 
@@ -177,7 +178,7 @@ class CustomLoad(Load):
         own = (1, 2, 1, 1)
         axes = max([site.R.ndim - 2, *(x.ndim - k for x, k in zip(motion, own, strict=True) if x is not None),
                     *(x.ndim - 1 for x in named.values()), *(x.ndim for x in numbers.values())])
-        lead = torch.broadcast_shapes(site.R.shape[:-2], *(x.shape[:-1] for x in named.values()),
+        lead = broadcast_shapes(site.R.shape[:-2], *(x.shape[:-1] for x in named.values()),
                                       *(x.shape for x in numbers.values()))
         named = {name: _with_axes(x, axes + 1) for name, x in named.items()}
         numbers = {name: _with_axes(x, axes) for name, x in numbers.items()}

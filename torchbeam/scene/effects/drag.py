@@ -13,6 +13,7 @@ from ...core.functions_of_time import at_time, taken
 from ...core.leaves import leaf
 from ...core.validation import Value
 from ...math.quaternions import skew
+from ...math.shapes import broadcast_shapes
 from .load_point import ACCELERATION, POSITION, ROTATION, VELOCITY, Load, LoadPoint, Wrench, jacobians
 from .values import Input, Inputs, load_value, parameter, present
 
@@ -110,7 +111,7 @@ class Drag(Load):
                 along_a = (a * axis).sum(-1, keepdim=True)[..., None]
                 found[ROTATION] = turn + added * (outer(axis, a) + along_a * eye) @ -skew(axis)
         if callable(self.flow):
-            at = site.position.expand(*torch.broadcast_shapes(site.position.shape, axis.shape))
+            at = site.position.expand(*broadcast_shapes(site.position.shape, axis.shape))
             (slope,) = jacobians(lambda x: self._flow(x, t).expand_as(x), at)
             found[POSITION] = -by_velocity @ slope
         return {name: torch.cat((d, torch.zeros_like(d)), -2) for name, d in found.items()}

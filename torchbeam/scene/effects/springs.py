@@ -14,6 +14,7 @@ from ...core.leaves import leaf
 from ...core.validation import Value, as_tensor, axis_last, common_dtype, has_dtype, numbers
 from ...math import quaternions as quat
 from ...math.quaternions import skew
+from ...math.shapes import broadcast_shapes
 from .drag import norm, outer
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, Load, LoadPoint, Pose, Wrench
 from .loads import whole_node
@@ -173,7 +174,7 @@ class RootSpring(Load):
 
 def _spread(site: LoadPoint) -> Pose:
     """The support with the site's batch axes: one matrix times a batch rounds otherwise than a batch times a batch."""
-    shape = torch.broadcast_shapes(site.support.R.shape, site.R.shape)
+    shape = broadcast_shapes(site.support.R.shape, site.R.shape)
     return site.support._replace(R=site.support.R.expand(shape))
 
 
@@ -214,7 +215,7 @@ def _six(name: str, value: Value) -> Value:
         dtype = common_dtype(value)[0] if own else torch.float64
         parts = [as_tensor(p, dtype) for p in value]
         parts = [p.expand(3) if p.ndim == 0 else axis_last(f"RootSpring's {name}", p, 3) for p in parts]
-        lead = torch.broadcast_shapes(*(p.shape[:-1] for p in parts))
+        lead = broadcast_shapes(*(p.shape[:-1] for p in parts))
         both = torch.cat([p.expand(*lead, 3) for p in parts], -1)
         return both if own else numbers(both.numpy())
     return axis_last(f"RootSpring's {name}", plain(value), 6)

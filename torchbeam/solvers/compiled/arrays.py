@@ -13,6 +13,7 @@ from itertools import product
 import torch
 from torch import Tensor
 
+from ...math.shapes import broadcast_shapes
 from .elementwise import ELEMENTWISE, elementwise, reduction
 from .graph import Graph
 
@@ -29,7 +30,7 @@ STRUCTURAL: dict[str, tuple[int, ...]] = {
 
 def _matrix_product(g: Graph, a: Tensor, b: Tensor) -> Tensor:
     """(..., m, k), (..., k, n) -> (..., m, n)"""
-    lead = torch.broadcast_shapes(a.shape[:-2], b.shape[:-2])
+    lead = broadcast_shapes(a.shape[:-2], b.shape[:-2])
     m, n, k = a.shape[-2], b.shape[-1], a.shape[-1]
     rows = a.expand(*lead, m, k).reshape(-1, m, k).tolist()
     columns = b.mT.expand(*lead, n, k).reshape(-1, n, k).tolist()
@@ -93,7 +94,7 @@ def _solve(g: Graph, A: Tensor, B: Tensor, *, left: bool = True, **_: object) ->
         raise NotImplementedError("a solve from the right")
     vector = B.ndim == A.ndim - 1 and B.shape == A.shape[:-1]
     columns = B[..., None] if vector else B
-    lead, n, m = torch.broadcast_shapes(A.shape[:-2], columns.shape[:-2]), A.shape[-1], columns.shape[-1]
+    lead, n, m = broadcast_shapes(A.shape[:-2], columns.shape[:-2]), A.shape[-1], columns.shape[-1]
     pairs = zip(A.expand(*lead, n, n).reshape(-1, n, n).tolist(), columns.expand(*lead, n, m).reshape(-1, n, m).tolist(),
                 strict=True)
     found = torch.tensor([_solved(g, a, b) for a, b in pairs], dtype=torch.long).reshape(*lead, n, m)

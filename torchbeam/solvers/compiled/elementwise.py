@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
+from ...math.shapes import broadcast_shapes
 from .graph import Graph
 
 
@@ -116,7 +117,7 @@ ELEMENTWISE: dict[str, Callable[..., int]] = {
 
 
 def elementwise(g: Graph, rule: Callable[..., int], *args: Tensor | None, **settings: float) -> Tensor:
-    shape = torch.broadcast_shapes(*(x.shape for x in args if x is not None))
+    shape = broadcast_shapes(*(x.shape for x in args if x is not None))
     count = math.prod(shape)
     lists = [[None] * count if x is None else x.expand(shape).flatten().tolist() for x in args]
     return torch.tensor([rule(g, *xs, **settings) for xs in zip(*lists, strict=True)], dtype=torch.long).reshape(shape)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from ...math.shapes import broadcast_shapes
 from .function import Function
 
 
@@ -42,7 +43,7 @@ def evaluate(function: Function, inputs: dict[str, Tensor]) -> dict[str, Tensor]
             raise ValueError(f"{name} of the shape {tuple(x.shape)} was given; {shape} behind leading axes is wanted")
         leads.append(lead)
         parts[name] = x.reshape(*lead, -1).unbind(-1)
-    lead, values = torch.broadcast_shapes(*leads), {}
+    lead, values = broadcast_shapes(*leads), {}
     for node in function.live():
         op, value = graph.ops[node], graph.values[node]
         if op == "const":

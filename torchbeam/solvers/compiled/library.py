@@ -5,6 +5,7 @@ llvmlite, the compiler library, is imported here when code is first asked for; t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -12,16 +13,20 @@ from .object_cache import ObjectCache, key_of
 
 
 class Library:
-    """Functions of one module in memory; they stay as long as this object does. cache: None = nothing is kept on disk."""
+    """Functions of one module in memory; they stay as long as this object does. cache: None = nothing is kept on disk; name:
+    what determines the text, which is then asked for only where there is no object by that name, None = the text itself.
+    """
 
-    def __init__(self, text: str, cache: ObjectCache | None = None) -> None:
+    def __init__(self, text: str | Callable[[], str], cache: ObjectCache | None = None, name: str | None = None) -> None:
         binding = _binding()
         machine = _machine()
-        key = key_of(text, *_host())
+        if callable(text) and name is None:
+            text = text()
+        key = key_of(text if name is None else name, *_host())
         data = None if cache is None else cache.get(key)
         self.compiled = data is None  # whether it was not found in the cache
         if data is None:
-            data = _object(text, machine)
+            data = _object(text() if callable(text) else text, machine)
             if cache is not None:
                 cache.put(key, data)
         self.size = len(data)

@@ -61,8 +61,8 @@ class Module:
         self._definitions: dict[str, str] = {}
         self._declarations: dict[str, str] = {}
 
-    def define(self, name: str, function: Function) -> None:
-        """A function, as above. Raises ValueError for a second one of that name."""
+    def define(self, name: str, function: Function, inline: bool = False) -> None:
+        """A function, as above; `inline`: written into those that call it. Raises ValueError for a second one of that name."""
         if name in self._definitions:
             raise ValueError(f"a second function {name!r} was given; another name is wanted")
         lanes, graph = self.lanes, function.graph
@@ -83,8 +83,8 @@ class Module:
                 body.operation(step)
         given = [f"ptr noalias readonly {name}" for name in inputs.values()]
         given += [f"ptr noalias writeonly {name}" for name in outputs.values()]
-        self._definitions[name] = "\n".join((f'define void @"{name}"({", ".join(given)}) noinline nounwind {{', *body.lines,
-                                             "  ret void", "}"))
+        head = f"define void @\"{name}\"({', '.join(given)}) {'always' if inline else 'no'}inline nounwind {{"
+        self._definitions[name] = "\n".join((head, *body.lines, "  ret void", "}"))
 
     def elementary(self, name: str) -> str:
         """The name of an elementary function of float64 lanes."""

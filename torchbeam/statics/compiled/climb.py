@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch._C import _functorch as functorch
 
 from ...core.leaves import functions
-from ...core.validation import broadcast, concrete
+from ...core.validation import broadcast
 from ...dynamics.compiled.call import Call, Chain, Field
 from ...dynamics.compiled.constants import Constants
 from ...dynamics.compiled.cotangents import constant_fields
@@ -18,6 +19,7 @@ from ...dynamics.compiled.coverage import MISSING, by_function, given_up, meanin
 from ...dynamics.compiled.local_problem import FREE, Kinds, node_kinds
 from ...dynamics.compiled.native import NotCompiled
 from ...dynamics.compiled.program import program_of
+from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
 from ...nodal.model import Model
 from ...scene.effects import Inputs
@@ -58,7 +60,7 @@ def refusal(model: Model) -> str | None:
 def climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool,
           lanes: int | None = None) -> Climbed | None:
     """Raise the load from 0 to 1, see `load_steps.climb`; judged: whether to look at the tangent at the end. None where torch
-    alone can do it: samples mapped over. Raises ValueError for what native code does not take.
+    alone can do it: within torch.func. Raises ValueError for what native code does not take.
     """
     reason = refusal(model)
     try:
@@ -92,6 +94,8 @@ def automatic_climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, t
 @torch.no_grad()
 def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool,
              lanes: int | None) -> Climbed | None:
+    if functorch.peek_interpreter_stack() is not None:
+        return None
     constants = Constants(model, steps=False)
     nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs)
     trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
@@ -107,9 +111,7 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
     given = [*constant_fields(trees), *_poses(model, t), *(Field("common", name, v, 0) for name, v in numbers.items()),
              *(Field("start_stress" if name == "stress" else "kept", name, v, 2) for name, v in start.items())]
     given = [one for one in given if chain.has(one.record, one.name)]
-    if any(one.value is not concrete(one.value) for one in given):
-        return None
-    batch = torch.broadcast_shapes(*(one.value.shape[:one.value.ndim - one.axes] for one in given))
+    batch = broadcast_shapes(*(one.value.shape[:one.value.ndim - one.axes] for one in given))
     call = Call(chain, batch, 1, lanes)
     made = {name: call.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
     made["reaction"] = call.empty(*model.constraints.fixed.shape, steps=False)

@@ -262,6 +262,21 @@ def test_derivatives_that_native_code_has_not_are_made_eagerly_by_auto(auto):
     torch.testing.assert_close(many[1], tip(2 * u), rtol=1e-10, atol=1e-12)
 
 
+@pytest.mark.parametrize("engine", ["auto", "compiled"])
+def test_steppers_that_are_made_within_torch_func_step_eagerly(auto, engine, recwarn):
+    def tip(stiffness, engine=engine):
+        section = tb.Section.from_stiffness(EA=1e3, GA=400.0, GJ=0.8, EI=stiffness, mass=1.0, inertia=0.01)
+        scene = tb.Scene(tb.Beam.straight(1.0, 3, section), [tb.TipLoad(force=(0.0, 0.3, 0.0))], plane="xy")
+        stepper = tb.Stepper(scene, 0.05, engine=engine)
+        return stepper(stepper(stepper.rest())).tip.position
+
+    given = torch.tensor(1.0), torch.tensor(1.0)
+    found = torch.func.jvp(tip, *((x,) for x in given))
+    expected = torch.func.jvp(lambda x: tip(x, "eager"), *((x,) for x in given))
+    torch.testing.assert_close(found, expected, rtol=0, atol=0)
+    assert not [one for one in recwarn if issubclass(one.category, RuntimeWarning)]
+
+
 @torch.no_grad()
 @pytest.mark.parametrize("plane", ["xy", "xz"])
 def test_a_state_in_a_plane_that_is_written_to_is_read_again(plane):

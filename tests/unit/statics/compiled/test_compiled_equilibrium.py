@@ -234,3 +234,14 @@ def test_without_llvmlite_the_extra_is_named(monkeypatch):
         tb.equilibrium(cantilever(), u=torch.zeros(3), engine="compiled")
     with pytest.raises(ValueError, match="engine = 'native' was given"):
         tb.equilibrium(cantilever(), u=torch.zeros(3), engine="native")
+
+
+def test_within_torch_func_the_answer_is_eager():
+    def tip(stiffness, engine="compiled"):
+        section = tb.Section.from_stiffness(EA=1e3, GA=400.0, GJ=0.8, EI=stiffness, mass=1.0, inertia=0.01)
+        scene = tb.Scene(tb.Beam.straight(1.0, 3, section), [tb.TipLoad(force=(0.0, 0.3, 0.0))], plane="xy")
+        return tb.equilibrium(scene, engine=engine).tip.position
+
+    one = torch.tensor(1.0)
+    found = torch.func.jvp(tip, (one,), (one,))
+    torch.testing.assert_close(found, torch.func.jvp(lambda x: tip(x, "eager"), (one,), (one,)), rtol=0, atol=0)
