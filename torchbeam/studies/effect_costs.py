@@ -112,7 +112,7 @@ class _Ran:
     """A scene in motion: the tip's path, and steps from the middle of it."""
 
     def __init__(self, made: Scene, steps: int) -> None:
-        self.stepper = Stepper(made, STEP)
+        self.stepper = Stepper(made, STEP, engine="eager")
         self.timed = min(TIMED, steps // 10)
         state = self.stepper.rest()
         path = [state.tip.position]
