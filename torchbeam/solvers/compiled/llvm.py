@@ -83,7 +83,8 @@ class Module:
                 body.operation(step)
         given = [f"ptr noalias readonly {name}" for name in inputs.values()]
         given += [f"ptr noalias writeonly {name}" for name in outputs.values()]
-        head = f"define void @\"{name}\"({', '.join(given)}) {'always' if inline else 'no'}inline nounwind {{"
+        linkage, how = ("internal ", "always") if inline else ("", "no")
+        head = f'define {linkage}void @"{name}"({", ".join(given)}) {how}inline nounwind {{'
         self._definitions[name] = "\n".join((head, *body.lines, "  ret void", "}"))
 
     def elementary(self, name: str) -> str:
