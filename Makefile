@@ -20,7 +20,7 @@ test-long: .venv/dev.done
 	$(BIN)/$(PYTEST) -m long
 
 test-rounding: .venv/dev.done
-	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) tests/unit $(addprefix --ignore=tests/unit/,plot studies analysis dynamics/compiled)
+	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) tests/unit $(addprefix --ignore=tests/unit/,plot studies analysis mixed dynamics/compiled)
 
 # Operation counts against the stored ones; `python -m torchbeam bench` measures times. After a change that is meant:
 # python -m torchbeam bench --operations tests/unit/studies/operations.json --update

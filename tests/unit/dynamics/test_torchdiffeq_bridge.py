@@ -23,7 +23,7 @@ def oscillator(omega=2.0):
 
 
 @pytest.mark.filterwarnings("ignore:Functional iteration did not converge")
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [pytest.param(m, marks=[pytest.mark.long] * (m == "adaptive_heun")) for m in METHODS])
 def test_every_method_solves_the_oscillator(method):
     """y'' = -4 y, y(0) = 1, y'(0) = 0: y = cos 2t exactly."""
     ys, status, evaluations = integrate(oscillator(), torch.tensor([[1.0, 0]]), T, method=method, rtol=1e-8,

@@ -254,7 +254,7 @@ def final_height(EI, form, **options):
     return simulate_mixed(scene, torch.linspace(0, 0.3, 31), form, **options).tip.position[-1, ..., 2]
 
 
-@pytest.mark.parametrize("form", ["minimal", "block_rate"])
+@pytest.mark.parametrize("form", ["minimal", pytest.param("block_rate", marks=pytest.mark.long)])
 def test_gradients(form):
     """d(tip height)/d(EI) by backprop through rk4, by the continuous adjoint (the scene's tensors found by themselves) and
     by forward mode, against central differences.

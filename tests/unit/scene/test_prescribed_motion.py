@@ -296,6 +296,7 @@ def test_a_support_that_moves():
     assert_close(moved.tip.position[:, 2], 1e-3 * moved.t, rtol=0, atol=1e-15)
 
 
+@pytest.mark.long  # the gradient fuzz has these too
 def test_gradient_by_the_motion_of_the_root():
     """Reverse mode through a moving clamp, a frame and an offset mass against central differences."""
     def tip(amplitude, omega, offset, mass):
