@@ -12,7 +12,8 @@ from torch import Tensor
 
 from ..core.leaves import constant, map_leaves
 from ..dynamics.compiled.coverage import why_eager
-from ..dynamics.stepper import METHODS, Stepper
+from ..dynamics.methods import METHODS
+from ..dynamics.stepper import Stepper
 from ..linear.modes import modes
 from ..mixed.model import MixedModel
 from ..nodal.coordinates.planar import PLANES

@@ -11,9 +11,10 @@ from torch import Tensor
 from ..core.arguments import count, instance
 from ..core.functions_of_time import shared
 from ..math.shapes import broadcast_shapes
-from ..scene.effects import Inputs, changing, inputs_at
+from ..scene.effects import changing
 from ..scene.scene import merge_inputs
 from ..state.state import State
+from .held_inputs import GivenInputs, given_from
 from .stepper import Ahead, Stepper
 
 AT_ONCE = 256  # steps that native code is asked for, at most
@@ -33,9 +34,9 @@ def rollout(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] |
     steps, given = count("steps", steps), merge_inputs({} if inputs is None else inputs, more)
     t, varies = shared(state.t), changing(given, steps)
 
-    def held(first: int, end: int) -> list[dict[str, Any]]:
-        instants = (t + (k + stepper.method.INSTANT) * stepper.dt for k in range(first, end if varies else first + 1))
-        return [inputs_at(given, at, stepper.dt, interval=k) for k, at in enumerate(instants, first)]
+    def held(first: int, end: int) -> list[GivenInputs]:
+        few = range(first, end if varies else first + 1)
+        return [given_from(given, t + k * stepper.dt, stepper.dt, stepper.dt, k) for k in few]
 
     lengths = stepper.dt.expand(steps)
     begins = t + torch.arange(steps, dtype=t.dtype, device=t.device) * stepper.dt if t.ndim == 0 else None
@@ -43,7 +44,7 @@ def rollout(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] |
     return made[0].map(joined, *made[1:])
 
 
-def march(stepper: Stepper, state: State, dt: Tensor, t: Tensor | None, held: Callable[[int, int], list[Inputs]],
+def march(stepper: Stepper, state: State, dt: Tensor, t: Tensor | None, held: Callable[[int, int], list[GivenInputs]],
           wanted: list[bool]) -> Iterator[Ahead]:
     """Steps dt (K) from the times t (K), None = the samples' own; some at a time. held: first, end -> inputs of these steps,
     or the only ones of all; wanted: whether the state after a step is asked for.

@@ -26,9 +26,10 @@ from ..scene.scene import Scene, merge_inputs
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
 from ..state.state import State, check_state, rest, with_optional_fields
+from .held_inputs import GivenInputs, given_from
+from .methods import METHODS as IMPLICIT_METHODS
 from .mixed_forms import simulate_mixed
 from .rollout import joined, march
-from .stepper import METHODS as IMPLICIT_METHODS
 from .stepper import Stepper
 from .torchdiffeq_bridge import ADVICE, integrate, leaves, status_at
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
@@ -118,15 +119,15 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     moved = changing(inputs, len(counts))
     first = inputs_at(inputs, t[0], t)
     start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
-    names, instant = tuple(vars(start)), stepper.method.INSTANT
+    names = tuple(vars(start))
 
     def kind(*values: Any) -> State:
         return type(start)(**dict(zip(names, values, strict=True)))
 
-    def held(first: int, end: int) -> list[dict[str, Any]]:
+    def held(first: int, end: int) -> list[GivenInputs]:
         """Inputs of the steps of the plan, or the only ones of all."""
         few = range(first, end if moved else first + 1)
-        return [inputs_at(inputs, begins[k] + instant * lengths[k], t, interval=plan[k][0]) for k in few]
+        return [given_from(inputs, begins[k], lengths[k], t, plan[k][0]) for k in few]
 
     def carry_out(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
         """Fields of the states that are wanted of a part of the plan, of the last, and the iterations of each step."""
