@@ -27,6 +27,9 @@ Momentum: S keeps it exactly, with reaction and loads as means over the step, as
 momentum to fifth order a step. Energy: to fifth order a step; S, being symmetric, lets it swing but not drift where motion is
 resolved. The stress is that of the last solve, its mean over the last 0.41 (S) or third (E) of the step.
 
+Strongly damped (E), velocities and reactions are of second order, positions and rotations of fourth. The velocity of a node
+that a support leads by some of its components, and its reaction, are of second order, as by P.
+
 Order is lost where the motion has no derivatives that the step resolves: in waves that a sudden load excites and that are
 faster than the step (they stay bounded, with a wrong phase), at kinks of a load or an input in time; and with internal states
 of loads whose rates are not linear, where a linearly implicit solve is not symmetric: third order.

@@ -63,14 +63,16 @@ def simulate(
                               derivatives go forward with the steps: they are right, and need no memory of the past
                  progress=    called with (steps done, steps in all) after each step
                  lumped=, conserve=, tolerance=, iterations=, halvings=, engine=    see `Stepper`
+             "midpoint4" (fourth order, see `torchbeam.dynamics.midpoint4`) with the same but conserve=
              "generalized_alpha" with the same but conserve=, and rho_inf=
              or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=, and begin=
              (...) s, the instant of each sample from which t counts (None = t is that of all); the mixed forms also take
              project=, solver=, see `torchbeam.dynamics.mixed_forms.simulate_mixed`
     form     "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the index-reduced derivation)
     inputs   by name: (..., size) held throughout; a function of t: "midpoint" of the nodal form takes it at mid step,
-             "generalized_alpha" at its end; or, for these two, `PerInterval`: values (..., time - 1, size), each held over one
-             of the intervals of t. One that has no option's name may be given by keyword instead
+             "midpoint4" at that of each solve, "generalized_alpha" at its end; or, for these, `PerInterval`: values (...,
+             time - 1, size), each held over one of the intervals of t. One that has no option's name may be given by keyword
+             instead
     throw    raise RuntimeError where a sample fails; otherwise `sol.status` and a warning say so, and the sample keeps its
              last good state
 
