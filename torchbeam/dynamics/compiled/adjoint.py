@@ -38,17 +38,20 @@ class AdjointProgram(NativeProgram):
             found[f"node bar {k}"] = _derivative(whole.only(["balance"]), start)
             found[f"block {k}"] = whole.only(["D"])
             finish = traced(partial(local.finish, kind), node)
-            found[f"finish bar {k}"] = _derivative(finish, (*start, "u", "m", "found"), keep=("u", "m"))
+            found[f"finish bar {k}"] = _derivative(finish, (*start, "u", "m", "found", "last"), keep=("u", "m"))
             update = traced(partial(local.update, kind), {**node, "move": (w,)})
             if "move" in update.inputs:  # a clamp that moves goes its own way
                 found[f"update bar {k}"] = vjp(update, ["move"]).with_constants({"move": [0.0] * w})
         ends = [f"{side}.{name}" for side in "ij" for name in start if not name.startswith(("element", "common"))]
-        ends += [name for name in wanted if name.startswith(("element", "common"))]
+        ends += [*local.element_state, *(name for name in wanted if name.startswith(("element", "common")))]
         for k, kind in enumerate(self.kinds.elements):
             whole = traced(partial(local.element, kind), traced.element)
             found[f"element bar {k}"] = _derivative(whole.only(["i.balance", "j.balance", "gap"]), ends)
             found[f"blocks {k}"] = whole.only(["i.D", "j.D", "U", "L"])
             found[f"law {k}"] = whole.only(["E", "hB"])
+            if local.element_state:
+                finish = traced(partial(local.finish_element, kind), traced.element)
+                found[f"finish element bar {k}"] = _derivative(finish, [*ends, *(f"{side}.{x}" for side in "ij" for x in "um")])
         law = {name: whole.outputs[name].shape for name in ("gap", "E", "hB")}
         stress = traced(local.stress, {**traced.element, **law, "move_i": (w,), "move_j": (w,)})
         found["stress bar"] = vjp(stress, ["gap", "move_i", "move_j"])
@@ -79,6 +82,11 @@ class AdjointProgram(NativeProgram):
         layout.record("unknown", NODES, [("u", state[0][1]), ("m", state[1][1])])
         for name in ("stress", "stress_bar", "stress_grad"):
             layout.record(name, ELEMENTS, [("stress", k)])
+        if self.element_state:
+            own = [(name, prod(self.shapes[name])) for name in self.element_state]
+            for name in ("", "_bar", "_grad", "_start_bar"):
+                layout.record(f"element_state{name}", ELEMENTS, own)
+            layout.record("unknown_bar", NODES, [("u_bar", state[0][1]), ("m_bar", state[1][1])])
         for name in ("asked", "push", "move", "found"):
             layout.record(name, MOVES, [(name, w)])
         layout.record("law", ELEMENTS, [*self.outputs("law 0"), ("gap_bar", k)])
@@ -94,14 +102,16 @@ class AdjointProgram(NativeProgram):
                     change.add(*out)
         of_element = layout.record("of_element", ONE)
         for k in range(len(self.kinds.elements)):
-            for out in self.outputs(f"element bar {k}"):
-                of_element.add(*out)
+            for name in ("element bar", *["finish element bar"] * bool(self.element_state)):
+                for out in self.outputs(f"{name} {k}"):
+                    of_element.add(*out)
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
         layout.record("free", NODES, [("free", w)])
         if self.held:
-            read = any("found" in function.inputs for function in self.functions.values())
-            layout.record("support", SUPPORTS, [("found", w)] * read)
-            for name in ("reaction_bar", "reaction_grad"):
+            for name in ("found", "last"):
+                read = any(name in function.inputs for function in self.functions.values())
+                layout.record("support", SUPPORTS, [(name, w)] * read)
+            for name in ("reaction_bar", "reaction_grad", "last_bar"):
                 layout.record(name, SUPPORTS, [("reaction", w)])
         return layout
 

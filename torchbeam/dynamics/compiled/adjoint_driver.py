@@ -23,8 +23,9 @@ class AdjointDriver(ChainCode):
         code, N = self.code, self.args["elements"]
         last = code.sub(self.args["steps"], 1)
         nodes, supports = code.add(N, 1), [(f"{of}_bar", self.args["supports"]) for of in ("reaction", "support") * self.held]
-        for record, count in (("state_bar", nodes), ("stress_bar", N), *supports, ("node_bar", nodes), ("element_bar", N),
-                              ("common_bar", 1)):
+        more = [("element_state_bar", N)] * ("element_state" in self.layout.records)
+        for record, count in (("state_bar", nodes), ("stress_bar", N), *more, *supports, ("node_bar", nodes),
+                              ("element_bar", N), ("common_bar", 1)):
             with code.loop(0, count) as k:
                 self._fill(self.at(record, k), self.layout.records[record].size)
         self._fill(self.at("sample", 0, "work_bar"), 1)
@@ -37,7 +38,9 @@ class AdjointDriver(ChainCode):
     def _step(self) -> None:
         code, N = self.code, self.args["elements"]
         nodes, moves = code.add(N, 1), self.layout.records["move"].size
+        rates = "element_state" in self.layout.records
         for to, source, count in (("state_bar", "state_grad", nodes), ("stress_bar", "stress_grad", N),
+                                  *((("element_state_bar", "element_state_grad", N),) if rates else ()),
                                   *((("reaction_bar", "reaction_grad", self.args["supports"]),) if self.held else ())):
             with code.loop(0, count) as k:
                 self._add(self.at(to, k), self.at(source, k), self.layout.records[to].size)
@@ -46,6 +49,14 @@ class AdjointDriver(ChainCode):
         with code.loop(0, code.add(N, 3)) as j:
             for record in ("asked", "push", "move", "found"):
                 self._fill(self.at(record, j), moves)
+        if self.held:
+            with code.loop(0, self.args["supports"]) as k:
+                self._fill(self.at("last_bar", k), moves)
+        with code.loop(0, nodes) as j:
+            self._solution(j)
+        if rates:
+            with code.loop(0, N) as e:
+                self._element_ends(e)
         with code.loop(0, nodes) as j:
             self._ends(j)
         with code.loop(0, N) as e:
@@ -77,16 +88,36 @@ class AdjointDriver(ChainCode):
             self._take(self.at("state_bar", j), self.at("start_bar", j), good, self.layout.records["state_bar"].size)
         with code.loop(0, N) as e:
             self._take(self.at("stress_bar", e), self.at("nothing"), good, self.layout.records["stress_bar"].size)
+            if rates:
+                self._take(self.at("element_state_bar", e), self.at("element_state_start_bar", e), good,
+                           self.layout.records["element_state"].size)
         if self.held:
             with code.loop(0, self.args["supports"]) as k:
-                self._take(self.at("reaction_bar", k), self.at("nothing"), good, moves)
+                self._take(self.at("reaction_bar", k), self.at("last_bar", k), good, moves)
 
-    def _ends(self, j: str) -> None:
-        """Of a node: the solution between its states, what its end's cotangents ask of the start and of the move."""
-        code = self.code
+    def _solution(self, j: str) -> None:
+        """Of a node: the solution between its states."""
+        records = self.layout.records
         self._call("solution", lambda f: self.at("unknown", j, f[2:]) if f[0] == ">" else
                    self.at("after", j, f) if f.startswith("after") else self.at("state", j, f))
-        self._fill(self.at("start_bar", j), self.layout.records["start_bar"].size)
+        for name in ("start_bar", "unknown_bar"):
+            if name in records:
+                self._fill(self.at(name, j), records[name].size)
+
+    def _element_ends(self, e: str) -> None:
+        """What the cotangents of an element's state at the end ask of its start and of its nodes."""
+        self._fill(self.at("element_state_start_bar", e), self.layout.records["element_state"].size)
+        with self._element_kind(e) as kinds:
+            for k in kinds:
+                name = f"finish element bar {k}"
+                self._call(name, lambda f: self.at("of_element", 0, f[2:]) if f[0] == ">" else
+                           self.at("element_state_bar", e, f.removesuffix("_bar")) if f.endswith("_bar") else
+                           self._of_element(f, e))
+                self._spread(name, e)
+
+    def _ends(self, j: str) -> None:
+        """Of a node: what its end's cotangents ask of the start and of the move."""
+        code = self.code
 
         def where(f: str) -> str:
             if f[0] == ">":
@@ -100,6 +131,8 @@ class AdjointDriver(ChainCode):
             for k in kinds:
                 self._call(f"finish bar {k}", where)
                 self._spread(f"finish bar {k}", j)
+                for name, (_, size) in getattr(self.layout.records.get("unknown_bar"), "fields", {}).items():
+                    self._add(self.at("change", 0, name), self.at("unknown_bar", j, name), size)
                 if f"update bar {k}" in self.functions:
                     self._call(f"update bar {k}", lambda f: self.at("asked", code.add(j, 1)) if f[0] == ">" else
                                self.at("change", 0, f) if f.endswith("_bar") else self._of_node(f, j))
@@ -108,8 +141,8 @@ class AdjointDriver(ChainCode):
         side, _, name = field.partition(".")
         if side in ("i", "j"):
             return self._of_node(name, e if side == "i" else self.code.add(e, 1))
-        for record in ("element", "stress", "law"):
-            if field in self.layout.records[record].fields:
+        for record in ("element", "stress", "law", "element_state"):
+            if record in self.layout.records and field in self.layout.records[record].fields:
                 return self.at(record, e, field)
         return self.at("common", 0, field)
 
@@ -175,15 +208,20 @@ class AdjointDriver(ChainCode):
         m's stay.
         """
         records = self.layout.records
-        source = "of_element" if name.startswith("element bar") else "change"
+        source = "of_element" if name.startswith(("element bar", "finish element bar")) else "change"
         for out in self.functions[name].outputs:
             field, at = out.removesuffix("_bar"), j
             if field[:2] in ("i.", "j."):
                 at, field = (j if field[0] == "i" else self.code.add(j, 1)), field[2:]
             record = field.partition(".")[0] + "_bar" if "." in field else "start_bar"
-            record, field = ("reaction_bar", "reaction") if field == "found" else (record, field)
+            if field in ("found", "last"):
+                record, field = "reaction_bar" if field == "found" else "last_bar", "reaction"
+            if field in getattr(records.get("element_state"), "fields", ()):
+                record = "element_state_start_bar"
+            elif source == "of_element" and field in ("u", "m"):
+                record, field = "unknown_bar", f"{field}_bar"
             if field in records[record].fields:
-                on_support = record in ("support_bar", "reaction_bar")
+                on_support = record in ("support_bar", "reaction_bar", "last_bar")
                 row = 0 if record == "common_bar" else self._support_of(at) if on_support else at
                 self._sum(self.at(record, row, field), self.at(source, 0, out), self.at("sample", 0, "good"),
                           records[record].fields[field][1])

@@ -13,10 +13,10 @@ from .call import Call, Chain, Field
 from .chain_constants import flattened
 
 
-def state_fields(nodes: tuple[str, ...]) -> dict[str, tuple[str, str]]:
-    """Record and field of what a step changes, `nodes` of a node."""
+def state_fields(nodes: tuple[str, ...], elements: tuple[str, ...]) -> dict[str, tuple[str, str]]:
+    """Record and field of what a step changes, `nodes` of a node, and `elements` of an element beside its stress."""
     return {**{name: ("state", name) for name in nodes}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
-            "work": ("sample", "work")}
+            **{name: ("element_state", name) for name in elements}, "work": ("sample", "work")}
 
 
 def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
@@ -33,7 +33,7 @@ class Adjoint:
 
     def __init__(self, chain: Chain, call: Call, fields: list[Field], good: Tensor) -> None:
         self.chain, self.call, self.fields, self.good = chain, call, fields, good
-        self.state = [*state_fields(chain.program.state)]
+        self.state = [*state_fields(chain.program.state, chain.program.element_state)]
 
     def cotangents(self, start: list[Tensor], made: tuple[Tensor, ...], grads: tuple[Tensor | None, ...], wanted: list[bool]
                    ) -> list[Tensor | None]:
@@ -49,11 +49,15 @@ class Adjoint:
             grad = after.new_zeros(own) if grad is None else grad.reshape(K, B, *own).contiguous()
             record, field = {"stress": ("stress", "stress"), "reaction": ("reaction", "reaction"),
                              "work": ("sample", "work")}.get(name, ("state", name))
+            if name in chain.program.element_state:
+                record = "element_state"
+            place = {"reaction": ("support", "last")}.get(name, (record, field))
             if name == "reaction":
                 inputs.append(Field("support", "found", after, 2, flat=True))
-            if name in chain.program.state:
+            if chain.has(*place) and name not in ("stress", "work"):
                 first = x.expand(*batch, *own).reshape(1, B, *own)
-                inputs.append(Field("state", name, torch.cat((first, after[:-1])), 2, flat=True))
+                inputs.append(Field(*place, torch.cat((first, after[:-1])), 2, flat=True))
+            if name in chain.program.state:
                 inputs.append(Field("after", f"after_{name}", after, 2, flat=True))
             elif name == "stress":
                 inputs.append(Field("stress", "stress", after, 2, flat=True))

@@ -114,8 +114,8 @@ class Driver(ChainCode):
         side, _, name = field.partition(".")
         if side in ("i", "j"):
             return self._of_node(name, j if side == "i" else self.code.add(j, 1))
-        for record in ("element", "stress"):
-            if field in records[record].fields:
+        for record in ("element", "stress", "element_state"):
+            if record in records and field in records[record].fields:
                 return self.at(record, j, field)
         return self.at("common", 0, field)
 
@@ -215,6 +215,14 @@ class Driver(ChainCode):
         for name, found in (("last_status", "found_status"), ("moving", "good")):
             self._copy_to(self.at("sample", 0, name), self.at("sample", 0, found), 1)
         good = self.at("sample", 0, "good")
+        if "element_state" in records:
+            with code.loop(0, N) as e:
+                with self._element_kind(e) as kinds:
+                    for k in kinds:
+                        self._call(f"finish element {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
+                                   self._of_element(f, e))
+                for name, (_, size) in records["element_state"].fields.items():
+                    self._take(self.at("element_state", e, name), self.at("change", 0, name), good, size)
         with code.loop(0, nodes) as j:
             with self._kind(j) as kinds:
                 for k in kinds:

@@ -1,4 +1,4 @@
-"""Local functions of a midpoint step: what one node and one element do, as pure functions of named fields.
+"""Local functions of an implicit step, the midpoint's as they are: what one node and one element do, by named fields.
 
 They are those of `local_problem`; an element condenses its stress. A chain's balance and its blocks are the sums of both.
 
@@ -22,7 +22,7 @@ from ...nodal.model import Model
 from ...solvers.newton import converged
 from ..step_element import ElementBalance
 from .chain_constants import filled
-from .local_problem import INTERNAL, NODE, ElementKind, Fields, LocalProblems, NodeKind
+from .local_problem import INTERNAL, ElementKind, Fields, LocalProblems, NodeKind
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class LocalFunctions(LocalProblems):
         problem, x = self.of_node(fields, kind)
         reaction = x.u.new_zeros(0, self.model.space.unknowns) if kind.support is None else fields["found"][None]
         after = problem.finish(x, reaction)
-        found = {name: getattr(after, name)[0] for name in NODE} | {"work": after.work}
+        found = {name: getattr(after, name)[0] for name in self.NODE} | {"work": after.work}
         if INTERNAL in self.state:
             own = dict(zip(kind.acting, after.internal.split([self.internal[k] for k in kind.acting]), strict=True)
                        if after.internal is not None else ())

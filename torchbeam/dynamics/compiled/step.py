@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -14,6 +15,7 @@ from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...state.state import State
+from .alpha_functions import AlphaFunctions
 from .call import CPU, Call, Chain, Field, Table
 from .constants import Constants
 from .cotangents import Adjoint, Differentiated, constant_fields, state_fields
@@ -22,6 +24,8 @@ from .local_problem import INTERNAL, Kinds, node_kinds
 from .program import adjoint_of, program_of
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
+FUNCTIONS = {"midpoint": LocalFunctions, "generalized_alpha": AlphaFunctions}
+TRIED = 1e-6  # s, of the step that is traced; functions of time are asked near 0
 FORMS = 32  # that are kept; the oldest goes first
 
 
@@ -54,19 +58,22 @@ class CompiledStep:
     What holds for all steps is looked up once; should a tensor of the scene be written to, it is looked up again.
     """
 
-    def __init__(self, model: Model) -> None:
-        self.model, self.constants, self.batch = model, Constants(model), model.scene.batch_shape
+    def __init__(self, model: Model, method: str = "midpoint", **options: Any) -> None:
+        functions_of = partial(FUNCTIONS[method], **options)
+        self.model, self.batch, self._options = model, model.scene.batch_shape, (method, options)
+        self.constants = Constants(model, instant=FUNCTIONS[method].INSTANT)
         like = model.length
         nothing = {name: like.new_zeros(size) for name, size in model.scene.inputs.items()}
-        values = self.constants.changing(like.new_ones(()), like.new_zeros(()), nothing, self.constants.orientation)
+        dt = like.new_full((), TRIED)
+        values = self.constants.changing(dt, FUNCTIONS[method].INSTANT * dt, nothing, self.constants.orientation)
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         self.trees = self.constants.trees(values)
         self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
         self.kinds = Kinds.of(node_kinds(model, self.constants.loads))
-        self.local = LocalFunctions(model, *self.trees)
+        self.local = functions_of(model, *self.trees)
         self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), not self.function)
         self.chain = Chain(self.program, model, self.kinds)
-        self.state = state_fields(self.program.state)
+        self.state = state_fields(self.program.state, self.program.element_state)
         self.axes = {name: 0 if name == "work" else 2 for name in self.state}
         names = {id(x): name for name, x in values.items()}
         every = [*constant_fields(self.trees)]
@@ -84,7 +91,8 @@ class CompiledStep:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies, also in other processes, are made from the model."""
-        return CompiledStep, (self.model,)
+        method, options = self._options
+        return partial(CompiledStep, **options), (self.model, method)
 
     def __call__(self, start: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, tolerance: float,
                  least: float, limit: int, K: int | None = None, lanes: int | None = None, repeat: int = 1) -> Steps | None:
