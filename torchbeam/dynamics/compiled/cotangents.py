@@ -13,10 +13,10 @@ from .call import Call, Chain, Field
 from .chain_constants import flattened
 
 
-def state_fields(nodes: tuple[str, ...], elements: tuple[str, ...]) -> dict[str, tuple[str, str]]:
-    """Record and field of what a step changes, `nodes` of a node, and `elements` of an element beside its stress."""
+def state_fields(nodes: tuple[str, ...], elements: tuple[str, ...], samples: tuple[str, ...]) -> dict[str, tuple[str, str]]:
+    """Record and field of what a step changes, `nodes` of a node, `elements` of an element beside its stress, and `samples`."""
     return {**{name: ("state", name) for name in nodes}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
-            **{name: ("element_state", name) for name in elements}, "work": ("sample", "work")}
+            **{name: ("element_state", name) for name in elements}, **{name: ("sample", name) for name in samples}}
 
 
 def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
@@ -33,7 +33,7 @@ class Adjoint:
 
     def __init__(self, chain: Chain, call: Call, fields: list[Field], good: Tensor) -> None:
         self.chain, self.call, self.fields, self.good = chain, call, fields, good
-        self.state = [*state_fields(chain.program.state, chain.program.element_state)]
+        self.state = [*state_fields(chain.program.state, chain.program.element_state, chain.program.sample_state)]
 
     def cotangents(self, start: list[Tensor], made: tuple[Tensor, ...], grads: tuple[Tensor | None, ...], wanted: list[bool]
                    ) -> list[Tensor | None]:

@@ -24,8 +24,7 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
     """Why steps of a model are not compiled; None where they are. Functions that a user wrote are tried by `compiled_step`."""
     scene = model.scene
     reasons = {
-        f"method {method!r}": method not in FUNCTIONS,
-        "conserve": conserve,
+        f"method {method!r}": (method, conserve) not in FUNCTIONS,
         f"the device {scene.device}": scene.device.type != "cpu",
     }
     return next((reason for reason, given in reasons.items() if given), None)

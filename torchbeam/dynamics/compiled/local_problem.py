@@ -203,6 +203,16 @@ class LocalProblems:
         return (*self.NODE, INTERNAL) if any(self.internal) else self.NODE
 
     @property
+    def sample_state(self) -> tuple[str, ...]:
+        """Fields of the state that are the sample's."""
+        return ("work",)
+
+    @property
+    def element_ends(self) -> tuple[str, ...]:
+        """What `finish_element` gives, if it is there: an element at the end of the step."""
+        return self.element_state
+
+    @property
     def element_state(self) -> tuple[str, ...]:
         """Fields of an element's state, beside its stress."""
         return ()

@@ -17,6 +17,7 @@ from ...scene.effects import Inputs
 from ...state.state import State
 from .alpha_functions import AlphaFunctions
 from .call import CPU, Call, Chain, Field, Table
+from .conserving_functions import ConservingFunctions
 from .constants import Constants
 from .cotangents import Adjoint, Differentiated, constant_fields, state_fields
 from .local_functions import LocalFunctions
@@ -24,7 +25,8 @@ from .local_problem import INTERNAL, Kinds, node_kinds
 from .program import adjoint_of, program_of
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
-FUNCTIONS = {"midpoint": LocalFunctions, "generalized_alpha": AlphaFunctions}
+FUNCTIONS = {("midpoint", False): LocalFunctions, ("midpoint", True): ConservingFunctions,
+             ("generalized_alpha", False): AlphaFunctions}  # by the method, and whether it conserves energy
 TRIED = 1e-6  # s, of the step that is traced; functions of time are asked near 0
 FORMS = 32  # that are kept; the oldest goes first
 
@@ -59,22 +61,24 @@ class CompiledStep:
     """
 
     def __init__(self, model: Model, method: str = "midpoint", **options: Any) -> None:
-        functions_of = partial(FUNCTIONS[method], **options)
-        self.model, self.batch, self._options = model, model.scene.batch_shape, (method, options)
-        self.constants = Constants(model, instant=FUNCTIONS[method].INSTANT)
+        conserve, others = options.get("conserve", False), {name: x for name, x in options.items() if name != "conserve"}
+        functions_of = FUNCTIONS[method, conserve]
+        self.model, self.batch, self._options, instant = model, model.scene.batch_shape, (method, options), functions_of.INSTANT
+        self.constants, self.conserves = Constants(model, instant=instant), conserve
         like = model.length
         nothing = {name: like.new_zeros(size) for name, size in model.scene.inputs.items()}
         dt = like.new_full((), TRIED)
-        values = self.constants.changing(dt, FUNCTIONS[method].INSTANT * dt, nothing, self.constants.orientation)
+        values = self.constants.changing(dt, instant * dt, nothing, self.constants.orientation)
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         self.trees = self.constants.trees(values)
         self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
         self.kinds = Kinds.of(node_kinds(model, self.constants.loads))
-        self.local = functions_of(model, *self.trees)
+        self.local = functions_of(model, *self.trees, **others)
         self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), not self.function)
         self.chain = Chain(self.program, model, self.kinds)
-        self.state = state_fields(self.program.state, self.program.element_state)
-        self.axes = {name: 0 if name == "work" else 2 for name in self.state}
+        samples = self.program.sample_state
+        self.state = state_fields(self.program.state, self.program.element_state, samples)
+        self.axes = {name: 0 if name in samples else 2 for name in self.state}
         names = {id(x): name for name, x in values.items()}
         every = [*constant_fields(self.trees)]
         # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
@@ -134,7 +138,7 @@ class CompiledStep:
         constant = [one.value for one in self.constant]
         held = [*given, *constant, *states]
         differentiated = recorded and any(x.requires_grad for x in held)
-        if differentiated and (repeat > 1 or not values["exact"].all()):
+        if differentiated and (repeat > 1 or self.conserves or not values["exact"].all()):
             return None
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         with torch.no_grad():
