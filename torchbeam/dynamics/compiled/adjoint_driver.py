@@ -28,7 +28,8 @@ class AdjointDriver(ChainCode):
                               ("element_bar", N), ("common_bar", 1)):
             with code.loop(0, count) as k:
                 self._fill(self.at(record, k), self.layout.records[record].size)
-        self._fill(self.at("sample", 0, "work_bar"), 1)
+        for name in self._of_samples("_bar"):
+            self._fill(self.at("sample", 0, name), 1)
         with code.loop(last, -1, -1) as step:
             self._transfer("gather", "input", first, step, last)
             self._step()
@@ -44,7 +45,8 @@ class AdjointDriver(ChainCode):
                                   *((("reaction_bar", "reaction_grad", self.args["supports"]),) if self.held else ())):
             with code.loop(0, count) as k:
                 self._add(self.at(to, k), self.at(source, k), self.layout.records[to].size)
-        self._add(self.at("sample", 0, "work_bar"), self.at("sample", 0, "work_grad"), 1)
+        for to, source in zip(self._of_samples("_bar"), self._of_samples("_grad"), strict=True):
+            self._add(self.at("sample", 0, to), self.at("sample", 0, source), 1)
         self._fill(self.at("nothing"), self.layout.records["nothing"].size)
         with code.loop(0, code.add(N, 3)) as j:
             for record in ("asked", "push", "move", "found"):
@@ -54,7 +56,9 @@ class AdjointDriver(ChainCode):
                 self._fill(self.at("last_bar", k), moves)
         with code.loop(0, nodes) as j:
             self._solution(j)
-        if rates:
+        if "energy" in self.layout.records:
+            self._energies()
+        if "finish element bar 0" in self.functions:
             with code.loop(0, N) as e:
                 self._element_ends(e)
         with code.loop(0, nodes) as j:
@@ -106,14 +110,65 @@ class AdjointDriver(ChainCode):
 
     def _element_ends(self, e: str) -> None:
         """What the cotangents of an element's state at the end ask of its start and of its nodes."""
-        self._fill(self.at("element_state_start_bar", e), self.layout.records["element_state"].size)
+        records = self.layout.records
+        if "element_state" in records:
+            self._fill(self.at("element_state_start_bar", e), records["element_state"].size)
+
+        def where(f: str) -> str:
+            if f[0] == ">":
+                return self.at("of_element", 0, f[2:])
+            if not f.endswith("_bar"):
+                return self._of_element(f, e)
+            return (self.at("energy", 0, f) if "energy" in records else
+                    self.at("element_state_bar", e, f.removesuffix("_bar")))
+
         with self._element_kind(e) as kinds:
             for k in kinds:
-                name = f"finish element bar {k}"
-                self._call(name, lambda f: self.at("of_element", 0, f[2:]) if f[0] == ">" else
-                           self.at("element_state_bar", e, f.removesuffix("_bar")) if f.endswith("_bar") else
-                           self._of_element(f, e))
-                self._spread(name, e)
+                self._call(f"finish element bar {k}", where)
+                self._spread(f"finish element bar {k}", e)
+
+    def _of_samples(self, what: str) -> list[str]:
+        """Cotangents of a sample's fields."""
+        return [name for name in self.layout.records["sample"].fields if name.endswith(what)]
+
+    def _energies(self) -> None:
+        """The scale of the velocities, and the cotangents of what it is made from and of the velocities before."""
+        code, N, records = self.code, self.args["elements"], self.layout.records
+        good, nodes = self.at("sample", 0, "good"), code.add(N, 1)
+        self._fill(self.at("energy"), records["energy"].size)
+
+        def add() -> None:
+            for name in ("kinetic", "rise"):
+                self._add(self.at("energy", 0, name), self.at("change", 0, name), 1)
+
+        with code.loop(0, N) as e:
+            with self._element_kind(e) as kinds:
+                for k in kinds:
+                    self._call(f"ended element {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
+                               self._of_element(f, e))
+            add()
+        with code.loop(0, nodes) as j:
+            with self._kind(j) as kinds:
+                for k in kinds:
+                    self._call(f"ended {k}", lambda f: self._of_node(f, j) if f[0] != ">" else
+                               self.at("ended", j, f[2:]) if f[2:] in records["ended"].fields else self.at("change", 0, f[2:]))
+            add()
+
+        def of_sample(f: str) -> str:
+            name = f.removeprefix("> ")
+            return self.at("change" if f == "> defect_bar" else "sample" if name.startswith("defect") else "energy", 0, name)
+
+        self._call("project", of_sample)
+        with code.loop(0, nodes) as j:
+            self._call("scaled bar", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
+                       self.at("energy", 0, f) if f == "scale" else
+                       self.at("ended", j, f) if f in records["ended"].fields else
+                       self.at("state_bar", j, f.removesuffix("_bar")))
+            for name, (_, size) in records["ended"].fields.items():
+                self._take(self.at("state_bar", j, name), self.at("change", 0, f"{name}_bar"), good, size)
+            self._add(self.at("energy", 0, "scale_bar"), self.at("change", 0, "scale_bar"), 1)
+        self._call("project bar", of_sample)
+        self._take(self.at("sample", 0, "defect_bar"), self.at("change", 0, "defect_bar"), good, 1)
 
     def _ends(self, j: str) -> None:
         """Of a node: what its end's cotangents ask of the start and of the move."""
@@ -124,7 +179,8 @@ class AdjointDriver(ChainCode):
                 return self.at("change", 0, f[2:])
             name = f.removesuffix("_bar")
             if f != name:
-                return self.at("sample", 0, f) if name == "work" else self.at("state_bar", j, name)
+                record = "sample" if name == "work" else "energy" if name in ("kinetic", "rise") else "state_bar"
+                return self.at("state_bar", j, name) if record == "state_bar" else self.at(record, 0, f)
             return self._of_node(f, j)
 
         with self._kind(j) as kinds:

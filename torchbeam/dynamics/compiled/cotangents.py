@@ -44,27 +44,29 @@ class Adjoint:
         inputs = [*self.fields, Field("free", "free", chain.free, 2), Field("sample", "good", self.good, 0, flat=True)]
         outputs, stepwise, found = [], [], {}
         for name, x, after, grad in zip(self.state, start, made, grads, strict=True):
-            own = () if name == "work" else after.shape[-2:]
+            of_sample = name in chain.program.sample_state
+            own = () if of_sample else after.shape[-2:]
             after = after.reshape(K, B, *own)
             grad = after.new_zeros(own) if grad is None else grad.reshape(K, B, *own).contiguous()
-            record, field = {"stress": ("stress", "stress"), "reaction": ("reaction", "reaction"),
-                             "work": ("sample", "work")}.get(name, ("state", name))
+            record, field = {"stress": ("stress", "stress"), "reaction": ("reaction", "reaction")}.get(name, ("state", name))
+            if of_sample:
+                record = "sample"
             if name in chain.program.element_state:
                 record = "element_state"
             place = {"reaction": ("support", "last")}.get(name, (record, field))
             if name == "reaction":
                 inputs.append(Field("support", "found", after, 2, flat=True))
-            if chain.has(*place) and name not in ("stress", "work"):
+            if chain.has(*place) and name != "stress":
                 first = x.expand(*batch, *own).reshape(1, B, *own)
-                inputs.append(Field(*place, torch.cat((first, after[:-1])), 2, flat=True))
+                inputs.append(Field(*place, torch.cat((first, after[:-1])), 0 if of_sample else 2, flat=True))
             if name in chain.program.state:
                 inputs.append(Field("after", f"after_{name}", after, 2, flat=True))
             elif name == "stress":
                 inputs.append(Field("stress", "stress", after, 2, flat=True))
             found[name] = after.new_zeros(B, *own)
-            if name == "work":
-                inputs.append(Field("sample", "work_grad", grad, 0, flat=True))
-                outputs.append(Field("sample", "work_bar", found[name], 0, flat=True))
+            if of_sample:
+                inputs.append(Field("sample", f"{name}_grad", grad, 0, flat=True))
+                outputs.append(Field("sample", f"{name}_bar", found[name], 0, flat=True))
             else:
                 inputs.append(Field(f"{record}_grad", field, grad, 2, flat=True))
                 outputs.append(Field(f"{record}_bar", field, found[name], 2, flat=True))

@@ -64,7 +64,7 @@ class CompiledStep:
         conserve, others = options.get("conserve", False), {name: x for name, x in options.items() if name != "conserve"}
         functions_of = FUNCTIONS[method, conserve]
         self.model, self.batch, self._options, instant = model, model.scene.batch_shape, (method, options), functions_of.INSTANT
-        self.constants, self.conserves = Constants(model, instant=instant), conserve
+        self.constants = Constants(model, instant=instant)
         like = model.length
         nothing = {name: like.new_zeros(size) for name, size in model.scene.inputs.items()}
         dt = like.new_full((), TRIED)
@@ -138,7 +138,7 @@ class CompiledStep:
         constant = [one.value for one in self.constant]
         held = [*given, *constant, *states]
         differentiated = recorded and any(x.requires_grad for x in held)
-        if differentiated and (repeat > 1 or self.conserves or not values["exact"].all()):
+        if differentiated and (repeat > 1 or not values["exact"].all()):
             return None
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         with torch.no_grad():
