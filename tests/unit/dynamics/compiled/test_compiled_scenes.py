@@ -130,8 +130,9 @@ def clamps_that_move(by):
 
 def pushed_in_a_plane(by):
     """Hard enough from rest that some of the energy's error waits for a later step."""
-    return dict(effects=[tb.Damping(0.01 * by("tau")), tb.TipLoad(force=20 * by("push", 3), follower=True), tb.MassDamping(0.3),
-                         tb.Actuation(curvature=by("bent", 3))], plane="xy")
+    push, bent = (torch.tensor(axes) * by(name) for name, axes in (("push", (20.0, 30.0, 0)), ("bent", (0, 0, 0.5))))
+    return dict(effects=[tb.Damping(0.01 * by("tau")), tb.TipLoad(force=push, follower=True), tb.MassDamping(0.3),
+                         tb.Actuation(curvature=bent)], plane="xy")
 
 
 LONG = pytest.mark.long
