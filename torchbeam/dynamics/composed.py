@@ -120,8 +120,9 @@ def natively(composition: Composition, solver: StepSolver, state: State, dt: Ten
     fields = {name: x[:, -1] for name, x in series.items()}
     fields["reaction"] = (share.view(n, *(1,) * (series["reaction"].ndim - 2)) * series["reaction"]).sum(1)
     status, iterations = found.status.unflatten(0, (-1, n))[:, -1], found.iterations.unflatten(0, (-1, n)).sum(1)
-    made = Steps(fields, status, iterations, found.well)
-    return made if K is not None else made[0]
+    if K is None:
+        fields, status, iterations = {name: x[0] for name, x in fields.items()}, status[0], iterations[0]
+    return Steps(fields, status, iterations, found.well)
 
 
 def _times(values: tuple[float, ...], x: Tensor, first: int) -> Tensor:

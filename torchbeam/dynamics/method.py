@@ -42,12 +42,16 @@ class Scheme(NamedTuple):
 class Method:
     """An implicit method, with its options: one solve of `problem` a step, unless it says otherwise.
 
+    SOLVES   the method whose step a solve is
+    ORDER    of accuracy in time
     INSTANT  of a solve: where, as a share of it, loads and inputs are taken
     PART     of a solve's rotation: what the unknown holds
     """
 
     PROBLEM: ClassVar[type[MidpointProblem]] = MidpointProblem
     WHOLE: ClassVar[Scheme] = Scheme()
+    SOLVES: ClassVar[str] = "midpoint"
+    ORDER: ClassVar[int] = 2
 
     def __init__(self, **options: Any) -> None:
         self.options = options
@@ -59,9 +63,9 @@ class Method:
         raise NotImplementedError
 
     @property
-    def solves(self) -> tuple[str, bool]:
-        """Name of the method whose step a solve is, and whether it conserves energy: what the engine is asked for."""
-        return "midpoint", self.options.get("conserve", False)
+    def solves(self) -> tuple[str, dict[str, Any]]:
+        """Name of the method whose step a solve is, and its options: what an engine is asked for."""
+        return self.SOLVES, {name: value for name, value in self.options.items() if value is not False}
 
     def check(self, model: Model) -> None:
         """Raises ValueError for a model that the method does not take."""

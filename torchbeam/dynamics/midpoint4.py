@@ -56,6 +56,8 @@ HEAVY = 2.8  # alpha h that no scheme takes
 class Midpoint4(Method):
     """See above."""
 
+    ORDER = 4
+
     @classmethod
     def of(cls, name: str, conserve: bool, rho_inf: float | None) -> Midpoint4:
         without_rho(name, rho_inf)

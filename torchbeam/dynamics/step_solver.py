@@ -54,7 +54,8 @@ class StepSolver:
         """
         if not self._decided and not functorch.peek_interpreter_stack():
             made = compiled_step if self.engine == "compiled" else automatic_step
-            self._compiled, self._decided = made(self.model, *self.method.solves), True
+            method, options = self.method.solves
+            self._compiled, self._decided = made(self.model, method, **options), True
         return self._compiled
 
     def __getstate__(self) -> dict[str, Any]:
