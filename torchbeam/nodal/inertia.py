@@ -31,6 +31,7 @@ from .assembly import at_i, at_j, ends
 from .coordinates.spatial import Space
 from .lever import Lever, NoLever
 from .mass import COUPLING, Blocks, HalfConsistentMass, LumpedMass
+from .quadrature import gregory, trapezoidal
 from .rotary import NoRotaryInertia, RotaryInertia
 
 
@@ -109,7 +110,11 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
     if beam.curved:  # the section's mass, seen from the axes of the nodes at either end
         parts = tuple(_turned(half, quat.multiply(quat.conjugate(node), beam.elements)) for node in ends(beam.frames))
     mass = at_i(parts[0], 2) + at_j(parts[1], 2)
-    tributary_length = at_i(h / 2) + at_j(h / 2)
+    weights = gregory if beam.linked_interpolation else trapezoidal
+    tributary_length = weights(beam.length)[..., None]
+    if beam.linked_interpolation:
+        density = m[..., 0]
+        mass = mass * (gregory(beam.length, density) / trapezoidal(beam.length, density))[..., None, None]
     for body in scene.bodies:
         at, nodes = body.node % (beam.count + 1), beam.count + 1
         mass = mass + pad(body.about_node[..., None, :, :], (0, 0, 0, 0, at, nodes - 1 - at))
@@ -119,6 +124,7 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
     if offset:
         e = _vector(mass[..., 3:, :3]) / whole
         J, lever = J - whole[..., None] * skew(e).mT @ skew(e), Lever(space, space.project_offset(e))
+    lumped = lumped or beam.linked_interpolation
     inertia = Inertia(space, LumpedMass(whole) if lumped else HalfConsistentMass(whole, COUPLING * m * h),
                       RotaryInertia(space, space.project_inertia(J)) if rotary else NoRotaryInertia(space), lever)
     return inertia, mass / tributary_length[..., None], tributary_length

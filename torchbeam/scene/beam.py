@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -32,6 +32,7 @@ class Beam(Tree):
     length      (..., N) m, of each element along the reference axis
     compliance  (..., N or 1, 6, 6) and mass (..., N or 1, 6, 6): as in `Section`, per element
     rigid, coupled, offset, rotary: as in `Section`; curved: whether node and element axes differ
+    linked_interpolation: see `linked`
     """
 
     nodes: Tensor = leaf(2)
@@ -45,11 +46,12 @@ class Beam(Tree):
     offset: bool
     rotary: bool
     curved: bool
+    linked_interpolation: bool = False
 
     def __repr__(self) -> str:
         mass = (self.mass[..., 0, 0] * self.length).sum(-1)
         size = [counted(self.count, "element"), f"{span(self.length.sum(-1))} m long", f"{span(mass)} kg"]
-        shape = ["curved or twisted at rest"] if self.curved else []
+        shape = ["curved or twisted at rest"] * self.curved + ["linked interpolation"] * self.linked_interpolation
         return lines("Beam", ", ".join([*size, *shape, *notes(self)]),
                      f"root at {point(self.nodes[..., 0, :])} m, tip at {point(self.nodes[..., -1, :])} m",
                      kind(self.batch_shape, self.nodes))
@@ -62,6 +64,17 @@ class Beam(Tree):
     @property
     def batch_shape(self) -> torch.Size:
         return broadcast_shapes(*batch_shapes(self))
+
+    def linked(self) -> Beam:
+        """This beam, whose elements bend between their nodes as loads at these would bend them: of fourth order in bending
+        where displacements are small, at no cost.
+
+        The displacement across an element is quadratic, linked to the rotations of its nodes (linked interpolation, Tessler and
+        Dong 1981): the shear compliance of an element of length h gets its residual bending flexibility h^2/(12 EI) (MacNeal
+        1978). Mass and loads along the beam are integrated by Gregory's end-corrected rule, see `nodal.quadrature`; mass is
+        lumped. From four elements on it pays; stretching and twist stay of second order. Not for the mixed forms.
+        """
+        return replace(self, linked_interpolation=True)
 
     @classmethod
     def straight(
