@@ -38,7 +38,7 @@ from .tolerance import Tolerance
 
 CHECKS = 32  # instants, beside those asked for, at which the error is looked at
 NEAR = 16  # instants about an event
-PART = 3.0  # of what two extrapolations differ by, a third at most is the error of the better one
+RUN, LIMIT = 3.0, 7.0
 
 
 class Proof(NamedTuple):
@@ -150,9 +150,9 @@ def _proof(runs: _Runs, steps: Controlled, times: Tensor, tolerance: Tolerance, 
         coarse = runs.own(sequence, now - 1, times, coarse)
         fine = runs.run(sequence.only(remaining), now, times)
         limit = runs.limit(coarse, fine, times)
-        found = torch.maximum(tolerance.distance(coarse[0], fine[0]), tolerance.distance(coarse[1], fine[2]))
+        found = torch.maximum(tolerance.distance(coarse[0], fine[0]), tolerance.distance(coarse[1], fine[2])) / RUN
         if previous is not None:
-            found = torch.minimum(found, tolerance.distance(limit, previous) / PART)
+            found = torch.minimum(found, tolerance.distance(limit, previous) / LIMIT)
         worst, broken = found.amax(0), (fine[2].status != SUCCESS).any(0)
         spent = (worst > 1) & (counts * 2**(now + 1) > most)
         leaving = remaining & ((worst <= 1) | spent | broken)

@@ -8,6 +8,7 @@ is refused are thrown away.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,8 +26,10 @@ from .stepper import Stepper
 from .tolerance import Tolerance
 
 SAFETY = 0.9
+LOCAL = 10.0
 LARGEST, SMALLEST = 4.0, 0.2  # factors from one length to the next
 LEAST_STEPS = 4  # between two stops
+IN_TIME = 25  # steps over the whole time, at least, where anything is a function of time: a pulse is not to be stepped over
 AT_ONCE = 16  # steps, at most
 LEAST = {torch.float64: 1e-10, torch.float32: 1e-5}  # a step, of the time from begin to end
 
@@ -94,6 +97,8 @@ class _Run:
         self.going = start.status == SUCCESS
         self.values = events.values(start)
         self.size = 1
+        moved = stepper._changes or any(callable(v) for v in inputs.values())
+        self.most_length = float(stops[-1] - stops[0]) / IN_TIME if moved else math.inf
         self.least = LEAST[stops.dtype] * (stops[-1] - stops[0])
 
     def first_length(self) -> Tensor:
@@ -107,7 +112,7 @@ class _Run:
                                                  1e-3 * motion), 1e-4 * motion)
         after = self._series(state, h[None], self.t[None])[0]
         change = torch.linalg.vector_norm(after.velocity - state.velocity, dim=-1).amax(-1)
-        wanted = (self.tolerance.position * h / change.clamp(min=torch.finfo(h.dtype).tiny)).sqrt()
+        wanted = (LOCAL * self.tolerance.position * h / change.clamp(min=torch.finfo(h.dtype).tiny)).sqrt()
         return torch.where(torch.isfinite(wanted) & (after.status == SUCCESS), torch.minimum(wanted, 100 * h), h)
 
     def advance(self) -> None:
@@ -115,7 +120,7 @@ class _Run:
         self._compact()
         left = self.stops[self.ahead] - self.t
         room = self.stops[self.ahead] - self.stops[self.ahead - 1]
-        wanted = torch.minimum(self.h, room / LEAST_STEPS)
+        wanted = torch.minimum(self.h, room / LEAST_STEPS).clamp(max=self.most_length)
         number = (left / wanted - 1e-6).ceil().clamp(min=1)
         h, K = left / number, min(self.size, int(number[self.going].max()))
         k = torch.arange(K, device=h.device).reshape(-1, *(1,) * h.ndim)
@@ -127,7 +132,7 @@ class _Run:
         if K > 1:
             starts = starts.map(lambda x, y: torch.cat((x, y)), fine[1:-1:2])
         whole = self._series(starts, h.expand(1, K, *h.shape), begins[None])[0]
-        error = self.tolerance.distance(whole, ends) / (2**self.order - 1)
+        error = self.tolerance.distance(whole, ends) / (2**self.order - 1) / LOCAL
         bad = (whole.status != SUCCESS) | (ends.status != SUCCESS)
         error = torch.where(bad, torch.inf, error)
         values = self.events.values(ends)
@@ -179,7 +184,7 @@ class _Run:
         made = torch.where(at < taken, error, 0.0).amax(0)
         wrong = error.gather(0, taken.clamp(max=K - 1)[None])[0]
         made, wrong = made.clamp(min=1e-8), wrong.clamp(min=1e-8)
-        factor = SAFETY * made**(-0.7 * k) * self.before**(0.4 * k)
+        factor = SAFETY * made**(-0.8 * k) * self.before**(0.2 * k)
         factor = torch.where(self.refused, factor.clamp(max=1.0), factor).clamp(SMALLEST, LARGEST)
         smaller = torch.where(torch.isfinite(wrong), SAFETY * wrong**-k, 0.25).clamp(SMALLEST, SAFETY)
         self.before = torch.where(taken > 0, made, self.before)
@@ -195,8 +200,10 @@ class _Run:
         status = torch.where(under, UNDERFLOW, torch.where(many, TOO_MANY, SUCCESS))
         record.status[self.place] = torch.where(under | many, status, record.status[self.place])
         self.going = self.going & ~under & ~many
-        share = float((taken / allowed.clamp(min=1))[going].mean()) if going.any() else 1.0
-        self.size = min(2 * self.size, AT_ONCE) if share > 0.9 else max(1, self.size // 2) if share < 0.6 else self.size
+        if going.any():
+            well = (taken >= allowed) & (proposed < 1.25 * h)  # all were of use, and about as long as they may be
+            share = float(well[going].double().mean())
+            self.size = min(2 * self.size, AT_ONCE) if share > 0.8 else max(1, self.size // 2) if share < 0.5 else self.size
 
     def _series(self, state: State, dt: Tensor, t: Tensor) -> State:
         """See `series`; samples that are not going stay."""
