@@ -43,7 +43,7 @@ class Method:
     """An implicit method, with its options: one solve of `problem` a step, unless it says otherwise.
 
     SOLVES   the method whose step a solve is
-    ORDER    of accuracy in time
+    ORDER    of accuracy in time;  SOLVES_A_STEP: at most
     INSTANT  of a solve: where, as a share of it, loads and inputs are taken
     PART     of a solve's rotation: what the unknown holds
     """
@@ -52,6 +52,7 @@ class Method:
     WHOLE: ClassVar[Scheme] = Scheme()
     SOLVES: ClassVar[str] = "midpoint"
     ORDER: ClassVar[int] = 2
+    SOLVES_A_STEP: ClassVar[int] = 1
 
     def __init__(self, **options: Any) -> None:
         self.options = options

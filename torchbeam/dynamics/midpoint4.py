@@ -57,6 +57,7 @@ class Midpoint4(Method):
     """See above."""
 
     ORDER = 4
+    SOLVES_A_STEP = 5
 
     @classmethod
     def of(cls, name: str, conserve: bool, rho_inf: float | None) -> Midpoint4:
