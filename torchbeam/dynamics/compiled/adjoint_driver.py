@@ -178,10 +178,10 @@ class AdjointDriver(ChainCode):
             if f[0] == ">":
                 return self.at("change", 0, f[2:])
             name = f.removesuffix("_bar")
-            if f != name:
-                record = "sample" if name == "work" else "energy" if name in ("kinetic", "rise") else "state_bar"
-                return self.at("state_bar", j, name) if record == "state_bar" else self.at(record, 0, f)
-            return self._of_node(f, j)
+            if f == name:
+                return self._of_node(f, j)
+            whole = {"work": "sample", "kinetic": "energy", "rise": "energy"}
+            return self.at(whole[name], 0, f) if name in whole else self.at("state_bar", j, name)
 
         with self._kind(j) as kinds:
             for k in kinds:
