@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import torch
@@ -44,4 +44,10 @@ ABSENT = object()
 
 def cache_of(owner: Any, name: str) -> bool:
     """Whether an object's attribute of that name is a cached value: no field has a space in its name."""
-    return " " in name or isinstance(getattr(type(owner), name, None), cached_property)
+    return " " in name or name in caches_of(type(owner))
+
+
+@cache
+def caches_of(kind: type) -> frozenset[str]:
+    """Names of the cached properties of a class."""
+    return frozenset(name for name in dir(kind) if isinstance(getattr(kind, name, None), cached_property))

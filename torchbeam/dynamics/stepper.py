@@ -16,6 +16,7 @@ from ..core.arguments import boolean, choice, count, duration, mask, step_size
 from ..core.arguments import tolerance as check_tolerance
 from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.functions_of_time import shared
+from ..core.leaves import with_values
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import broadcast, concrete, positive, real, shown
 from ..nodal.coordinates.planar import Plane
@@ -202,7 +203,7 @@ class Stepper:
         for _ in range(repeat):
             now = now + dt
         now = now if now.shape == found.status.shape else now.expand(found.status.shape)
-        reduced = replace(state, **found.fields, t=now, status=found.status)
+        reduced = with_values(state, **found.fields, t=now, status=found.status)
         after, space = self.model.space.to_public(reduced), self.model.space
         if after is not reduced and isinstance(space, Plane) and space.reversible and not after.position.requires_grad:
             self._last = weakref.ref(after), _versions(after), reduced

@@ -90,10 +90,10 @@ class Constants:
         model = self.model
         C, exact = self._tangent(dt)
         found = {"dt": dt, "t": t, "C": C, "exact": exact}
-        still = self.still._replace(frame=frame)
         if self.given or self.asked:
-            dead = self._held("dead", lambda: external(model, self.still, t, inputs, self.given))
-            found["dead"] = dead + external(model, still, t, inputs, self.asked) if self.asked else dead
+            found["dead"] = self._held("dead", lambda: external(model, self.still, t, inputs, self.given))
+        if self.asked:
+            found["dead"] = found["dead"] + external(model, self.still._replace(frame=frame), t, inputs, self.asked)
         if model.scene.eigenstrains:
             found["eigenstrain"] = (
                 self._held("eigenstrain", lambda: model.eigenstrain(t, inputs))
