@@ -149,7 +149,8 @@ class BeamVectorEnv(VectorEnv):
                 fresh = torch.zeros_like(done)
             active = ~done
             after, reward, failed = self.simulation.advance(before, action, active if over else None)
-            invalid = invalid & active if invalid.any() else invalid
+            failed = done if failed is None else failed  # which is False throughout
+            invalid = done if invalid is None else invalid & active
             info, masks = self._info(after, failed, invalid, active, active | fresh if over else active)
             observation, terminated, truncated = after.observation, after.terminated, after.truncated
             if self.autoreset_mode is AutoresetMode.SAME_STEP and (done := after.done).any():
@@ -266,7 +267,8 @@ class BeamVectorEnv(VectorEnv):
             self._running()
         return mask
 
-    def _action(self, actions: Any) -> tuple[Tensor, Tensor]:
+    def _action(self, actions: Any) -> tuple[Tensor, Tensor | None]:
+        """Actions within [-1, 1], and which were no numbers, None = all were."""
         try:
             action = torch.as_tensor(actions, dtype=self.dtype, device=self.device)
         except (TypeError, ValueError, RuntimeError):
@@ -275,7 +277,7 @@ class BeamVectorEnv(VectorEnv):
             raise ValueError(f"actions of shape {tuple(action.shape)} were given; {self.action_space.shape} is wanted")
         clipped = action.clamp(-1, 1)
         if torch.equal(clipped, action):  # within the bounds, and numbers
-            return clipped, self.simulation.nobody.clone()
+            return clipped, None
         invalid = ~(action.abs() < torch.inf).all(-1)
         return torch.where(invalid[:, None], 0.0, clipped), invalid
 

@@ -28,7 +28,6 @@ class Simulation:
               the method remembers of a step without action
     observer  what is seen of the beam;  high (o,) bounds of whole observations: target, sensors, actions still to act
     known     the parameters that there are;  ranges  name -> (low, high) of those drawn at each reset
-    members   (count,), nobody (count,) bool: all of them, and none
     varying   names of the parameters that have a value for each sub-env; grows when a reset is given values for others
     """
 
@@ -41,7 +40,6 @@ class Simulation:
         self.varying: set[str] = set()
         self.known = Parameters(task.parameters() if c.form == "nodal" else {})
         self.members = torch.arange(count, device=task.device)
-        self.nobody = torch.zeros(count, dtype=torch.bool, device=task.device)
         self.plant = self._plant({}, self.members)
         self.rest = self._settled(self.plant, count)
         self.ranges = self.known.ranges(c.randomize)
@@ -52,9 +50,9 @@ class Simulation:
         self.high = torch.as_tensor(high.astype(np.float32), dtype=task.dtype, device=task.device)
         self.low = -self.high
 
-    def advance(self, before: Episodes, action: Tensor, active: Tensor | None) -> tuple[Episodes, Tensor, Tensor]:
+    def advance(self, before: Episodes, action: Tensor, active: Tensor | None) -> tuple[Episodes, Tensor, Tensor | None]:
         """The active (n,) episodes (None = all, of which none is over) one control interval later: (episodes, reward (n,),
-        failed (n,) bool).
+        failed (n,) bool, None = none has).
         """
         beam, acting, pending, everyone = before.beam, before.acting, before.pending, active is None
         if everyone or active.any():
@@ -74,9 +72,9 @@ class Simulation:
         late = None if limit is None else steps >= limit
         well = not (after.beam.status.any() or observation.detach().sum().isnan())  # what is infinite has been clipped
         if everyone and well and (over is None or not over.any()):
-            return with_values(after, observation=observation, truncated=before.truncated if late is None else late), reward, (
-                self.nobody.clone())
-        active = ~self.nobody if everyone else active
+            truncated = before.truncated if late is None else late
+            return with_values(after, observation=observation, truncated=truncated), reward, None
+        active = torch.ones_like(before.done) if everyone else active
         failed = active & (after.failed | observation.isnan().any(-1))
         good = active & ~failed
         observation = torch.where(good[:, None], observation, before.observation)

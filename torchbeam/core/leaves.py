@@ -179,7 +179,10 @@ def _mapped(function: Callable[..., Any], tree: Tree, others: tuple, made: dict[
 def with_values(tree: Any, **values: Any) -> Any:
     """A copy of a tree with these values of fields, which are not checked again, and nothing that it had cached."""
     new, caches = object.__new__(type(tree)), caches_of(type(tree))
-    vars(new).update({name: value for name, value in vars(tree).items() if " " not in name and name not in caches} | values)
+    held = vars(tree)
+    if caches:
+        held = {name: value for name, value in held.items() if " " not in name and name not in caches}
+    vars(new).update(held, **values)
     return new
 
 
