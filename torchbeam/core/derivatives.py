@@ -17,6 +17,16 @@ def no_derivatives() -> Iterator[None]:
         yield
 
 
+@contextmanager
+def lasting() -> Iterator[None]:
+    """For values that are kept: in inference mode too they become tensors that can be used in a graph later."""
+    if not torch.is_inference_mode_enabled():
+        yield
+        return
+    with torch.inference_mode(False), torch.no_grad():
+        yield
+
+
 class cached(cached_property):
     """A cached property of one value for each mode of recording derivatives: what Newton's method has computed without them
     is never taken for what the implicit function theorem differentiates, so that a problem may be asked for both, in any
@@ -35,7 +45,8 @@ class cached(cached_property):
         if found is ABSENT:
             found = held.get(self.keys[True, True], ABSENT)
         if found is ABSENT:
-            found = held[key] = self.func(owner)
+            with lasting():
+                found = held[key] = self.func(owner)
         return found
 
 

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 from torch._C import _functorch as functorch
 
+from ..core.derivatives import lasting
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import concrete
 from ..math.shapes import broadcast_shapes
@@ -52,7 +53,8 @@ class StepSolver:
         """
         if not self._decided and not functorch.peek_interpreter_stack():
             made = compiled_step if self.engine == "compiled" else automatic_step
-            self._compiled, self._decided = made(self.model, *self._asked), True
+            with lasting():
+                self._compiled, self._decided = made(self.model, *self._asked), True
         return self._compiled
 
     def __getstate__(self) -> dict[str, Any]:
