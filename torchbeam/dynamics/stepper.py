@@ -46,6 +46,7 @@ class Ahead(NamedTuple):
     stopped: bool = False
 
 
+STILL = {"defect": 0, "straining": 2}  # of a state, and their own axes: what native code may leave as it is
 ROOM = 2**18  # nodes, over samples and steps, of the states that native code makes at once
 
 
@@ -241,7 +242,7 @@ class Stepper:
             return None
         given = self.scene.tensors(first_of(inputs))
         of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-        start = self._reduced(state)
+        start = self._reduced(self._begin(state, dt[0], inputs=given))
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                           *(value.shape[:-1] for value in given.values()))
         count = min(len(dt), max(1, ROOM // max(1, shape.numel() * (self.scene.beam.count + 1))))
@@ -267,8 +268,9 @@ class Stepper:
 
         def after(k: Any, *lead: int) -> State:
             fields = found.fields if k == slice(0, len(found.status)) else {name: x[k] for name, x in found.fields.items()}
-            defect, stands = (x.expand((*lead, *shape)) for x in (start.defect, status))
-            return self.model.space.to_public(replace(start, **fields, defect=defect, t=now[k], status=stands))
+            same = {name: x.expand((*lead, *shape, *x.shape[x.ndim - axes:])) for name, axes in STILL.items()
+                    if name not in fields and (x := getattr(start, name, None)) is not None}
+            return self.model.space.to_public(replace(start, **fields, **same, t=now[k], status=status.expand((*lead, *shape))))
 
         part = slice(0, count) if len(places) == count else places
         return Ahead(after(part, len(places)), partial(after, count - 1), found.iterations[:count], not found.well)

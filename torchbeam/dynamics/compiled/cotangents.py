@@ -11,14 +11,16 @@ from torch.autograd.function import once_differentiable
 
 from .call import Call, Chain, Field, like, made_like
 from .chain_constants import flattened
+from .native import NativeProgram
 
 WHOLE = ("stress", "reaction")  # parts of a state with records of their own
 
 
-def state_fields(nodes: tuple[str, ...]) -> dict[str, tuple[str, str]]:
-    """Record and field of what a step changes, `nodes` of a node."""
-    return {**{name: ("state", name) for name in nodes}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
-            "work": ("sample", "work")}
+def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
+    """Record and field of what a program's steps change."""
+    return {**{name: ("state", name) for name in program.state}, "stress": ("start_stress", "stress"),
+            "reaction": ("support", "last"), **{name: ("element_state", name) for name in program.element_state},
+            **{name: ("sample", name) for name in program.sample_state}}
 
 
 def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
@@ -47,7 +49,7 @@ class Adjoint:
     def __init__(self, chain: Chain, call: Call, calls: dict[Any, Backward], changing: list[Field], constant: list[Field],
                  good: Tensor, wanted: list[int]) -> None:
         self.chain, self.call, self.calls, self.good, self.wanted = chain, call, calls, good, wanted
-        self.changing, self.constant, self.state = changing, constant, [*state_fields(chain.program.state)]
+        self.changing, self.constant, self.state = changing, constant, [*state_fields(chain.program)]
 
     def cotangents(self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]
                    ) -> list[Tensor | None]:
@@ -68,20 +70,30 @@ class Adjoint:
         """The states that each step lies between, and the cotangents of what it made."""
         K, B = self.good.shape
         for name, x, after, grad in zip(self.state, start, made, grads, strict=True):
-            own = () if name == "work" else after.shape[-2:]
+            own = after.shape[after.ndim - self._axes(name):]
             grad = after.new_zeros(own) if grad is None else grad.reshape(K, B, *own).contiguous()
-            yield Field(*_place(name, "grad"), grad, len(own), flat=True)
-            if name == "work":
-                continue
+            yield Field(*self._place(name, "_grad"), grad, len(own), flat=True)
             after = after.reshape(K, B, *own).contiguous()
             if name == "reaction":
                 yield Field("support", "found", after, 2, flat=True)
             elif name == "stress":
                 yield Field("stress", "stress", after, 2, flat=True)
-            else:
-                first = x.expand(*self.call.batch, *own).reshape(1, B, *own)
-                yield Field("state", name, torch.cat((first, after[:-1])), 2, flat=True)
+            elif name in self.chain.program.state:
                 yield Field("after", f"after_{name}", after, 2, flat=True)
+            before = ("support", "last") if name == "reaction" else self._place(name)
+            if name != "stress" and self.chain.has(*before):
+                first = x.expand(*self.call.batch, *own).reshape(1, B, *own)
+                yield Field(*before, torch.cat((first, after[:-1])), len(own), flat=True)
+
+    def _axes(self, name: str) -> int:
+        return 0 if name in self.chain.program.sample_state else 2
+
+    def _place(self, name: str, what: str = "") -> tuple[str, str]:
+        """Record and field of a part of the state; or of its "_bar" or "_grad"."""
+        program = self.chain.program
+        if name in program.sample_state:
+            return "sample", f"{name}{what}"
+        return f"{name if name in WHOLE else 'element_state' if name in program.element_state else 'state'}{what}", name
 
     def _backward(self, fields: list[Field], start: Sequence[Tensor]) -> Backward:
         """The call with such fields, which are other tensors each time."""
@@ -98,19 +110,15 @@ class Adjoint:
                 rows, steps = one.record != "common", place > len(call.batch)
                 own = (*(chain.rows(record),) * rows, *one.value.shape[place + rows:])
             else:
-                (record, name), own, steps = _place(self.state[k - len(known)], "bar"), start[k - len(known)].shape[-2:], False
-                own, axes = ((), 0) if record == "sample" else (own, 2)
+                x, part, steps = start[k - len(known)], self.state[k - len(known)], False
+                (record, name), axes = self._place(part, "_bar"), self._axes(part)
+                own = x.shape[x.ndim - axes:]
             (stepwises if steps else outputs)[k] = Field(record, name, call.empty(*own, steps=steps), axes, flat=True)
         inputs = [*fields, *self.constant, Field("free", "free", chain.free, 2)]
         call.bound({"inputs": len(fields), "outputs": len(outputs), "stepwises": len(stepwises)}, inputs=inputs,
                    outputs=outputs.values(), stepwises=stepwises.values())
         return Backward(call, *({k: like(one.value.shape, chain.dtype) for k, one in found.items()}
                                 for found in (outputs, stepwises)))
-
-
-def _place(name: str, what: str) -> tuple[str, str]:
-    """Record and field of the "bar" or "grad" of a part of the state."""
-    return ("sample", f"work_{what}") if name == "work" else (f"{name if name in WHOLE else 'state'}_{what}", name)
 
 
 class Differentiated(torch.autograd.Function):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -14,7 +15,9 @@ from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...state.state import State
+from .alpha_functions import AlphaFunctions
 from .call import Call, Chain, Field, like, made_like
+from .conserving_functions import ConservingFunctions
 from .constants import Constants
 from .cotangents import Adjoint, Backward, Differentiated, constant_fields, state_fields
 from .local_functions import LocalFunctions
@@ -22,6 +25,9 @@ from .local_problem import INTERNAL, Kinds, node_kinds
 from .program import adjoint_of, program_of
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
+FUNCTIONS = {("midpoint", False): LocalFunctions, ("midpoint", True): ConservingFunctions,
+             ("generalized_alpha", False): AlphaFunctions}  # by the method, and whether it conserves energy
+TRIED = 1e-6  # s, of the step that is traced; functions of time are asked near 0
 FORMS = 32  # that are kept; the oldest goes first
 
 
@@ -49,20 +55,25 @@ class CompiledStep:
     What holds for all steps is looked up once; should a tensor of the scene be written to, it is looked up again.
     """
 
-    def __init__(self, model: Model) -> None:
-        self.model, self.constants, self.batch = model, Constants(model), model.scene.batch_shape
+    def __init__(self, model: Model, method: str = "midpoint", **options: Any) -> None:
+        conserve, others = options.get("conserve", False), {name: x for name, x in options.items() if name != "conserve"}
+        functions_of = FUNCTIONS[method, conserve]
+        self.model, self.batch, self._options = model, model.scene.batch_shape, (method, options)
+        self.constants = Constants(model, instant=functions_of.INSTANT)
         length = model.length
         nothing = {name: length.new_zeros(size) for name, size in model.scene.inputs.items()}
-        values = self.constants.changing(length.new_ones(()), length.new_zeros(()), nothing, self.constants.orientation)
+        dt = length.new_full((), TRIED)
+        values = self.constants.changing(dt, functions_of.INSTANT * dt, nothing, self.constants.orientation)
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         self.trees = self.constants.trees(values)
         self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
         self.kinds = Kinds.of(node_kinds(model, self.constants.loads))
-        self.local = LocalFunctions(model, *self.trees)
+        self.local = functions_of(model, *self.trees, **others)
         self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), not self.function)
         self.chain = Chain(self.program, model, self.kinds)
-        self.state = state_fields(self.program.state)
-        self.axes = {name: 0 if name == "work" else 2 for name in self.state}
+        samples = self.program.sample_state
+        self.state = state_fields(self.program)
+        self.axes = {name: 0 if name in samples else 2 for name in self.state}
         names = {id(x): name for name, x in values.items()}
         every = [*constant_fields(self.trees)]
         # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
@@ -79,7 +90,8 @@ class CompiledStep:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies, also in other processes, are made from the model."""
-        return CompiledStep, (self.model,)
+        method, options = self._options
+        return partial(CompiledStep, **options), (self.model, method)
 
     def __call__(self, start: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, tolerance: float,
                  least: float, limit: int, K: int | None = None, lanes: int | None = None, repeat: int = 1) -> Steps | None:
