@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from typing import Any
 
 import torch
@@ -15,6 +14,7 @@ from torch.utils.checkpoint import checkpoint as recompute
 from ..core.arguments import boolean, choice, count, instance, keywords, step_size
 from ..core.arguments import function as check_function
 from ..core.arguments import options as check_options
+from ..core.derivatives import no_derivatives
 from ..core.functions_of_time import within_dual_numbers
 from ..core.leaves import constant
 from ..core.status import FAILED, STATUS
@@ -30,7 +30,7 @@ from ..state.state import State, check_state, rest, with_optional_fields
 from .adaptive import adaptive
 from .events import Events
 from .mixed_forms import simulate_mixed
-from .rollout import joined, march
+from .rollout import check_room, joined, march
 from .stepper import METHODS as IMPLICIT_METHODS
 from .stepper import Stepper
 from .tolerance import Tolerance
@@ -93,9 +93,11 @@ def simulate(
     boolean("throw", throw)
     t = increasing("t", as_tensor(t, scene.dtype, scene.device))
     mixed, implicit = form != "nodal", method in IMPLICIT_METHODS
-    controlled = not mixed and implicit and any(options.get(name) is not None for name in TOLERANCES)
+    controlled = not mixed and implicit and any(name in options for name in TOLERANCES)
     if controlled and (fixed := [name for name in FIXED if options.get(name) is not None]):
         raise ValueError(f"{fixed[0]} was given with rtol or atol, which choose the steps; one of them is wanted")
+    if not controlled and options.get("events") is not None:
+        raise ValueError("events were given without rtol or atol; the adaptive steps of an implicit method take them")
     known = keywords(*((simulate_mixed,) if mixed else (_adaptive, Stepper) if controlled else (_implicit, Stepper) if implicit
                        else (_explicit,)))
     inputs = merge_inputs({} if inputs is None else inputs, {name: options.pop(name) for name in [*options]
@@ -129,6 +131,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     moved = changing(inputs, len(counts))
     first = inputs_at(inputs, t[0], t)
     start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
+    check_room(stepper, start, first, len(plan), len(t), checkpoint)
     names, instant = tuple(vars(start)), stepper.method.INSTANT
 
     def kind(*values: Any) -> State:
@@ -181,9 +184,10 @@ def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, input
     changing(inputs, len(t) - 1)
     given = inputs_at(inputs, t[0], t)
     start = stepper._begin(_begin(stepper.model, initial, t[0]), inputs=given)
-    shape = broadcast_shapes(scene.batch_shape, start.batch_shape, tolerance.position.shape,
-                             *(x.shape[:-1] for x in scene.tensors(given).values()))
-    start = start.broadcast(shape)
+    with no_derivatives():  # functions of time bring batch axes, which a step shows
+        wide = stepper.advance(start.detach(), given, dt=stepper.dt.detach(), t=t[0]).batch_shape
+    start = start.broadcast(broadcast_shapes(wide, tolerance.position.shape))
+    stepper.failures = {}
     held = {name: v if isinstance(v, PerInterval) or callable(v) else scene_value for name, scene_value in
             scene.tensors(given).items() for v in (inputs[name],)}
     made = adaptive(stepper, start, t, held, tolerance, events, most, first)

@@ -30,6 +30,7 @@ from ..scene.scene import Scene
 from .coordinates.spatial import Space
 from .lever import Lever, NoLever
 from .mass import COUPLING, QUADRATIC_COUPLING, Blocks, HalfConsistentMass, LumpedMass, QuadraticMass
+from .quadrature import gregory, trapezoidal
 from .rotary import NoRotaryInertia, RotaryInertia
 
 
@@ -108,6 +109,10 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
     if beam.curved:  # the section's mass, seen from the axes of the element's nodes
         parts = tuple(_turned(part, quat.multiply(quat.conjugate(q), beam.elements)) for q in space.chain.ends(beam.frames))
     mass, tributary_length = space.chain.shared(parts, 2), space.chain.shared((h,) * (beam.order + 1))
+    if beam.linked_interpolation:
+        density = m[..., 0]
+        mass = mass * (gregory(beam.length, density) / trapezoidal(beam.length, density))[..., None, None]
+        tributary_length = gregory(beam.length)[..., None]
     for body in scene.bodies:
         at, nodes = body.node % (beam.count + 1), beam.count + 1
         mass = mass + pad(body.about_node[..., None, :, :], (0, 0, 0, 0, at, nodes - 1 - at))
@@ -117,7 +122,7 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
     if offset:
         e = _vector(mass[..., 3:, :3]) / whole
         J, lever = J - whole[..., None] * skew(e).mT @ skew(e), Lever(space, space.project_offset(e))
-    if lumped:
+    if lumped or beam.linked_interpolation:
         translational = LumpedMass(whole)
     elif beam.order == 1:
         translational = HalfConsistentMass(whole, COUPLING * m * h)

@@ -104,7 +104,14 @@ class Constants:
                 if self.given_eigenstrain else model.eigenstrain(t, inputs))
         for name, x in inputs.items():
             found[f"input {name}"] = x
-        return found | self._prescribed(t, t + (1 - self.instant) * dt, frame) if self.prescribes else found
+        if self.prescribes:
+            return found | self._prescribed(t, t + (1 - self.instant) * dt, frame)
+        return found | self._frame(t)
+
+    def _frame(self, t: Tensor) -> dict[str, Tensor]:
+        """Velocity and angular velocity of frame a at t, where it moves."""
+        names = "frame velocity", "frame angular_velocity"
+        return {name: x for name, x in zip(names, self.model.prescribed_motion.frame(t), strict=True) if x is not None}
 
     def _loads(self, t: Tensor, inputs: Inputs, frame: Tensor | None) -> dict[str, Tensor]:
         """Those that are dead, what the others have by time, and where the root's support stands."""
@@ -138,7 +145,7 @@ class Constants:
     def _prescribed(self, t: Tensor, end: Tensor, frame: Tensor | None) -> dict[str, Tensor]:
         """Motion of frame a at t, and of supports at the time `end`."""
         scene, motion, like = self.model.scene, self.model.prescribed_motion, self.model.length
-        found = dict(zip(("frame velocity", "frame angular_velocity", "frame"), (*motion.frame(t), frame), strict=True))
+        found = {**self._frame(t), "frame": frame}
         if scene.supports:
             none = {"pose": (like.new_zeros(3), like.new_zeros(4)), "absolute": (like.new_zeros(3),) * 2}
             rows = [(*(motion.pose(one, end) if one.moves else none["pose"]),

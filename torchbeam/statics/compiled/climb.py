@@ -50,8 +50,6 @@ def refusal(model: Model) -> str | None:
     scene = model.scene
     reasons = {
         f"the device {scene.device}": scene.device.type != "cpu",
-        "a frame that moves": scene.frame is not None,
-        "a load with internal states": bool(model.internal_states),
         MISSING: find_spec("llvmlite") is None,
     }
     return next((reason for reason, given in reasons.items() if given), None)
