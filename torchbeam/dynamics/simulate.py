@@ -30,7 +30,7 @@ from ..state.state import State, check_state, rest, with_optional_fields
 from .adaptive import adaptive
 from .events import Events
 from .mixed_forms import simulate_mixed
-from .rollout import joined, march
+from .rollout import check_room, joined, march
 from .stepper import METHODS as IMPLICIT_METHODS
 from .stepper import Stepper
 from .tolerance import Tolerance
@@ -131,6 +131,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     moved = changing(inputs, len(counts))
     first = inputs_at(inputs, t[0], t)
     start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
+    check_room(stepper, start, first, len(plan), len(t), checkpoint)
     names, instant = tuple(vars(start)), stepper.method.INSTANT
 
     def kind(*values: Any) -> State:

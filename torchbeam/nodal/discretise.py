@@ -9,14 +9,15 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, instance
-from ..core.leaves import constant
+from ..core.leaves import constant, own_leaves
+from ..scene.effects import PerElement
 from ..scene.scene import Scene
-from .assembly import ends
 from .constitutive_law import law_of
 from .constraints import Constraints
 from .coordinates.planar import PLANES, Plane
+from .coordinates.quadratic import QuadraticSpace
 from .coordinates.selection import only_numbers, space_of
-from .element import kinematics, strain
+from .coordinates.spatial import Space
 from .inertia import inertia_of
 from .loads import Nodes, external
 from .model import Model
@@ -36,8 +37,11 @@ def discretise(scene: Scene, lumped: bool = False) -> Model:
         return _in_a_plane(scene, lumped)
     space = space_of(scene)
     beam = scene.beam
+    if beam.linked_interpolation and any(isinstance(x.value, PerElement) for load in scene.loads for x in own_leaves(load)):
+        raise ValueError("a load PerElement was given for a beam with linked interpolation; one Along the beam is wanted")
     h = beam.length[..., None]
-    rest = strain(kinematics(*ends(beam.nodes), *ends(beam.frames), h), h)
+    whole = QuadraticSpace() if beam.order == 2 else Space()
+    rest = whole.strains(whole.kinematics(*whole.chain.poses(beam.nodes, beam.frames), h), h)
     inertia, section_mass, share = inertia_of(scene, space, lumped)
     model = Model(
         scene=scene, space=space, constraints=Constraints.of(scene, space), inertia=inertia, length=h,
@@ -75,7 +79,7 @@ def check_plane(model: Model, whole: Model) -> None:
             _refuse(space, f"a {load.called} to a point", to, space.project_vector(to) @ space.basis[:, :2].mT)
     for effect in scene.eigenstrains:
         if constant(effect):
-            own = effect.eigenstrain(t, {}, model.length, model.count)
+            own = effect.eigenstrain(t, {}, model.length, beam.element_count)
             _refuse(space, effect.called, own, space.embed_strain(space.project_strain(own)))
     for body in scene.bodies:
         if body.offset is not None:

@@ -11,6 +11,7 @@ from torch import Tensor
 from ..core.validation import Value, as_tensor, finite
 from ..math.shapes import broadcast_shapes
 from ..nodal.assembly import ends
+from ..nodal.constitutive_law import without_residual_bending
 from ..nodal.element import kinematics, strain
 from ..scene.beam import Beam
 from ..state.state import State
@@ -109,7 +110,8 @@ class _Strains(_Along):
                              f"{self.beam.count + 1}")
         if not isinstance(state, State):  # a mixed form holds its own
             return super().read(state)
-        values = self._strain(state.position, state.rotation) - self.reference
+        at = slice(None) if self.element is None else slice(self.element % self.beam.count, self.element % self.beam.count + 1)
+        values = without_residual_bending(self.beam, self._strain(state.position, state.rotation) - self.reference, at)
         values = values if self.weights is None else self.weights[..., None, :] @ values
         return self.of(values[..., 0, :])
 

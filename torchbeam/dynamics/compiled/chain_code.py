@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 
+from ...solvers.compiled.denormals import flushing
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.llvm import Module
 from .code import Code
@@ -29,7 +30,7 @@ class ChainCode:
         self.module, self.functions, self.layout, self.kinds, self.held = module, functions, layout, kinds, held
         self.lanes = module.lanes
         self.bytes = self.lanes.count * self.lanes.bytes  # of a component
-        self.code = Code("run", ["ptr %args"])
+        self.code = Code("chain", ["ptr %args"])
         self.args: dict[str, str] = {}
         self.base: dict[str, str] = {}
 
@@ -45,7 +46,8 @@ class ChainCode:
             self.base[name] = code.at(pointer["memory"], begin, "i8")
         with code.loop(self.args["first_group"], self.args["end_group"]) as group:
             self._group(code.mul(group, self.lanes.count))
-        return "\n\n".join((*self._loops(), code.text()))
+        chain = code.text().replace(") nounwind", ") noinline nounwind", 1)
+        return "\n\n".join((*self._loops(), chain, flushing("run", "chain")))
 
     def _group(self, first: str) -> None:
         """All steps of the samples from the first of a group on."""

@@ -1,4 +1,4 @@
-"""Local functions of a midpoint step: what one node and one element do, as pure functions of named fields.
+"""Local functions of an implicit step, the midpoint's as they are: what one node and one element do, by named fields.
 
 They are those of `local_problem`; an element condenses its stress. A chain's balance and its blocks are the sums of both.
 
@@ -10,6 +10,7 @@ Fields have no axes of the batch: of a node's `node.k`, `common.k` and `support.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -20,9 +21,10 @@ from ...nodal.balance import Linearisation, dstress, mixed, restrained_forces, s
 from ...nodal.constitutive_law import times
 from ...nodal.model import Model
 from ...solvers.newton import converged
+from ..midpoint import MidpointProblem
 from ..step_element import ElementBalance
 from .chain_constants import filled
-from .local_problem import INTERNAL, NODE, ElementKind, Fields, LocalProblems, NodeKind
+from .local_problem import INTERNAL, ElementKind, Fields, LocalProblems, NodeKind
 
 
 @dataclass(frozen=True)
@@ -60,9 +62,12 @@ class LocalFunctions(LocalProblems):
     def finish(self, kind: NodeKind, **fields: Tensor) -> Fields:
         """The node at the end of the step, and the work done on it; `found` (w): the reaction of its support."""
         problem, x = self.of_node(fields, kind)
+        return self._finished(problem, x, kind, fields)
+
+    def _finished(self, problem: MidpointProblem, x: Any, kind: NodeKind, fields: Fields) -> Fields:
         reaction = x.u.new_zeros(0, self.model.space.unknowns) if kind.support is None else fields["found"][None]
         after = problem.finish(x, reaction)
-        found = {name: getattr(after, name)[0] for name in NODE} | {"work": after.work}
+        found = {name: getattr(after, name)[0] for name in self.NODE} | {"work": after.work}
         if INTERNAL in self.state:
             own = dict(zip(kind.acting, after.internal.split([self.internal[k] for k in kind.acting]), strict=True)
                        if after.internal is not None else ())
@@ -128,8 +133,8 @@ class LocalFunctions(LocalProblems):
 
         balance, D = total("balance"), total("D")
         asked, U, L = total("asked") + fields["own.balance"], fields["right.U"], fields["left.L"]
-        terms = [fields["own.load"]] if "own.load" in fields else []
-        terms = torch.stack([*terms, *([total("inertia")] if "own.inertia" in fields else [])]).abs()
+        sides = [name for name in fields if name.endswith(".inertia")]
+        terms = torch.stack(self.terms(fields.get("own.load"), total("inertia") if sides else None)).abs()
         found, left = {}, balance
         if held:
             before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
@@ -142,6 +147,10 @@ class LocalFunctions(LocalProblems):
         return found | self.pivot(D - L @ fields["ahead"]) | {
             "ahead": ahead, "y": y[:, 0], "force": terms[:, :p].amax(), "moment": terms[:, p:].amax(),
             "left_force": left[:p].amax(), "left_moment": left[p:].amax()}
+
+    def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:
+        """Those of a node's balance (w) that its largest are looked for in, beside the elements'."""
+        return [x for x in (load, inertia) if x is not None]
 
     def pivot(self, block: Tensor) -> Fields:
         """What is asked of a pivot block (w, w) of the elimination: nothing in a step."""
