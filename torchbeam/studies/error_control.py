@@ -34,10 +34,9 @@ FINEST = 2**17  # steps of a reference, at most
 ABOUT = (
     "{scenes} random soft rods in {families} families ({elements} elements, length 0.3 to 0.8 m, 0.5 to 3 s of motion, "
     "{outputs} instants), rtol from 1e-2 to 1e-5 (undamped: 1e-4) at random, each sample its own. Error: largest distance of a "
-    "node over "
-    "all instants from a reference (equal midpoint steps, halved until what they extrapolate to stands still to 3 % of the "
-    "tolerance), over the tolerance. Work: implicit steps made, all trials and runs included, over how many equal steps have "
-    "the tolerance for their error (8 at least), which nobody knows beforehand, nor that it is so."
+    "node over all instants from a reference (equal midpoint steps, halved until what they extrapolate to stands still to 3 % "
+    "of the tolerance), over the tolerance. Work: implicit steps made, all trials and runs included, over how many equal steps "
+    "have the tolerance for their error (8 at least), which nobody knows beforehand."
 )
 EXPLICIT_ABOUT = (
     "Explicit methods with the same rtol (atol = rtol times the length), in the three forms, each against itself at 1e-9; rk4, "

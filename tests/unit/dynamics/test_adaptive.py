@@ -100,7 +100,7 @@ def test_extrapolation_takes_the_second_order_away():
 
 
 def test_event_of_a_falling_beam():
-    """Free fall: z = -g t^2/2 is -h at sqrt(2 h/g), with the derivatives by h and g; the sample that never gets there goes on."""
+    """Free fall: z = -g t^2/2 is -h at sqrt(2 h/g), with its derivatives; the sample that does not get there goes on."""
     section = tb.Section.from_stiffness(EA=200.0, GA=80.0, GJ=0.015, EI=0.02, mass=0.3, inertia=1e-3)
     g = torch.tensor([9.81, 0.5], requires_grad=True)
     fall = torch.tensor(0.1, requires_grad=True)
