@@ -68,7 +68,13 @@ def simulate(
                               derivatives go forward with the steps: they are right, and need no memory of the past
                  progress=    called with (steps done, steps in all) after each step
                  lumped=, conserve=, tolerance=, iterations=, halvings=, engine=    see `Stepper`
-             "generalized_alpha" with the same but conserve=, and rho_inf=
+                 or, in place of the first three, adaptive steps, each sample's own (see `torchbeam.dynamics.adaptive`):
+                 rtol=, atol=  the largest error of a position over the run is to be at most atol m + rtol times the length of
+                              the beam, that of a rotation rtol + atol/length rad (see `Tolerance`); numbers, or (...)
+                 events=      a function of the state that gives one number (...) a sample, or a list of such: a sample stops
+                              where one crosses zero, and `sol.event` says which, when and how
+                 max_steps=   of a run, 100,000;  first_step=  s, found by a trial otherwise
+             "generalized_alpha" with the same but conserve= and adaptive steps, and rho_inf=
              or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=, and begin=
              (...) s, the instant of each sample from which t counts (None = t is that of all); the mixed forms also take
              project=, solver=, see `torchbeam.dynamics.mixed_forms.simulate_mixed`
