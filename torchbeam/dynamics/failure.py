@@ -90,7 +90,8 @@ class Failure(NamedTuple):
                 yield (f"the motion of the support of node {support.node}",
                        lambda s, one=support: torch.cat(_level(*model.prescribed_motion.pose(one, at(s))), -1)[..., None, :])
         for effect in scene.eigenstrains:
-            yield _name(effect), lambda s, one=effect: one.eigenstrain(at(s), problem.inputs, model.length, model.count)
+            yield _name(effect), lambda s, one=effect: one.eigenstrain(at(s), problem.inputs, model.length,
+                                                                       scene.beam.element_count)
         for load in scene.loads:
             yield _name(load), lambda s, load=load: external(model, start, at(s), problem.inputs, (load,))
 

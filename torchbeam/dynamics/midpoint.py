@@ -28,7 +28,6 @@ from torch import Tensor
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
 from ..nodal import loads as external
-from ..nodal.assembly import ends
 from ..nodal.balance import Linearisation, Residual, largest, restrained_forces, size_of_strain
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import InertiaForces
@@ -39,7 +38,7 @@ from ..scene.effects import Inputs
 from ..state.state import State
 from ..state.supported_nodes import set_node
 from .energy_projection import conserved
-from .step_element import ElementBalance, Ends, MidpointElement
+from .step_element import ElementBalance, MidpointElement
 from .step_kinematics import MidpointMotion, MidpointTangent, StepKinematics
 from .support_motion import SupportMotions, support_motions
 
@@ -111,7 +110,7 @@ class MidpointProblem(Tree):
     @cached
     def _elements(self) -> tuple[Any, ...]:
         """Fields of `StepElement`."""
-        model, start = self.model, Ends.of(self.start.position, self.start.rotation)
+        model, start = self.model, self.model.space.chain.poses(self.start.position, self.start.rotation)
         return model.space, model.law, model.length, self.h, model.reference, start, self.eigenstrain
 
     def apply_supports(self, x: MidpointUnknowns) -> MidpointUnknowns:
@@ -195,7 +194,7 @@ class MidpointProblem(Tree):
 
     def element_balance(self, x: MidpointUnknowns, way: StepKinematics) -> ElementBalance:
         """The elements, whose nodes move so."""
-        return self.element.balance(x.stress, *(Ends.of(*pose) for pose in way.poses))
+        return self.element.balance(x.stress, *(self.model.space.chain.poses(*pose) for pose in way.poses))
 
     def residual(self, x: MidpointUnknowns) -> tuple[Residual, StepKinematics, ElementBalance, InertiaForces]:
         """The balance at x; with it what the nodes and the elements do there."""
@@ -213,7 +212,7 @@ class MidpointProblem(Tree):
                   ) -> Linearisation:
         """The tangent by the nodes' moves, see `TANGENT`."""
         nodes, blocks = self.node_tangent(way, inertia)
-        tangent = self.element.tangent(element, x.stress, lambda: ends(nodes.half, 2))
+        tangent = self.element.tangent(element, x.stress, lambda: self.model.space.chain.ends(nodes.half, 2))
         return Linearisation.condense(self.model, tangent.stiffness, blocks, tangent.hB, self.C, tangent.E)
 
     def load_tangent(self, nodes: MidpointTangent) -> Tensor | float:

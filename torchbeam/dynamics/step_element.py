@@ -16,24 +16,10 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
-from ..nodal.assembly import ends
+from ..nodal.assembly import Ends
 from ..nodal.constitutive_law import ElasticLaw
 from ..nodal.coordinates.spatial import Space
 from .alpha_kinematics import GeneralizedAlpha
-
-
-class Ends(NamedTuple):
-    """Positions and rotations of the two nodes, (..., N, ...)."""
-
-    r_i: Tensor
-    r_j: Tensor
-    q_i: Tensor
-    q_j: Tensor
-
-    @classmethod
-    def of(cls, position: Tensor, rotation: Tensor) -> Ends:
-        """From those of all nodes."""
-        return cls(*ends(position), *ends(rotation))
 
 
 class ElementBalance(NamedTuple):
@@ -105,12 +91,13 @@ class MidpointElement(StepElement):
         end, after = self._kinematics(end)
         return self._balance(acting, end, (self.strain + after) / 2, lambda: (after - self.strain) / self.h, stress)
 
-    def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, Tensor]]) -> ElementTangent:
-        """half() (..., N, s, s) of the nodes i and j: half the spin of a rotation at the end by its spin at mid step."""
-        space, p, s = self.space, self.space.position, self.space.spin
-        half_i, half_j = half()
-        by_r, by_i, by_j = space.strain_operator(found.end, self.length).split((p, s, s), -1)
-        E = self.law.felt_by(torch.cat((by_r, by_i @ half_i, by_j @ half_j), -1), self.rate)
+    def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
+        """half() (..., N, s, s) of an element's nodes: half the spin of a rotation at the end by its spin at mid step."""
+        space, halves = self.space, half()
+        sizes = space.position, *[space.spin] * len(halves)
+        by_r, *by_spin = space.strain_operator(found.end, self.length).split(sizes, -1)
+        turned = [by @ own for by, own in zip(by_spin, halves, strict=True)]
+        E = self.law.felt_by(torch.cat((by_r, *turned), -1), self.rate)
         return self._tangent(found.acting, stress, space.strain_operator(found.acting, self.length), E)
 
 
@@ -133,7 +120,7 @@ class EndElement(StepElement):
         kin, strain = self._kinematics(end)
         return self._balance(kin, kin, strain, lambda: self.rates(strain)[0], stress)
 
-    def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, Tensor]]) -> ElementTangent:
+    def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
         """By the move of the end: `half` is not asked for."""
         B = self.space.strain_operator(found.end, self.length)
         E = self.law.felt_by(B, self.method.ratio / self.method.gamma / self.h[..., None])

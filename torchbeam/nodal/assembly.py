@@ -7,9 +7,25 @@ numbers that an element's motion is told by are (dr_j - dr_i, spin i, spin j), p
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
+
+
+class Ends(NamedTuple):
+    """Positions and rotations of the two nodes, (..., N, ...)."""
+
+    r_i: Tensor
+    r_j: Tensor
+    q_i: Tensor
+    q_j: Tensor
+
+
+def poses(position: Tensor, rotation: Tensor) -> Ends:
+    """From those of all nodes."""
+    return Ends(*ends(position), *ends(rotation))
 
 
 def ends(x: Tensor, axes: int = 1) -> tuple[Tensor, Tensor]:
@@ -26,6 +42,11 @@ def at_i(x: Tensor, axes: int = 1) -> Tensor:
 def at_j(x: Tensor, axes: int = 1) -> Tensor:
     """What each element (..., N, *) gives its node j, as nodes (..., N+1, *)."""
     return pad(x, (0, 0) * axes + (1, 0))
+
+
+def shared(parts: tuple[Tensor, Tensor], axes: int = 1) -> Tensor:
+    """What elements stand for, as seen by each of their nodes (..., N, *), at the nodes (..., N+1, *): half of it each."""
+    return at_i(parts[0] / 2, axes) + at_j(parts[1] / 2, axes)
 
 
 def to_elements(move: Tensor, p: int) -> Tensor:

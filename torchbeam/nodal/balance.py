@@ -20,12 +20,13 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..math.block_tridiagonal import ChainSolve, block_tridiagonal, recorded
+from ..math.block_tridiagonal import ChainSolve, block_tridiagonal, finite_pivots, positive_definite, recorded
 from ..math.shapes import broadcast_shapes
 from .constitutive_law import times
 from .constraints import Constraints
 from .coordinates.spatial import Space
 from .mass import Blocks, add
+from .midside import Midside, condensed
 from .model import Model
 
 
@@ -73,13 +74,19 @@ class Linearisation(NamedTuple):
     C: Tensor
     E: Tensor  # (..., N, k, p + 2 s)
     law: Tensor  # S^-1 as the law has it, which C may differ from
+    midside: Midside | None = None  # of elements of three nodes: D, L and U are then those of the end nodes
 
     @classmethod
     def condense(cls, model: Model, rest: Tensor, nodes: Blocks, hB: Tensor, C: Tensor, E: Tensor) -> Linearisation:
         """rest (..., N, p + 2 s, p + 2 s) of elements at fixed stress; nodes: what these, and the mass they share, add."""
-        D, U, L = add(model.space.to_blocks(rest + hB.mT @ times(C, E)), nodes)
-        constraints = model.constraints
-        return cls(model.space, constraints, *constraints.matrix(D, L, U), constraints.rows(D, L, U), hB, C, E, model.law.C)
+        D, U, L, *far = add(model.space.to_blocks(rest + hB.mT @ times(C, E)), nodes)
+        constraints, midside = model.constraints, ()
+        rows = constraints.rows(D, L, U, *far)
+        if far:
+            D, L, U, *midside = condensed(*constraints.whole(D, L, U, *far))
+        else:
+            D, L, U = constraints.matrix(D, L, U)
+        return cls(model.space, constraints, D, L, U, rows, hB, C, E, model.law.C, *midside)
 
     def solve(self, g: Tensor, g_strain: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """What a residual asks for: move (..., N+1, w), zero where the beam is held, d[F; M] (..., N, k); and the supports'
@@ -87,8 +94,12 @@ class Linearisation(NamedTuple):
         """
         pushed = g + self.space.to_nodes(self.pushed(g_strain))
         solve = ChainSolve.apply if recorded() else block_tridiagonal
-        free = solve(self.D, self.L, self.U, self.constraints.unknown(-pushed))
-        move = pad(free, (0, 0, self.constraints.first, 0))
+        if self.midside is None:
+            free = solve(self.D, self.L, self.U, self.constraints.unknown(-pushed))
+            move = pad(free, (0, 0, self.constraints.first, 0))
+        else:
+            right, own = self.midside.condense(-pushed * self.constraints.moving)
+            move = self.midside.restore(solve(self.D, self.L, self.U, right), own)
         change = dstress(self.C, self.E, g_strain, self.space.to_elements(move))
         return move, change, self.constraints.reaction(self.rows, pushed, move)
 
@@ -96,13 +107,30 @@ class Linearisation(NamedTuple):
         """h B^T C g_eps (..., N, p + 2 s): what an element's strain gap asks of its nodes."""
         return (self.hB.mT @ times(self.C, g_strain[..., None]))[..., 0]
 
+    def pivots(self) -> tuple[Tensor, Tensor]:
+        """`finite_pivots` of the matrix, those of midside nodes first."""
+        blocks, sound = finite_pivots(self.D, self.L, self.U)
+        if self.midside is None:
+            return blocks, sound
+        first = torch.isfinite(self.midside.D)
+        middle = torch.where(first, self.midside.D, 0.0)
+        blocks = torch.cat((middle.expand(*blocks.shape[:-3], *middle.shape[-3:]), blocks), -3)
+        return blocks, sound & first.all(-1).all(-1).all(-1)
+
+    def positive_definite(self) -> Tensor:
+        """(...) bool: whether the matrix, where it is symmetric, is."""
+        found = positive_definite(self.D, self.L, self.U)
+        if self.midside is None:
+            return found
+        return found & (torch.linalg.cholesky_ex(self.midside.D + self.midside.D.mT).info == 0).all(-1)
+
     @property
     def exact(self) -> Tensor:
         """(...) bool: whether C is the law's, and no impossible strain was given more flexibility than the law gives it."""
         return same_law(self.C, self.law)
 
     def detach(self) -> Linearisation:
-        return Linearisation(self.space, self.constraints, *(x.detach() for x in self[2:]))
+        return Linearisation(self.space, self.constraints, *(None if x is None else x.detach() for x in self[2:]))
 
 
 def same_law(C: Tensor, law: Tensor) -> Tensor:

@@ -65,21 +65,36 @@ class Constraints:
         row, column = self.free[..., None], self.free[..., None, :]
         return (D * row * column + torch.diag_embed(1 - self.free), L * row[1:] * column[:-1], U * row[:-1] * column[1:])
 
-    def rows(self, D: Tensor, L: Tensor, U: Tensor) -> Tensor:
-        """(..., K, w, 3 w): the rows of the supports' nodes, by the moves of the node before, the node and the next."""
+    def whole(self, D: Tensor, L: Tensor, U: Tensor, far_U: Tensor, far_L: Tensor) -> tuple[Tensor, ...]:
+        """The same of elements of three nodes, see `quadratic_assembly`: of all nodes, those without unknowns too."""
+        free = self.moving.to(D)
+        row, column = free[..., None], free[..., None, :]
+        return (D * row * column + torch.diag_embed(1 - free), L * row[1:] * column[:-1], U * row[:-1] * column[1:],
+                far_U * row[:-1:2] * column[2::2], far_L * row[2::2] * column[:-1:2])
+
+    def rows(self, D: Tensor, L: Tensor, U: Tensor, *far: Tensor) -> Tensor:
+        """(..., K, w, 3 w): the rows of the supports' nodes, by the moves of the node before, the node and the next; with parts
+        `far` (upper, lower) (..., K, w, 5 w), by those of the two nodes before and after.
+        """
         parts = []
         for i in self.nodes:
             zero = torch.zeros_like(D[..., i, :, :])
             before = L[..., i - 1, :, :] if i > 0 else zero
             after = U[..., i, :, :] if i < D.shape[-3] - 1 else zero
-            parts.append(torch.cat(torch.broadcast_tensors(before, D[..., i, :, :], after), -1))
-        return torch.stack(parts, -3) if parts else D.new_zeros(*D.shape[:-3], 0, D.shape[-1], 3 * D.shape[-1])
+            row = before, D[..., i, :, :], after
+            if far:
+                own, last = i % 2 == 0, D.shape[-3] - 1
+                row = (far[1][..., i // 2 - 1, :, :] if own and i > 0 else zero, *row,
+                       far[0][..., i // 2, :, :] if own and i < last else zero)
+            parts.append(torch.cat(torch.broadcast_tensors(*row), -1))
+        return torch.stack(parts, -3) if parts else D.new_zeros(*D.shape[:-3], 0, D.shape[-1], (5 if far else 3) * D.shape[-1])
 
     def reaction(self, rows: Tensor, balance: Tensor, move: Tensor) -> Tensor:
         """(..., K, w): the balance (..., N+1, w) at the supports after the moves (..., N+1, w)."""
         if not self.nodes:
             return balance[..., :0, :]
-        wide = torch.nn.functional.pad(move, (0, 0, 1, 1))
-        near = torch.stack([wide[..., i:i + 3, :].flatten(-2) for i in self.nodes], -2)
+        reach = rows.shape[-1] // (2 * move.shape[-1])
+        wide = torch.nn.functional.pad(move, (0, 0, reach, reach))
+        near = torch.stack([wide[..., i:i + 2 * reach + 1, :].flatten(-2) for i in self.nodes], -2)
         at = torch.stack([balance[..., i, :] for i in self.nodes], -2)
         return self.fixed * (at + (rows @ near[..., None])[..., 0])

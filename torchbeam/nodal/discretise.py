@@ -11,12 +11,12 @@ from torch import Tensor
 from ..core.arguments import boolean, instance
 from ..core.leaves import constant
 from ..scene.scene import Scene
-from .assembly import ends
 from .constitutive_law import law_of
 from .constraints import Constraints
 from .coordinates.planar import PLANES, Plane
+from .coordinates.quadratic import QuadraticSpace
 from .coordinates.selection import only_numbers, space_of
-from .element import kinematics, strain
+from .coordinates.spatial import Space
 from .inertia import inertia_of
 from .loads import Nodes, external
 from .model import Model
@@ -37,7 +37,8 @@ def discretise(scene: Scene, lumped: bool = False) -> Model:
     space = space_of(scene)
     beam = scene.beam
     h = beam.length[..., None]
-    rest = strain(kinematics(*ends(beam.nodes), *ends(beam.frames), h), h)
+    whole = QuadraticSpace() if beam.order == 2 else Space()
+    rest = whole.strains(whole.kinematics(*whole.chain.poses(beam.nodes, beam.frames), h), h)
     inertia, section_mass, share = inertia_of(scene, space, lumped)
     model = Model(
         scene=scene, space=space, constraints=Constraints.of(scene, space), inertia=inertia, length=h,
@@ -75,7 +76,7 @@ def check_plane(model: Model, whole: Model) -> None:
             _refuse(space, f"a {load.called} to a point", to, space.project_vector(to) @ space.basis[:, :2].mT)
     for effect in scene.eigenstrains:
         if constant(effect):
-            own = effect.eigenstrain(t, {}, model.length, model.count)
+            own = effect.eigenstrain(t, {}, model.length, beam.element_count)
             _refuse(space, effect.called, own, space.embed_strain(space.project_strain(own)))
     for body in scene.bodies:
         if body.offset is not None:

@@ -27,10 +27,9 @@ from ..core.validation import concrete
 from ..math import quaternions as quat
 from ..math.quaternions import skew
 from ..scene.scene import Scene
-from .assembly import at_i, at_j, ends
 from .coordinates.spatial import Space
 from .lever import Lever, NoLever
-from .mass import COUPLING, Blocks, HalfConsistentMass, LumpedMass
+from .mass import COUPLING, QUADRATIC_COUPLING, Blocks, HalfConsistentMass, LumpedMass, QuadraticMass
 from .rotary import NoRotaryInertia, RotaryInertia
 
 
@@ -104,12 +103,11 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
     beam = scene.beam
     h = beam.length[..., None]
     m = _mass(beam.mass, beam.offset)
-    half = (h / 2)[..., None] * beam.mass
-    parts = half, half
-    if beam.curved:  # the section's mass, seen from the axes of the nodes at either end
-        parts = tuple(_turned(half, quat.multiply(quat.conjugate(node), beam.elements)) for node in ends(beam.frames))
-    mass = at_i(parts[0], 2) + at_j(parts[1], 2)
-    tributary_length = at_i(h / 2) + at_j(h / 2)
+    part = h[..., None] * beam.mass
+    parts = (part,) * (beam.order + 1)
+    if beam.curved:  # the section's mass, seen from the axes of the element's nodes
+        parts = tuple(_turned(part, quat.multiply(quat.conjugate(q), beam.elements)) for q in space.chain.ends(beam.frames))
+    mass, tributary_length = space.chain.shared(parts, 2), space.chain.shared((h,) * (beam.order + 1))
     for body in scene.bodies:
         at, nodes = body.node % (beam.count + 1), beam.count + 1
         mass = mass + pad(body.about_node[..., None, :, :], (0, 0, 0, 0, at, nodes - 1 - at))
@@ -119,7 +117,13 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
     if offset:
         e = _vector(mass[..., 3:, :3]) / whole
         J, lever = J - whole[..., None] * skew(e).mT @ skew(e), Lever(space, space.project_offset(e))
-    inertia = Inertia(space, LumpedMass(whole) if lumped else HalfConsistentMass(whole, COUPLING * m * h),
+    if lumped:
+        translational = LumpedMass(whole)
+    elif beam.order == 1:
+        translational = HalfConsistentMass(whole, COUPLING * m * h)
+    else:
+        translational = QuadraticMass(whole, QUADRATIC_COUPLING * (m * h).unflatten(-2, (-1, 2)).sum(-2))
+    inertia = Inertia(space, translational,
                       RotaryInertia(space, space.project_inertia(J)) if rotary else NoRotaryInertia(space), lever)
     return inertia, mass / tributary_length[..., None], tributary_length
 

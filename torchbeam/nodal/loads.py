@@ -257,7 +257,8 @@ def _points(model: Model, nodes: Nodes, t: Tensor, loads: tuple[Any, ...]) -> It
     for load in loads:
         reads = model.depends_on(load)
         if load.node is None:
-            space, at, place = model.space, nodes, dict(mass=model.section_mass, s=model.s, elements=model.count)
+            place = dict(mass=model.section_mass, s=model.s, elements=model.scene.beam.element_count)
+            space, at = model.space, nodes
         else:
             space, at, place = model.space.of_nodes(load.node), nodes.of(load.node, reads), {}
         if id(load) in places and nodes.internal is not None:

@@ -13,7 +13,6 @@ from ..core.leaves import Tree, leaf
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.prescribed_motion import PrescribedMotion, turning
 from ..scene.scene import Scene
-from .assembly import ends
 from .constitutive_law import ElasticLaw
 from .constraints import Constraints
 from .coordinates.spatial import Space
@@ -44,7 +43,7 @@ class Model(Tree):
 
     @property
     def count(self) -> int:
-        """N, the number of elements."""
+        """N, the number of elements, or of stations, where each has more than one: see `Beam.count`."""
         return self.scene.beam.count
 
     @cached
@@ -94,7 +93,8 @@ class Model(Tree):
         """Strain (..., N or 1, k) that the beam takes by itself; 0.0 where there is none."""
         total = 0.0
         for effect in self.scene.eigenstrains:
-            total = total + self.space.project_strain(effect.eigenstrain(t, inputs, self.length, self.count))
+            own = self.space.project_strain(effect.eigenstrain(t, inputs, self.length, self.scene.beam.element_count))
+            total = total + self.scene.beam.at_stations(own, 1)
         return total
 
     def tangent_stiffness(self, dt: Tensor | None = None) -> Tensor:
@@ -103,7 +103,7 @@ class Model(Tree):
 
     def kinematics(self, position: Tensor, rotation: Tensor) -> Any:
         """Of all elements, from nodes in the space's coordinates: see `element.Kinematics`."""
-        return self.space.kinematics(*ends(position), *ends(rotation), self.length)
+        return self.space.kinematics(*self.space.chain.poses(position, rotation), self.length)
 
     def strain(self, kin: Any) -> Tensor:
         """(..., N, k), less that of the undeformed beam."""

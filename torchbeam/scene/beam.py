@@ -13,9 +13,10 @@ from torch.nn.functional import pad
 from ..core.arguments import count
 from ..core.leaves import Tree, batch_shapes, leaf
 from ..core.summary import counted, kind, lines, point, span
-from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive, rotations
+from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive, shown
 from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
+from .axes import advance, axes_along, axes_between, axes_of_nodes, orthonormal, parabolas, upright
 from .section import Section, notes
 from .stations import Stations, of_elements
 
@@ -32,6 +33,8 @@ class Beam(Tree):
     length      (..., N) m, of each element along the reference axis
     compliance  (..., N or 1, 6, 6) and mass (..., N or 1, 6, 6): as in `Section`, per element
     rigid, coupled, offset, rotary: as in `Section`; curved: whether node and element axes differ
+    order       of the elements: 1, or 2 (see `Beam.straight`), with 2 N + 1 nodes and two stations an element: what has an axis
+                of N above then has one of 2 N, each station standing for half of its element
     """
 
     nodes: Tensor = leaf(2)
@@ -45,10 +48,12 @@ class Beam(Tree):
     offset: bool
     rotary: bool
     curved: bool
+    order: int = 1
 
     def __repr__(self) -> str:
         mass = (self.mass[..., 0, 0] * self.length).sum(-1)
-        size = [counted(self.count, "element"), f"{span(self.length.sum(-1))} m long", f"{span(mass)} kg"]
+        elements = counted(self.element_count, "element") + (" of order 2" if self.order == 2 else "")
+        size = [elements, f"{span(self.length.sum(-1))} m long", f"{span(mass)} kg"]
         shape = ["curved or twisted at rest"] if self.curved else []
         return lines("Beam", ", ".join([*size, *shape, *notes(self)]),
                      f"root at {point(self.nodes[..., 0, :])} m, tip at {point(self.nodes[..., -1, :])} m",
@@ -56,8 +61,18 @@ class Beam(Tree):
 
     @property
     def count(self) -> int:
-        """N, the number of elements."""
+        """The number of intervals between nodes, and of stations of stress: N, times the order of the elements."""
         return self.nodes.shape[-2] - 1
+
+    @property
+    def element_count(self) -> int:
+        """N, the number of elements."""
+        return self.count // self.order
+
+    def at_stations(self, x: Tensor, axes: int) -> Tensor:
+        """Values of the elements, (..., N or 1, *) with `axes` axes of their own, at their stations."""
+        one = self.order == 1 or x.shape[-1 - axes] == 1
+        return x if one else x.repeat_interleave(self.order, -1 - axes)
 
     @property
     def batch_shape(self) -> torch.Size:
@@ -73,6 +88,7 @@ class Beam(Tree):
         up: Value = (0.0, 0.0, 1.0),
         root: Value = (0.0, 0.0, 0.0),
         twist: Value | Callable[[Tensor], Tensor] | None = None,
+        order: int = 1,
     ) -> Beam:
         """A straight beam of `elements` equal elements.
 
@@ -83,10 +99,12 @@ class Beam(Tree):
         root       (..., 3) m, position of node 0, frame a
         twist      rad by which the section axes at rest are turned about the beam: a number (...) for that of the tip, growing
                    evenly from none at the root; or a function of s (..., m) m that gives (..., m), a `Table` for one
+        order      1: elements of two nodes. 2: of three, with a node in the middle of each and two stations of stress, whose
+                   error falls with the fourth power of their length: few of them do where the solution is smooth
 
-        Raises ValueError for a length that is not positive, fewer than one element, or `up` along `direction`.
+        Raises ValueError for a length that is not positive, fewer than one element, `up` along `direction`, or another order.
         """
-        N = count("elements", elements)
+        N = _intervals(elements, order)
         (length,), axes, root = _placed(section, direction, up, root, length=length, _twist=twist)
         s = torch.linspace(0, 1, N + 1, dtype=length.dtype, device=length.device)
         nodes = root[..., None, :] + (length[..., None] * s)[..., None] * axes[..., None, :, 0]
@@ -94,7 +112,7 @@ class Beam(Tree):
         each = (length / N)[..., None].expand(*length.shape, N)
         if twist is None:
             return cls._with_section(section, nodes, q.expand(*q.shape[:-2], N + 1, 4), q.expand(*q.shape[:-2], N, 4), each,
-                                     curved=False)
+                                     curved=False, order=order)
         if callable(twist):
             angle = as_tensor(twist(length[..., None] * s), length.dtype, length.device)
             if angle.shape[-1:] != (N + 1,):
@@ -102,7 +120,7 @@ class Beam(Tree):
         else:
             angle = as_tensor(twist, length.dtype, length.device)[..., None] * s
         frames = quat.multiply(q, quat.exponential(pad(finite("twist", angle)[..., None], (0, 2))))
-        return cls._with_section(section, nodes, frames, _middles(frames), each, curved=True)
+        return cls._with_section(section, nodes, frames, axes_between(frames, order), each, curved=True, order=order)
 
     @classmethod
     def curve(
@@ -114,20 +132,22 @@ class Beam(Tree):
         direction: Value = (1.0, 0.0, 0.0),
         up: Value = (0.0, 0.0, 1.0),
         root: Value = (0.0, 0.0, 0.0),
+        order: int = 1,
     ) -> Beam:
         """A beam that is curved and twisted at rest, of `elements` elements of equal arc length.
 
         length     (...) m, along the axis
         curvature  (..., 3) 1/m in section axes: rate of twist, of turning about y and about z. Constant (an arc, a helix), or
                    a function of s (..., m) m that gives (..., m, 3): then of each element's middle, and constant over it
-        section, direction, up, root: as in `straight`, direction and up at node 0
+                   (of order 2: of the middle between neighbouring nodes)
+        section, direction, up, root, order: as in `straight`, direction and up at node 0
 
         Each element is integrated exactly: over a length h of constant curvature k the axes turn by exp(h ~k) and the axis
         advances by the integral of exp(s ~k) e1. No element may turn by pi.
 
         Raises ValueError for a length that is not positive, fewer than one element, or elements that turn by pi or more.
         """
-        N = count("elements", elements)
+        N = _intervals(elements, order)
         (length,), axes, root = _placed(section, direction, up, root, length=length, _curvature=curvature)
         h = (length / N)[..., None].expand(*length.shape, N)
         if callable(curvature):
@@ -141,38 +161,40 @@ class Beam(Tree):
         turn = h[..., None] * k
         if concrete(torch.linalg.vector_norm(turn, dim=-1) >= math.pi).any():
             raise ValueError(f"a curvature that turns one of {N} elements by pi or more was given; more elements are wanted")
-        each, step = quat.exponential(turn), h[..., None] * _advance(turn)
+        each, step = quat.exponential(turn), h[..., None] * advance(turn)
         frames, nodes = [quat.from_matrix(axes)], [root]
         for i in range(N):
             nodes.append(nodes[-1] + quat.rotate(frames[-1], step[..., i, :]))
             frames.append(quat.normalize(quat.multiply(frames[-1], each[..., i, :])))
         nodes, frames = (torch.stack(torch.broadcast_tensors(*x), -2) for x in (nodes, frames))
-        return cls._with_section(section, nodes, frames, _middles(frames), h, curved=True)
+        return cls._with_section(section, nodes, frames, axes_between(frames, order), h, curved=True, order=order)
 
     @classmethod
-    def from_nodes(cls, nodes: Value, section: Sections, frames: Value | None = None) -> Beam:
-        """A chain through `nodes` (..., N+1, 3) m; elements are the chords.
+    def from_nodes(cls, nodes: Value, section: Sections, frames: Value | None = None, order: int = 1) -> Beam:
+        """A chain through `nodes` (..., N+1, 3) m; elements are the chords. Of order 2, through (..., 2 N + 1, 3) nodes:
+        elements are the parabolas through three of them, of which the second is to be about half way.
 
         frames  (..., N, 3, 3) section axes of the elements as columns, frame a, the first along the chord; without
-                them, z is frame a's z made square to the chord (y instead, where the chord runs along z).
+                them, z is frame a's z made square to the chord (y instead, where the chord runs along z). Of order 2 those of
+                the nodes, (..., 2 N + 1, 3, 3), the first along the tangent, and z likewise
 
         Raises ValueError for fewer than two nodes, coinciding neighbours, or frames that are left-handed or whose x axis leaves
-        the chord.
+        the chord; of order 2 for a number of nodes that is even, or a midside node off the middle.
         """
+        _order(order)
         dtype, device = _dtype_with(section, nodes, frames)
         if isinstance(nodes, (list, tuple)) and any(isinstance(point, Tensor) for point in nodes):  # (..., 3) each
             nodes = torch.stack(torch.broadcast_tensors(*(as_tensor(point, dtype, device) for point in nodes)), -2)
         nodes = finite("nodes", axis_last("nodes", as_tensor(nodes, dtype, device), 3))
         if nodes.ndim < 2 or nodes.shape[-2] < 2:
             raise ValueError(f"nodes of shape {tuple(nodes.shape)} were given; (..., N+1, 3) with N >= 1 is wanted")
+        if order == 2:
+            return cls._parabolas(section, nodes, frames)
         chord = nodes.diff(dim=-2)
         N = chord.shape[-2]
         length = positive("the distance of neighbouring nodes", torch.linalg.vector_norm(chord, dim=-1))
         if frames is None:
-            z = torch.tensor([0.0, 0, 1], dtype=dtype, device=device)
-            y = torch.tensor([0.0, 1, 0], dtype=dtype, device=device)
-            steep = chord[..., 2:].abs() > 0.99 * length[..., None]
-            frames = axes_along(chord, torch.where(steep, y, z))
+            frames = upright(chord, length)
         else:
             frames = orthonormal(as_tensor(frames, dtype, device), N)
             if concrete((frames[..., :, 0] - chord / length[..., None]).abs() > 1e-5).any():
@@ -189,14 +211,15 @@ class Beam(Tree):
         direction: Value = (1.0, 0.0, 0.0),
         up: Value = (0.0, 0.0, 1.0),
         root: Value = (0.0, 0.0, 0.0),
+        order: int = 1,
     ) -> Beam:
         """A planar circular arc that starts along `direction` and turns about `up` (counter-clockwise) by `angle` (rad,
         up to 2 pi) with the given radius (m); the section's z axis is `up`. Nodes lie on the arc, elements have the
-        arc's length.
+        arc's length. order: as in `straight`.
 
         Raises ValueError for a radius or angle that is not positive, an angle above 2 pi or fewer than one element.
         """
-        N = count("elements", elements)
+        N = _intervals(elements, order)
         (radius, angle), axes, root = _placed(section, direction, up, root, radius=radius, angle=angle)
         if concrete(angle > 2 * math.pi * (1 + 1e-6)).any():
             raise ValueError(f"angle = {concrete(angle).max().item():g} was given; an arc of up to 2 pi is wanted")
@@ -205,20 +228,42 @@ class Beam(Tree):
         nodes = root[..., None, :] + in_plane @ axes.mT
         frames = quat.multiply(quat.from_matrix(axes)[..., None, :], quat.exponential(pad(s[..., None], (2, 0))))
         each = (radius * angle / N)[..., None].expand(*broadcast_shapes(radius.shape, angle.shape), N)
-        return cls._with_section(section, nodes, frames, _middles(frames), each, curved=True)
+        return cls._with_section(section, nodes, frames, axes_between(frames, order), each, curved=True, order=order)
+
+    @classmethod
+    def _parabolas(cls, section: Sections, nodes: Tensor, frames: Value | None) -> Beam:
+        """`from_nodes` of order 2. A station stands for |dr/dx| of its parabola."""
+        length, tangent = parabolas(nodes)
+        size = positive("the tangent at a node", torch.linalg.vector_norm(tangent, dim=-1))
+        frames = (upright(tangent, size) if frames is None
+                  else orthonormal(as_tensor(frames, nodes.dtype, nodes.device), nodes.shape[-2]))
+        q = quat.from_matrix(frames)
+        return cls._with_section(section, nodes, q, axes_between(q, 2), length, curved=True, order=2)
 
     @classmethod
     def _chain(cls, section, nodes: Tensor, elements: Tensor, length: Tensor) -> Beam:
         return cls._with_section(section, nodes, axes_of_nodes(elements), elements, length, curved=True)
 
     @classmethod
-    def _with_section(cls, section: Sections, nodes, frames, elements, length, curved) -> Beam:
+    def _with_section(cls, section: Sections, nodes, frames, elements, length, curved, order=1) -> Beam:
         one = isinstance(section, Section)
-        section = section if one else of_elements(section, length)
+        section = section if one else of_elements(section, length, order)
         common_dtype(nodes, section.compliance)  # says so where a function of s gave another dtype
         compliance, mass = (x[..., None, :, :] if one else x for x in (section.compliance, section.mass))
         return cls(nodes, frames, elements, length, compliance, mass, rigid=section.rigid, coupled=section.coupled,
-                   offset=section.offset, rotary=section.rotary, curved=curved)
+                   offset=section.offset, rotary=section.rotary, curved=curved, order=order)
+
+
+def _intervals(elements: int, order: int) -> int:
+    """Between nodes. Raises ValueError for fewer than one element, or another order than 1 or 2."""
+    return count("elements", elements) * _order(order)
+
+
+def _order(order: int) -> int:
+    """`order` if it is 1 or 2; ValueError otherwise."""
+    if isinstance(order, bool) or order not in (1, 2):
+        raise ValueError(f"order = {shown(order)} was given; 1 or 2 is wanted")
+    return order
 
 
 def _placed(section: Sections, direction: Value, up: Value, root: Value, **sizes: Value
@@ -231,58 +276,6 @@ def _placed(section: Sections, direction: Value, up: Value, root: Value, **sizes
     direction, up, root = (finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
                            for name, value in (("direction", direction), ("up", up), ("root", root)))
     return values, axes_along(direction, up), root
-
-
-def orthonormal(frames: Tensor, *counts: int) -> Tensor:
-    """`frames` (..., n, 3, 3) with n one of `counts`, if they are rotation matrices; ValueError otherwise."""
-    if frames.ndim < 3 or frames.shape[-3] not in counts or frames.shape[-2:] != (3, 3):
-        wanted = " or ".join(f"(..., {n}, 3, 3)" for n in counts)
-        raise ValueError(f"frames of shape {tuple(frames.shape)} were given; {wanted} is wanted")
-    return rotations("frames", frames)
-
-
-def axes_of_nodes(elements: Tensor) -> Tensor:
-    """Axes of the nodes (..., N+1, 4), half way between those of the neighbouring elements (..., N, 4); those of the end
-    elements at the ends.
-    """
-    inner = quat.half_way(elements[..., :-1, :], elements[..., 1:, :])
-    return torch.cat((elements[..., :1, :], inner, elements[..., -1:, :]), -2)
-
-
-def _middles(frames: Tensor) -> Tensor:
-    """Axes of the elements, half way between those of their nodes."""
-    return quat.half_way(frames[..., :-1, :], frames[..., 1:, :])
-
-
-def _advance(turn: Tensor) -> Tensor:
-    """The integral of exp(x ~turn) e1 over x from 0 to 1, (..., 3): e1 + b turn x e1 + c turn x (turn x e1), with
-    b = (1 - cos t)/t^2 and c = (t - sin t)/t^3 at t = |turn|.
-    """
-    t2 = (turn * turn).sum(-1, keepdim=True)
-    small = t2 < 1e-4
-    t = torch.where(small, torch.ones_like(t2), t2).sqrt()
-    half = torch.sin(t / 2) / t
-    b = torch.where(small, 0.5 - t2 / 24 + t2 * t2 / 720, 2 * half * half)
-    c = torch.where(small, 1 / 6 - t2 / 120 + t2 * t2 / 5040, (t - torch.sin(t)) / t**3)
-    e1 = pad(torch.ones_like(t2), (0, 2))
-    across = torch.linalg.cross(turn, e1)
-    return e1 + b * across + c * torch.linalg.cross(turn, across)
-
-
-def axes_along(direction: Tensor, up: Tensor) -> Tensor:
-    """Columns x along `direction`, z along `up` made square to it, y = z x x: (..., 3, 3).
-
-    Raises ValueError where `up` is parallel to `direction` or either is zero.
-    """
-    direction, up = torch.broadcast_tensors(direction, up)
-    length = positive("the length of direction", torch.linalg.vector_norm(direction, dim=-1, keepdim=True))
-    x = direction / length
-    across = up - (up * x).sum(-1, keepdim=True) * x
-    size = torch.linalg.vector_norm(across, dim=-1, keepdim=True)
-    if concrete(size <= 1e-6 * torch.linalg.vector_norm(up, dim=-1, keepdim=True)).any():
-        raise ValueError("an up vector parallel to the beam's direction was given; one that leaves it is wanted")
-    z = across / size
-    return torch.stack((x, torch.linalg.cross(z, x), z), -1)
 
 
 def _dtype_with(section: Sections, *values: Value) -> tuple[torch.dtype, torch.device]:

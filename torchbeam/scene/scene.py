@@ -65,7 +65,7 @@ class Scene(Tree):
             self._check_node(effect)
             for one in own_leaves(effect):
                 if isinstance(one.value, PerElement) and not callable(one.value.value):
-                    one.value.checked(one.value.value, self.beam.count)
+                    one.value.checked(one.value.value, self.beam.element_count)
         set_ = object.__setattr__
         for name, given in (("effects", effects), ("frame", self.frame), ("root", self.root)):
             set_(self, name, self._bound(given))

@@ -12,6 +12,7 @@ from torch import Tensor
 from ..core.arguments import count, instance
 from ..core.leaves import Tree, leaf
 from ..core.validation import as_tensor, broadcast, common_dtype, finite
+from ..math.quadratic import X
 from .section import Section
 
 # Gauss-Legendre points and weights on [0, 1], exact to the seventh power
@@ -112,27 +113,38 @@ def stacked(sections: Sequence[Section]) -> Section:
                      for name in ("compliance", "mass")))
 
 
-def of_elements(section: Sequence[Section] | Callable[[Tensor], Section], length: Tensor) -> Section:
+def stations_of(length: Tensor) -> Tensor:
+    """Arc length (..., 2 N) m of the stations of elements of order 2, each of which stands for a length (..., 2 N)."""
+    each = length.unflatten(-1, (-1, 2))
+    whole, x = each.sum(-1, keepdim=True), length.new_tensor([(1 - X) / 2, (1 + X) / 2])
+    return (whole.cumsum(-2) - whole + whole * x).flatten(-2)
+
+
+def of_elements(section: Sequence[Section] | Callable[[Tensor], Section], length: Tensor, order: int = 1) -> Section:
     """The sections of N elements of the given length (..., N) m, N (or 1) their last batch axis. A function of s, `Stations`
     among them, is averaged over each element at four Gauss points, compliance and mass: the bending of an element under a
-    constant moment and its weight are then those of the beam.
+    constant moment and its weight are then those of the beam. Of order 2 those of the stations, (..., 2 N); a function is taken
+    there.
     """
     N = length.shape[-1]
     if callable(section):
         points, weights = (torch.tensor(x, dtype=length.dtype, device=length.device) for x in (POINTS, WEIGHTS))
         start = length.cumsum(-1) - length
-        found = section((start[..., None] + length[..., None] * points).flatten(-2))
-        if not isinstance(found, Section) or found.batch_shape[-1:] != (4 * N,):
+        places = (start[..., None] + length[..., None] * points).flatten(-2) if order == 1 else stations_of(length)
+        found = section(places)
+        if not isinstance(found, Section) or found.batch_shape[-1:] != places.shape[-1:]:
             given = f"of batch shape {tuple(found.batch_shape)}" if isinstance(found, Section) else type(found).__name__
-            raise ValueError(f"a function of s that gave a section {given} for {4 * N} places was given; one Section with a "
-                             "last batch axis of that many is wanted")
+            raise ValueError(f"a function of s that gave a section {given} for {places.shape[-1]} places was given; one Section "
+                             "with a last batch axis of that many is wanted")
+        if order == 2:
+            return found
         mean = (torch.einsum("...nkij,k->...nij", x.expand(*x.shape[:-3], 4 * N, 6, 6).unflatten(-3, (N, 4)), weights)
                 for x in (found.compliance, found.mass))
         return found.like(*mean)
     sections = tuple(section)
-    if not sections or not all(isinstance(s, Section) for s in sections) or len(sections) not in (1, N):
-        raise ValueError(f"{len(sections)} sections were given for {N} elements; one Section or one each is wanted")
-    return stacked(sections)
+    if not sections or not all(isinstance(s, Section) for s in sections) or len(sections) not in (1, N // order):
+        raise ValueError(f"{len(sections)} sections were given for {N // order} elements; one Section or one each is wanted")
+    return stacked([s for s in sections for _ in range(order if len(sections) > 1 else 1)])
 
 
 def _places(s: Tensor) -> Tensor:

@@ -11,7 +11,7 @@ from torch.nn.functional import pad
 from ..core.functions_of_time import rate_along
 from ..core.validation import Value, as_tensor, axis_last, finite
 from ..math import quaternions as quat
-from ..scene.beam import axes_of_nodes, orthonormal
+from ..scene.axes import axes_of_nodes, orthonormal
 from ..scene.curve import carried_axes
 from ..scene.prescribed_motion import PrescribedMotion
 from ..scene.scene import Scene

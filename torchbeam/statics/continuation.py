@@ -21,7 +21,6 @@ import torch
 from torch import Tensor
 
 from ..core.status import DIVERGED
-from ..math.block_tridiagonal import finite_pivots
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..solvers.newton import newton
@@ -170,7 +169,7 @@ class Continuation:
         x = PathPoint(*still.apply_supports(x.shape), x.factor, x.way)
         residual, *about = still.residual(x.shape)
         tangent = still.linearise(x.shape, *about)
-        blocks, sound = finite_pivots(tangent.D, tangent.L, tangent.U)  # where one is not, the point is no place to stop at
+        blocks, sound = tangent.pivots()  # where one is not, the point is no place to stop at
         shape = residual.measure().shape
         eigenvalues = torch.linalg.eigvalsh((blocks + blocks.mT) / 2).expand(*shape, *blocks.shape[-3:-1])
         least = eigenvalues.amin((-1, -2)).clamp(min=0) if least is None else least

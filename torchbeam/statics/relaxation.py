@@ -18,8 +18,8 @@ from torch import Tensor
 from ..core.leaves import leaf
 from ..core.status import DIVERGED
 from ..core.validation import concrete
-from ..math.block_tridiagonal import positive_definite
-from ..nodal.balance import Linearisation, Residual
+from ..nodal.balance import Residual
+from ..nodal.mass import Blocks, add
 from ..nodal.model import Model
 from ..solvers.newton import newton
 from .steady import Configuration, SteadyProblem
@@ -44,9 +44,8 @@ class Viscous(SteadyProblem):
         way = torch.cat((x.position - self.before.position, space.to_frame(x.rotation, turn)), -1)
         return residual._replace(nodes=residual.nodes + self.drag * way), kin
 
-    def linearise(self, x: Configuration, kin: Any) -> Linearisation:
-        tangent = super().linearise(x, kin)
-        return tangent._replace(D=tangent.D + torch.diag_embed(self.drag[..., self.model.constraints.first:, :]))
+    def load_tangent(self, x: Configuration) -> Blocks:
+        return add((torch.diag_embed(self.drag),), super().load_tangent(x))
 
 
 def relax(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Configuration, tolerance: float | None
@@ -89,7 +88,7 @@ def relax(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Configuration, 
 
 def _minimum(problem: SteadyProblem, x: Configuration) -> Tensor:
     tangent = problem.linearise(x, *problem.residual(x)[1:])
-    return positive_definite(tangent.D, tangent.L, tangent.U)
+    return tangent.positive_definite()
 
 
 def _viscosity(model: Model, unbalanced: Residual) -> Tensor:

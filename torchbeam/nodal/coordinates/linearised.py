@@ -22,7 +22,9 @@ from .spatial import Space
 
 
 class Moves(NamedTuple):
-    """Of an element, (..., 9): dr_j - dr_i m, frame a, and the rotation vectors of the nodes i and j rad, section axes."""
+    """Of an element, (..., 9): dr_j - dr_i m, frame a, and the rotation vectors of the nodes i and j rad, section axes; of a
+    station of three nodes, (..., 12): dr' and three vectors.
+    """
 
     nine: Tensor
 
@@ -56,7 +58,7 @@ class LinearElement(Tree):
         return length * (self.B.mT @ stress[..., None])[..., 0]
 
     def strain_operator(self, kin: Moves, length: Tensor) -> Tensor:
-        return self.B.expand(*broadcast_shapes(self.B.shape[:-2], kin.nine.shape[:-1]), 6, 9)
+        return self.B.expand(*broadcast_shapes(self.B.shape[:-2], kin.nine.shape[:-1]), *self.B.shape[-2:])
 
     def geometric_stiffness(self, kin: Moves, stress: Tensor, length: Tensor) -> Tensor:
         return torch.zeros_like(kin.nine[..., None] + kin.nine[..., None, :])
@@ -71,11 +73,12 @@ class Small(Space):
     element: LinearElement
 
     turns: ClassVar[bool] = False
+    linear: ClassVar[type[LinearElement]] = LinearElement
 
     @classmethod
     def of(cls, scene: Scene) -> Small:
         beam = scene.beam
-        return cls(beam.frames, quat.matrix(beam.frames), LinearElement.of(beam.nodes, beam.frames, beam.length[..., None]))
+        return cls(beam.frames, quat.matrix(beam.frames), cls.linear.of(beam.nodes, beam.frames, beam.length[..., None]))
 
     def of_nodes(self, nodes: slice | int) -> Small:
         return replace(self, frames=self.frames[..., nodes, :], R=self.R[..., nodes, :, :])

@@ -7,6 +7,7 @@ from ...scene.prescribed_motion import turning
 from ...scene.scene import Scene
 from .linearised import Small
 from .planar import Plane
+from .quadratic import QuadraticPlane, QuadraticSmall, QuadraticSpace
 from .spatial import Space
 
 
@@ -14,6 +15,7 @@ def space_of(scene: Scene) -> Space:
     """The space of a scene whose plane is not "auto". Raises ValueError where the beam, the motion of its frame or follower
     loads do not fit it.
     """
+    quadratic = scene.beam.order == 2
     if scene.small:
         if scene.plane is not None:
             raise ValueError("plane and small were given; one of them is wanted")
@@ -23,8 +25,10 @@ def space_of(scene: Scene) -> Space:
             if load.follower or load.wants_support:
                 raise ValueError(f"small=True with {load.called} was given, whose load turns with the beam; dead loads "
                                  "are wanted")
-        return Small.of(scene)
-    return Space() if scene.plane is None else Plane.of(scene, scene.plane)
+        return (QuadraticSmall if quadratic else Small).of(scene)
+    if scene.plane is None:
+        return QuadraticSpace() if quadratic else Space()
+    return (QuadraticPlane if quadratic else Plane).of(scene, scene.plane)
 
 
 def only_numbers(scene: Scene) -> bool:

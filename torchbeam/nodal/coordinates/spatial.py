@@ -4,7 +4,7 @@ unknowns, and `linearised` for small rotations, of the same mathematics.
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -27,6 +27,7 @@ class Space(Tree):
     position: ClassVar[int] = 3
     spin: ClassVar[int] = 3
     strain: ClassVar[int] = 6
+    chain: ClassVar[Any] = assembly  # which nodes elements lie between: this module, or `quadratic_assembly`
 
     kinematics = staticmethod(element.kinematics)
     strains = staticmethod(element.strain)
@@ -212,13 +213,13 @@ class Space(Tree):
 
     def to_nodes(self, load: Tensor) -> Tensor:
         """See `assembly.to_nodes`."""
-        return assembly.to_nodes(load, self.position)
+        return self.chain.to_nodes(load, self.position)
 
-    def to_blocks(self, Y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def to_blocks(self, Y: Tensor) -> tuple[Tensor, ...]:
         """See `assembly.to_blocks`."""
-        return assembly.to_blocks(Y, self.position)
+        return self.chain.to_blocks(Y, self.position)
 
     def to_elements(self, move: Tensor) -> Tensor:
         """See `assembly.to_elements`."""
-        return assembly.to_elements(move, self.position)
+        return self.chain.to_elements(move, self.position)
 

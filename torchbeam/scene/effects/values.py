@@ -105,6 +105,8 @@ class PerElement(ByPlace):
 def _mean_of_elements(value: Tensor, s: Tensor) -> Tensor:
     """At the nodes with the arclengths s (..., N+1), (..., N+1, c), from values (..., N, c) of the elements."""
     h = s.diff(dim=-1)[..., None]
+    intervals = h.shape[-2] // value.shape[-2]  # of an element
+    value = value if intervals == 1 else value.repeat_interleave(intervals, -2)
     ends = torch.zeros_like(h[..., :1, :])
     before, after = torch.cat((ends, h), -2), torch.cat((h, ends), -2)
     first, last = value[..., :1, :], value[..., -1:, :]
@@ -121,7 +123,7 @@ def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
         return value.expand(*value.shape[:-1], sites)
     if given == elements:
         return _mean_of_elements(value[..., None], s)[..., 0]
-    if given == elements + 1:
+    if given == elements + 1 and sites == elements:
         return (value[..., 1:] + value[..., :-1]) / 2
     raise ValueError(f"{name} of shape {tuple(value.shape)} was given; one number for all, for each of the {elements} elements "
                      f"or for each of the {elements + 1} nodes is wanted")

@@ -1,0 +1,150 @@
+"""Beam element of three nodes, at one of its two Gauss points (a station): strains, the forces that follow from its energy, and
+their exact tangent.
+
+Node i carries the position r_i and the rotation q_i, a unit quaternion. With x in [-1, 1] along the element, N_i of
+`math.quadratic` and h the length that the station stands for (dx = ds/h: half of the element's, as its weight):
+
+    r(x) = sum N_i r_i        Q(x) = sum N_i q_i,   the rotation R(x) = Q/|Q|, of all q_i that sign which is nearer to q_2
+    d = r'/h                  z = Q' Q^-1           gamma = R^T d - gamma_0       kappa = R^T 2 vec(z)/h - kappa_0
+
+A rotation g of the whole beam takes q_i to g q_i and so Q to g Q: strains are objective, and as they depend on where the nodes
+are alone, independent of the path (what Crisfield and Jelenic 1999 ask for; interpolated quaternions: Romero 2004). At the
+Gauss points the curvature of an arc is right up to (angle of the element)^4/11520. Two points, where three would be exact,
+leave no room for shear and membrane locking, and no motion without energy.
+
+With w_i = N_i q_i Q^-1, w_i' its derivative by x, and alpha_i the spin of node i, all in frame a and as quaternions,
+
+    psi = spin of R = vec(sum alpha_i w_i)         psi' = vec(sum alpha_i w_i')
+    d(gamma) = R^T (d(d) + d x psi)                d(kappa) = R^T psi'/h
+
+A tangent is taken with respect to the numbers (dr', alpha_1, alpha_2, alpha_3). Every function knows stations alone; leading
+axes are free, and (..., 2 N) is one of them, the two of an element after each other.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ..math import quaternions as quat
+from ..math.block_tridiagonal import broadcast_matrices
+from ..math.quadratic import at_points
+from ..math.quaternions import skew
+
+
+class Kinematics(NamedTuple):
+    """A station at one configuration; leading axes (..., 2 N); vectors in frame a.
+
+    R (3, 3) section axes -> frame a;  d (3) and z (4) as above;  w, w_x (3, 4): w_i and w_i' of the three nodes
+    """
+
+    R: Tensor
+    d: Tensor
+    z: Tensor
+    w: Tensor
+    w_x: Tensor
+
+
+def kinematics(r_1: Tensor, r_2: Tensor, r_3: Tensor, q_1: Tensor, q_2: Tensor, q_3: Tensor, length: Tensor) -> Kinematics:
+    """Positions (..., 3) m and rotations (..., 4) of the three nodes, length (..., 1) m."""
+    values, slopes = (x.repeat(r_1.shape[-2] // 2, 1)[..., None] for x in at_points(r_1))  # (2 N, 3, 1)
+    r, q = torch.stack((r_1, r_2, r_3), -2), torch.stack((nearer(q_1, q_2), q_2, nearer(q_3, q_2)), -2)
+    Q = (values.mT @ q)[..., 0, :]
+    inverse = quat.conjugate(Q) / (Q * Q).sum(-1, keepdim=True)
+    w = quat.multiply(q, inverse[..., None, :])
+    w, v = values * w, slopes * w
+    z = v.sum(-2)
+    return Kinematics(quat.matrix(quat.normalize(Q)), (slopes.mT @ r)[..., 0, :] / length, z, w,
+                      v - quat.multiply(w, z[..., None, :]))
+
+
+def nearer(q: Tensor, to: Tensor) -> Tensor:
+    """Of q and -q, the same rotation, the one that is nearer."""
+    return torch.where((q * to).sum(-1, keepdim=True) < 0, -q, q)
+
+
+def strain(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
+    """[gamma; kappa] (..., 2 N, 6), frame B, less the reference's."""
+    vectors = torch.stack(torch.broadcast_tensors(kin.d, 2 / length * kin.z[..., 1:]), -2)
+    return (vectors @ kin.R).flatten(-2) - reference
+
+
+def forces(kin: Kinematics, stress: Tensor, length: Tensor) -> Tensor:
+    """Gradient of the energy with respect to the numbers, (..., 2 N, 12): with [F; M] the stress in frame a and f = h F x d,
+
+    n = F,   m_i = vec(w_i f + w_i' M).
+    """
+    F, M = (stress.unflatten(-1, (2, 3)) @ kin.R.mT).unbind(-2)
+    f = length * torch.linalg.cross(*torch.broadcast_tensors(F, kin.d))
+    m = _turned(kin.w, f) + _turned(kin.w_x, M)
+    return torch.cat((F, m[..., 1:].flatten(-2)), -1)
+
+
+def strain_operator(kin: Kinematics, length: Tensor) -> Tensor:
+    """B (..., 2 N, 6, 12): d[gamma; kappa] = B (dr', spins), frame a -> frame B."""
+    h, Rt = length[..., None], kin.R.mT
+    A, A_x = (_turning(w)[..., 1:, :] for w in (kin.w, kin.w_x))
+    by_spin, by_rate = (_in_a_row(Rt[..., None, :, :] @ x) for x in (skew(kin.d)[..., None, :, :] @ A, A_x))
+    by_r, by_spin, by_rate = broadcast_matrices(Rt / h, by_spin, by_rate / h)
+    return torch.cat((torch.cat((by_r, by_spin), -1), torch.cat((torch.zeros_like(by_r), by_rate), -1)), -2)
+
+
+def geometric_stiffness(kin: Kinematics, stress: Tensor, length: Tensor) -> Tensor:
+    """Derivative (..., 2 N, 12, 12) of `forces` at fixed stress; unsymmetric, because spins are not coordinates.
+
+    With a = sum alpha_j w_j/2 and a' its derivative by x, dw_i = alpha_i w_i/2 - w_i a, dw_i' = alpha_i w_i'/2 - w_i' a - w_i a',
+
+        dn   = psi x F
+        dm_i = vec(alpha_i (w_i f + w_i' M)/2 - w_i (a f + a' M) - w_i' a M + w_i df + w_i' dM),    dM = psi x M
+        df   = F x dr' + h (psi x F) x d = F x dr' + h (F d^T - (F.d) I) psi
+    """
+    F, M = (stress.unflatten(-1, (2, 3)) @ kin.R.mT).unbind(-2)
+    d, h = kin.d.expand_as(F), length[..., None]
+    f = length * torch.linalg.cross(F, d)
+    eye = torch.eye(3, dtype=F.dtype, device=F.device)
+    half, half_x = _turning(kin.w) / 2, _turning(kin.w_x) / 2  # (..., 3, 4, 3): a and a' by alpha_j
+    A = 2 * half[..., 1:, :]
+    m = _turned(kin.w, f) + _turned(kin.w_x, M)
+    of_f, of_M = _right(f)[..., None, :, :], _right(M)[..., None, :, :]
+    by_w, by_w_x = -(of_f @ half + of_M @ half_x), -(of_M @ half)  # what follows w_i and w_i', (..., 3 (j), 4, 3)
+    dF, dM = (skew(x)[..., None, :, :] @ A for x in (-F, -M))
+    df = (h * (F[..., :, None] * d[..., None, :] - (F * d).sum(-1, keepdim=True)[..., None] * eye))[..., None, :, :] @ A
+    by_w, by_w_x = by_w + pad(df, (0, 0, 1, 0)), by_w_x + pad(dM, (0, 0, 1, 0))
+    K = sum(_rows(w)[..., :, None, :, :] @ by[..., None, :, :, :] for w, by in ((kin.w, by_w), (kin.w_x, by_w_x)))
+    own = (m[..., :1, None] * eye - skew(m[..., 1:])) / 2  # (..., 3, 3, 3)
+    K = _in_a_row(K + own[..., None, :, :] * eye[:, :, None, None]).flatten(-3, -2)
+    by_r = (A.mT @ skew(F)[..., None, :, :]).flatten(-3, -2)
+    return torch.cat((torch.cat((torch.zeros_like(by_r[..., :3, :]), _in_a_row(dF)), -1), torch.cat((by_r, K), -1)), -2)
+
+
+def _in_a_row(blocks: Tensor) -> Tensor:
+    """(..., n, a, b) -> (..., a, n b)"""
+    return blocks.transpose(-3, -2).flatten(-2)
+
+
+def _turned(w: Tensor, x: Tensor) -> Tensor:
+    """Quaternions w_i x (..., 3, 4) of w (..., 3, 4) and a vector x (..., 3)."""
+    return (_right(x) @ w.mT).mT
+
+
+def _right(x: Tensor) -> Tensor:
+    """(..., 4, 4): what takes q to q x, of a vector x: (-q.x, q_0 x + q x x)."""
+    first = torch.cat((torch.zeros_like(x[..., :1]), -x), -1)[..., None, :]
+    return torch.cat((first, torch.cat((x[..., :, None], -skew(x)), -1)), -2)
+
+
+def _turning(w: Tensor) -> Tensor:
+    """(..., 4, 3): what takes a vector x to x w: (-x.l, c x + x x l) of w = (c, l)."""
+    c, l = w[..., :1, None], w[..., 1:]
+    eye = torch.eye(3, dtype=w.dtype, device=w.device)
+    return torch.cat((-l[..., None, :], c * eye - skew(l)), -2)
+
+
+def _rows(w: Tensor) -> Tensor:
+    """(..., 3, 4): the vector of w q by q, (l, c + ~l)."""
+    c, l = w[..., :1, None], w[..., 1:]
+    eye = torch.eye(3, dtype=w.dtype, device=w.device)
+    return torch.cat((l[..., :, None], c * eye + skew(l)), -1)

@@ -1,0 +1,99 @@
+"""Section axes along a beam at rest: from directions, of nodes and between them."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ..core.validation import concrete, positive, rotations
+from ..math import quaternions as quat
+from ..math.quadratic import at_points, threes
+
+HALF_WAY = 0.5  # of an element's chord: twice as far may its midside node be off the middle
+
+
+def axes_along(direction: Tensor, up: Tensor) -> Tensor:
+    """Columns x along `direction`, z along `up` made square to it, y = z x x: (..., 3, 3).
+
+    Raises ValueError where `up` is parallel to `direction` or either is zero.
+    """
+    direction, up = torch.broadcast_tensors(direction, up)
+    length = positive("the length of direction", torch.linalg.vector_norm(direction, dim=-1, keepdim=True))
+    x = direction / length
+    across = up - (up * x).sum(-1, keepdim=True) * x
+    size = torch.linalg.vector_norm(across, dim=-1, keepdim=True)
+    if concrete(size <= 1e-6 * torch.linalg.vector_norm(up, dim=-1, keepdim=True)).any():
+        raise ValueError("an up vector parallel to the beam's direction was given; one that leaves it is wanted")
+    z = across / size
+    return torch.stack((x, torch.linalg.cross(z, x), z), -1)
+
+
+def upright(direction: Tensor, length: Tensor) -> Tensor:
+    """Axes along directions (..., n, 3) of that length, z frame a's z made square to them (y, where they run along z)."""
+    y, z = direction.new_tensor([0.0, 1, 0]), direction.new_tensor([0.0, 0, 1])
+    return axes_along(direction, torch.where(direction[..., 2:].abs() > 0.99 * length[..., None], y, z))
+
+
+def orthonormal(frames: Tensor, *counts: int) -> Tensor:
+    """`frames` (..., n, 3, 3) with n one of `counts`, if they are rotation matrices; ValueError otherwise."""
+    if frames.ndim < 3 or frames.shape[-3] not in counts or frames.shape[-2:] != (3, 3):
+        wanted = " or ".join(f"(..., {n}, 3, 3)" for n in counts)
+        raise ValueError(f"frames of shape {tuple(frames.shape)} were given; {wanted} is wanted")
+    return rotations("frames", frames)
+
+
+def axes_of_nodes(elements: Tensor) -> Tensor:
+    """Axes of the nodes (..., N+1, 4), half way between those of the neighbouring elements (..., N, 4); those of the end
+    elements at the ends.
+    """
+    inner = quat.half_way(elements[..., :-1, :], elements[..., 1:, :])
+    return torch.cat((elements[..., :1, :], inner, elements[..., -1:, :]), -2)
+
+
+def axes_between(frames: Tensor, order: int) -> Tensor:
+    """Axes of the elements, half way between those of their nodes; of order 2 at the stations, see `quadratic_element`."""
+    if order == 1:
+        return quat.half_way(frames[..., :-1, :], frames[..., 1:, :])
+    each = aligned(torch.stack(threes(frames), -2))
+    return quat.normalize(at_points(frames)[0] @ each).flatten(-3, -2)
+
+
+def aligned(q: Tensor) -> Tensor:
+    """The same rotations (..., n, 4), each by that of its two quaternions which is nearer to the one before."""
+    turns = torch.where((q[..., 1:, :] * q[..., :-1, :]).sum(-1, keepdim=True) < 0, -1.0, 1.0).to(q)
+    return torch.cat((q[..., :1, :], turns.cumprod(-2) * q[..., 1:, :]), -2)
+
+
+def parabolas(nodes: Tensor) -> tuple[Tensor, Tensor]:
+    """Parabolas through the nodes (..., 2 N + 1, 3) of elements of order 2: |dr/dx| (..., 2 N) at their stations, and the
+    tangent (..., 2 N + 1, 3) at the nodes, at those of two elements the mean of theirs.
+
+    Raises ValueError for an even number of nodes, or one in the middle of an element that is far from its middle.
+    """
+    if nodes.shape[-2] % 2 == 0:
+        raise ValueError(f"{nodes.shape[-2]} nodes were given to elements of order 2; an odd number is wanted")
+    r_1, r_2, r_3 = threes(nodes)
+    off = torch.linalg.vector_norm(r_1 + r_3 - 2 * r_2, dim=-1)
+    if concrete(off > HALF_WAY * torch.linalg.vector_norm(r_3 - r_1, dim=-1)).any():
+        raise ValueError("a node far from the middle of its element of order 2 was given; one about half way is wanted")
+    along = (at_points(nodes)[1] @ torch.stack((r_1, r_2, r_3), -2)).flatten(-3, -2)
+    first, last = (4 * r_2 - 3 * r_1 - r_3) / 2, (r_1 - 4 * r_2 + 3 * r_3) / 2  # at the ends of the elements
+    ends = torch.cat((first[..., :1, :], (first[..., 1:, :] + last[..., :-1, :]) / 2, last[..., -1:, :]), -2)
+    inner = torch.stack((ends[..., :-1, :], (r_3 - r_1) / 2), -2).flatten(-3, -2)
+    return torch.linalg.vector_norm(along, dim=-1), torch.cat((inner, ends[..., -1:, :]), -2)
+
+
+def advance(turn: Tensor) -> Tensor:
+    """The integral of exp(x ~turn) e1 over x from 0 to 1, (..., 3): e1 + b turn x e1 + c turn x (turn x e1), with
+    b = (1 - cos t)/t^2 and c = (t - sin t)/t^3 at t = |turn|.
+    """
+    t2 = (turn * turn).sum(-1, keepdim=True)
+    small = t2 < 1e-4
+    t = torch.where(small, torch.ones_like(t2), t2).sqrt()
+    half = torch.sin(t / 2) / t
+    b = torch.where(small, 0.5 - t2 / 24 + t2 * t2 / 720, 2 * half * half)
+    c = torch.where(small, 1 / 6 - t2 / 120 + t2 * t2 / 5040, (t - torch.sin(t)) / t**3)
+    e1 = pad(torch.ones_like(t2), (0, 2))
+    across = torch.linalg.cross(turn, e1)
+    return e1 + b * across + c * torch.linalg.cross(turn, across)
