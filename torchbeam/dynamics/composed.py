@@ -12,6 +12,7 @@ from ..core.status import SUCCESS
 from ..core.validation import concrete
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
+from ..scene.effects import Inputs
 from ..state.state import State
 from .compiled.step import Steps
 from .held_inputs import HeldInputs, together
@@ -66,7 +67,8 @@ def _composed(composition: Composition, solver: StepSolver, model: Model, state:
         given = inputs(instant)
         shape = broadcast_shapes(solver.compiled.batch, moving.shape, *(x.shape[:-1] for x in given.values()))
         moved = moving.expand(shape)
-        found = natively(composition, solver, state, dt, t, [inputs], moved, last)
+        given = together([inputs], composition.instants(instant), shape)
+        found = natively(composition, solver, state, dt, t, given, moved, last)
         if found is not None:
             good = moved & (found.status == SUCCESS)
             after = replace(state, **found.fields, t=torch.where(good, state.t + dt, state.t))
@@ -85,34 +87,32 @@ def _composed(composition: Composition, solver: StepSolver, model: Model, state:
     return Made(after if concrete(good).all() else after.where(good, state), status, iterations)
 
 
-def natively(composition: Composition, solver: StepSolver, state: State, dt: Tensor, t: Tensor, inputs: list[HeldInputs],
+def natively(composition: Composition, solver: StepSolver, state: State, dt: Tensor, t: Tensor, inputs: Inputs,
              moving: Tensor | None, last: bool, K: int | None = None, repeat: int = 1) -> Steps | None:
     """A step of dt (...) from t (...) on, or K of dt (K) from t (K) on, by one call of native code; None where they are to be
     made eagerly. The reaction is the mean over the step, the stress that of the last solve.
 
-    inputs  of each step, or those of all as the only one
+    inputs  by name, held over all, or one for each solve, see `together`
     moving  (...) bool, of the whole batch's shape; None = all, of one step
     repeat  in place of K, see `CompiledStep`
     """
     instant, n = solver.method.INSTANT, len(composition.shares)
-    if n > 1 and repeat > 1:
-        return None
-    if moving is None and (n > 1 or inputs[0].vary):
-        shape = broadcast_shapes(solver.compiled.batch, state.batch_shape, *(x.shape[:-1] for x in inputs[0](instant).values()))
-        moving = (state.status == SUCCESS).expand(shape)
-    given = together(inputs, composition.instants(instant), None if moving is None else moving.shape)
     if n == 1:
-        if K is None and inputs[0].vary:
-            given = inputs[0](instant)
         middle = t + instant * dt if solver.compiled.takes_time else None
-        return solver.natively(state, dt, middle, given, moving, last, K, repeat)
+        dt = dt[0] if K is not None and dt.stride() == (0,) else dt  # the same of all
+        return solver.natively(state, dt, middle, inputs, moving, last, K, repeat)
+    if repeat > 1:
+        return None
+    if moving is None:
+        shape = broadcast_shapes(solver.compiled.batch, state.batch_shape, *(x.shape[:-1] for x in inputs.values()))
+        moving = (state.status == SUCCESS).expand(shape)
     share = dt.new_tensor(composition.shares)
     first = 0 if K is None else 1  # axes before that of the solves
     middle = None
     if solver.compiled.takes_time:
         t, length = torch.broadcast_tensors(t, dt)
         middle = (t.unsqueeze(first) + _times(composition.instants(instant), length, first)).flatten(0, first)
-    found = solver.natively(state, _times(composition.shares, dt, first).flatten(0, first), middle, given, moving, last,
+    found = solver.natively(state, _times(composition.shares, dt, first).flatten(0, first), middle, inputs, moving, last,
                             (K or 1) * n)
     if found is None:
         return None

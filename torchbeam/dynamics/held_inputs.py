@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ..scene.effects import Inputs, inputs_at
+from .method import Method
 
 GivenInputs = dict[str, Any] | Callable[[float], dict[str, Any]]  # held over a step, or functions of the share that has passed
 
@@ -45,6 +46,11 @@ def given_from(inputs: dict[str, Any], begin: Tensor, length: Tensor, like: Tens
     if any(callable(value) for value in inputs.values()):
         return lambda share: inputs_at(inputs, begin + share * length, like, interval)
     return inputs_at(inputs, begin, like, interval)
+
+
+def changes_within(inputs: dict[str, Any], method: Method) -> bool:
+    """Whether the solves of one step have different inputs."""
+    return method.SOLVES_A_STEP > 1 and any(callable(value) for value in inputs.values())
 
 
 def together(steps: list[HeldInputs], instants: list[float], shape: torch.Size | None) -> Inputs:

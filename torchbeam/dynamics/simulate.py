@@ -22,14 +22,14 @@ from ..core.validation import as_tensor, concrete, increasing, shown
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..nodal.rates import Rates
-from ..scene.effects import PerInterval, changing, inputs_at
+from ..scene.effects import PerInterval, changing, inputs_at, inputs_over
 from ..scene.scene import Scene, merge_inputs
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
 from ..state.state import State, check_state, rest, with_optional_fields
 from .adaptive import adaptive
 from .events import Events
-from .held_inputs import GivenInputs, given_from
+from .held_inputs import GivenInputs, changes_within, given_from
 from .methods import METHODS as IMPLICIT_METHODS
 from .mixed_forms import simulate_mixed
 from .rollout import check_room, joined, march
@@ -69,8 +69,14 @@ def simulate(
                               derivatives go forward with the steps: they are right, and need no memory of the past
                  progress=    called with (steps done, steps in all) after each step
                  lumped=, conserve=, tolerance=, iterations=, halvings=, engine=    see `Stepper`
+                 or, in place of the first three, adaptive steps, each sample's own (see `torchbeam.dynamics.adaptive`):
+                 rtol=, atol=  the largest error of a position over the run is to be at most atol m + rtol times the length of
+                              the beam, that of a rotation rtol + atol/length rad (see `Tolerance`); numbers, or (...)
+                 events=      a function of the state that gives one number (...) a sample, or a list of such: a sample stops
+                              where one crosses zero, and `sol.event` says which, when and how
+                 max_steps=   of a run, 100,000;  first_step=  s, found by a trial otherwise
              "midpoint4" (fourth order, see `torchbeam.dynamics.midpoint4`) with the same but conserve=
-             "generalized_alpha" with the same but conserve=, and rho_inf=
+             "generalized_alpha" with the same but conserve= and adaptive steps, and rho_inf=
              or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=, and begin=
              (...) s, the instant of each sample from which t counts (None = t is that of all); the mixed forms also take
              project=, solver=, see `torchbeam.dynamics.mixed_forms.simulate_mixed`
@@ -140,10 +146,14 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     def kind(*values: Any) -> State:
         return type(start)(**dict(zip(names, values, strict=True)))
 
-    def held(first: int, end: int) -> list[GivenInputs]:
-        """Inputs of the steps of the plan, or the only ones of all."""
+    within = changes_within(inputs, stepper.method)
+
+    def held(first: int, end: int) -> dict[str, Any] | list[GivenInputs]:
+        """Inputs of steps of the plan."""
         few = range(first, end if moved else first + 1)
-        return [given_from(inputs, begins[k], lengths[k], t, plan[k][0]) for k in few]
+        if within:
+            return [given_from(inputs, begins[k], lengths[k], t, plan[k][0]) for k in few]
+        return inputs_over(inputs, few, lambda k: begins[k] + stepper.method.INSTANT * lengths[k], lambda k: plan[k][0], t)
 
     def carry_out(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
         """Fields of the states that are wanted of a part of the plan, of the last, and the iterations of each step."""
@@ -156,7 +166,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
                 if progress is not None:
                     progress(done, len(plan))
         states = made[0].states.map(joined, *(few.states for few in made[1:]))
-        return *vars(states).values(), *vars(made[-1].last).values(), joined(*(few.iterations for few in made))
+        return *vars(states).values(), *vars(made[-1].last()).values(), joined(*(few.iterations for few in made))
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)

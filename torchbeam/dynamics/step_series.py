@@ -15,7 +15,6 @@ from ..core.status import SUCCESS
 from ..scene.effects import Inputs, PerInterval
 from ..state.state import State
 from .composed import natively
-from .held_inputs import HeldInputs
 from .stepper import Stepper
 
 
@@ -57,9 +56,7 @@ def _natively(stepper: Stepper, state: State, dt: Tensor, t: Tensor, inputs: Inp
         middle = t + stepper.method.INSTANT * dt if stepper.compiled.takes_time else None
         found = stepper.solver.natively(start, dt, middle, inputs, moving, last=not stepper.halvings, K=K)
     else:
-        varies = any(x.ndim == dt.ndim + 1 for x in inputs.values())
-        held = [HeldInputs({name: x[k] if x.ndim == dt.ndim + 1 else x for name, x in inputs.items()})
-                for k in range(K if varies else 1)]
+        held = {name: x.repeat_interleave(len(alone.shares), 0) if x.ndim == dt.ndim + 1 else x for name, x in inputs.items()}
         found = natively(alone, stepper.solver, start, dt, t, held, moving, last=not stepper.halvings, K=K)
     if found is None:
         return None

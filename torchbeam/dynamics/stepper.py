@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -14,10 +16,12 @@ from ..core.arguments import choice, count, duration, mask, step_size
 from ..core.arguments import tolerance as check_tolerance
 from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
+from ..core.leaves import with_values
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import broadcast, concrete, positive, real
 from ..nodal.coordinates.planar import Plane
 from ..nodal.discretise import discretise
+from ..scene.effects import PerInterval, first_of
 from ..scene.scene import Scene
 from ..solvers.newton import LIMIT
 from ..state.start import on_supports
@@ -26,7 +30,7 @@ from .compiled.coverage import ENGINES
 from .compiled.step import CompiledStep
 from .composed import in_parts, natively, step
 from .failure import Failure
-from .held_inputs import GivenInputs, HeldInputs
+from .held_inputs import GivenInputs, HeldInputs, together
 from .methods import METHODS
 from .step_solver import StepSolver
 
@@ -37,7 +41,7 @@ class Ahead(NamedTuple):
     """
 
     states: State
-    last: State
+    last: Callable[[], State]
     iterations: Tensor
     stopped: bool = False
 
@@ -163,10 +167,10 @@ class Stepper:
         """The state one step later, or after as many alike, where native code makes it of all samples at once; None where there
         is more to it.
         """
-        alone = self.method.alone(self.model, dt)
+        alone = None if inputs.vary else self.method.alone(self.model, dt)
         if alone is None or concrete(state.status).any():
             return None
-        found = natively(alone, self.solver, state, dt, state.t if t is None else t, [inputs], None, last=not self.halvings,
+        found = natively(alone, self.solver, state, dt, state.t if t is None else t, inputs.given, None, last=not self.halvings,
                          repeat=repeat)
         if found is None or not found.well:
             return None
@@ -174,29 +178,40 @@ class Stepper:
         for _ in range(repeat):
             now = now + dt
         now = now if now.shape == found.status.shape else now.expand(found.status.shape)
-        reduced = replace(state, **found.fields, t=now, status=found.status)
+        reduced = with_values(state, **found.fields, t=now, status=found.status)
         after, space = self.model.space.to_public(reduced), self.model.space
         if after is not reduced and isinstance(space, Plane) and space.reversible and not after.position.requires_grad:
             self._last = weakref.ref(after), _versions(after), reduced
         return after
 
-    def ahead(self, state: State, dt: Tensor, t: Tensor, inputs: list[GivenInputs], wanted: list[bool]) -> Ahead | None:
+    def ahead(self, state: State, dt: Tensor, t: Tensor, inputs: dict[str, Any] | list[GivenInputs], wanted: list[bool]
+              ) -> Ahead | None:
         """As many of the steps dt (K) from the times t (K) as native code makes at once and all samples make well; None where
-        `advance` has to make the first. inputs: of each step, or those of all as the only one; wanted: whether the state after
-        a step is asked for.
+        `advance` has to make the first. inputs: held, or `PerInterval` of these steps, or what each is given; wanted: whether
+        the state after a step is asked for.
         """
         alone = None if self.compiled is None else self.method.alone(self.model, dt.detach().amin())
         if alone is None:
             return None
-        given = [HeldInputs(one).map(self.scene.tensors) for one in inputs]
+        varying = isinstance(inputs, list)
+        steps = [HeldInputs(one).map(self.scene.tensors) for one in inputs] if varying else []
+        given = steps[0](self.method.INSTANT) if varying else self.scene.tensors(first_of(inputs))
         of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-        start = self._reduced(self._begin(state, dt[0], inputs=given[0](self.method.INSTANT)))
+        start = self._reduced(self._begin(state, dt[0], inputs=given))
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
-                          *(value.shape[:-1] for one in given for value in one(self.method.INSTANT).values()))
-        size = shape.numel() * (self.scene.beam.count + 1) * len(alone.shares)
-        count = min(len(dt), max(1, ROOM // max(1, size)))
-        dt, t, given = dt[:count], t[:count], given[:count]
+                          *(value.shape[:-1] for value in given.values()))
+        n, size = len(alone.shares), shape.numel() * (self.scene.beam.count + 1)
+        count = min(len(dt), max(1, ROOM // max(1, size * n)))
+        dt, t = dt[:count], t[:count]
         moving = (start.status == SUCCESS).expand(shape)
+        if varying:
+            given = together(steps[:count], alone.instants(self.method.INSTANT), shape)
+        else:
+            for name, one in inputs.items():
+                if isinstance(one, PerInterval):
+                    value = one.value[..., :count, :]
+                    value = value.expand(*shape, -1, -1).movedim(-2, 0) if shape else value
+                    given[name] = value if n == 1 else value.repeat_interleave(n, 0)
         found = natively(alone, self.solver, start, dt, t, given, moving, last=not self.halvings, K=count)
         if found is None:
             return None
@@ -210,13 +225,13 @@ class Stepper:
         places = [k for k in range(count) if wanted[k]]
 
         def after(k: Any, *lead: int) -> State:
-            fields = {name: x[k] for name, x in found.fields.items()}
+            fields = found.fields if k == slice(0, len(found.status)) else {name: x[k] for name, x in found.fields.items()}
             same = {name: x.expand((*lead, *shape, *x.shape[x.ndim - axes:])) for name, axes in STILL.items()
                     if name not in fields and (x := getattr(start, name, None)) is not None}
             return self.model.space.to_public(replace(start, **fields, **same, t=now[k], status=status.expand((*lead, *shape))))
 
         part = slice(0, count) if len(places) == count else places
-        return Ahead(after(part, len(places)), after(count - 1), found.iterations[:count], not found.well)
+        return Ahead(after(part, len(places)), partial(after, count - 1), found.iterations[:count], not found.well)
 
     def _given(self, state: State, inputs: GivenInputs, dt: Tensor) -> tuple[HeldInputs, State]:
         """Inputs as tensors, and the state to start a step of dt from in the space's coordinates; checked."""

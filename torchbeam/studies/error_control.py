@@ -32,11 +32,11 @@ NEAR = 0.03  # of the tolerance: two references that differ by less are one
 UNDAMPED = "sudden", "weight, plane"  # whose references are dear
 FINEST = 2**17  # steps of a reference, at most
 ABOUT = (
-    "{scenes} random soft rods in {families} families ({elements} elements, length 0.3 to 0.8 m, 0.5 to 3 s of motion, {outputs} "
-    "instants), rtol from 1e-2 to 1e-5 (undamped: 1e-4) at random, each sample its own. Error: largest distance of a node over all "
-    "instants from a reference (equal midpoint steps, halved until what they extrapolate to stands still to 3 % of the "
-    "tolerance), over the tolerance. Work: implicit steps made, all trials and runs included, over how many equal steps have the "
-    "tolerance for their error (8 at least), which nobody knows beforehand, nor that it is so."
+    "{scenes} random soft rods in {families} families ({elements} elements, length 0.3 to 0.8 m, 0.5 to 3 s of motion, "
+    "{outputs} instants), rtol from 1e-2 to 1e-5 (undamped: 1e-4) at random, each sample its own. Error: largest distance of a "
+    "node over all instants from a reference (equal midpoint steps, halved until what they extrapolate to stands still to 3 % "
+    "of the tolerance), over the tolerance. Work: implicit steps made, all trials and runs included, over how many equal steps "
+    "have the tolerance for their error (8 at least), which nobody knows beforehand."
 )
 EXPLICIT_ABOUT = (
     "Explicit methods with the same rtol (atol = rtol times the length), in the three forms, each against itself at 1e-9; rk4, "
@@ -291,7 +291,7 @@ def markdown(rows: Sequence[Row]) -> str:
                 f"{errors[-1]:.2g}", f"{_share(steps, 0.5):.0f}", f"{sum(r.rejected for r in some)}",
                 *(f"{_share(ratios, q):.1f}" if ratios else "" for q in (0.5, 0.95)))
 
-    head = ("scenes", "within the tolerance", "error over tolerance: median", "95 %", "largest", "steps of the last run, median",
+    head = ("scenes", "within the tolerance", "error over tolerance: median", "95 %", "largest", "steps of the last run",
             "refused, all", "work over equal steps: median", "95 %")
     lines = [line(name, [r for r in rows if r.family == name]) for name in dict.fromkeys(r.family for r in rows)]
     return markdown_table(head, [*lines, line("all", list(rows))], words=1)
