@@ -26,6 +26,7 @@ def refusal(model: Model, method: str, conserve: bool = False) -> str | None:
     reasons = {
         f"method {method!r}": method != "midpoint",
         "conserve": conserve,
+        "elements of order 2": scene.beam.order == 2,
         f"the device {scene.device}": scene.device.type != "cpu",
     }
     return next((reason for reason, given in reasons.items() if given), None)
