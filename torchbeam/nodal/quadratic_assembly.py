@@ -80,6 +80,13 @@ def to_blocks(Y: Tensor, p: int) -> tuple[Tensor, ...]:
     return spread(K11, K22, K33, 2), interleaved(K12, K23, 2), interleaved(K21, K32, 2), K13, K31
 
 
+def coupled(x: Tensor, axes: int = 1) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
+    """Nodes (..., 2 N + 1, *) -> their values at the rows and at the columns of all parts of the chain's matrix but the first."""
+    n, first = x.shape[-1 - axes] - 1, (slice(None),) * (x.ndim - 1 - axes)
+    i, j, far_i, far_j = (x[(*first, part)] for part in (slice(n), slice(1, None), slice(0, n, 2), slice(2, None, 2)))
+    return (i, j, far_i, far_j), (j, i, far_j, far_i)
+
+
 def shared(parts: tuple[Tensor, Tensor, Tensor], axes: int = 1) -> Tensor:
     """What stations stand for, as seen by each of their nodes (..., 2 N, *), at the nodes (..., 2 N + 1, *): N_i of it."""
     values = at_points(parts[0])[0][(..., *(None,) * axes)]  # (2, 3, *)
