@@ -81,7 +81,7 @@ def to_blocks(Y: Tensor, p: int) -> tuple[Tensor, ...]:
 
 
 def coupled(x: Tensor, axes: int = 1) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
-    """Nodes (..., 2 N + 1, *) -> their values at the rows and at the columns of all parts of the chain's matrix but the first."""
+    """Nodes (..., 2 N + 1, *) -> their values at the rows and at the columns of the parts of the matrix but the first."""
     n, first = x.shape[-1 - axes] - 1, (slice(None),) * (x.ndim - 1 - axes)
     i, j, far_i, far_j = (x[(*first, part)] for part in (slice(n), slice(1, None), slice(0, n, 2), slice(2, None, 2)))
     return (i, j, far_i, far_j), (j, i, far_j, far_i)
