@@ -186,7 +186,8 @@ def test_heavy_elastica(reference, kind):
 
 def test_bend_45_degrees(reference):
     """Bathe and Bolourchi's arc of 45 degrees under an out-of-plane force of 300 lb, reference 1e-6 in: 3.1e-2 in at N = 16,
-    8.8e-3 by four elements of order 2 (5.7e-4 by eight). The root moment is that of the force about the root, to the solver's tolerance.
+    8.8e-3 by four elements of order 2 (5.7e-4 by eight). The root moment is that of the force about the root, to the solver's
+    tolerance.
     """
     case = reference("bend_45deg")
     (at,), R, E = case["expected"], case["inputs"]["radius_in"], case["inputs"]["E_psi"]
