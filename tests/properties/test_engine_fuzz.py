@@ -18,7 +18,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "cases"))
 from gradient_cases import Case, Spec, Unsolved, is_refusal
 from gradient_fuzz import Fuzz
 
-WAYS = ("midpoint", "midpoint checkpoint", "midpoint lumped", "stepper midpoint", "equilibrium")
+WAYS = ("midpoint", "midpoint checkpoint", "midpoint lumped", "midpoint conserve", "stepper midpoint", "generalized_alpha",
+        "generalized_alpha checkpoint", "stepper generalized_alpha", "equilibrium")
 VALUE, GRADIENT = 1e-9, 1e-7  # of the largest: both engines solve to 1e-12 of the forces, of which stiff scenes make more
 SAMPLES = 3
 

@@ -14,19 +14,36 @@ MOST = 0.01  # of the kinetic energy, that one step may take or give
 
 
 def conserved(model: Model, start: State, after: State, dt: Tensor, own: Tensor | float = 0.0) -> State:
-    """`after` with its velocities scaled by s, s^2 = 1 - defect/kinetic: kinetic + strain energy then changes by the work of
-    the loads less what damping takes. What is more than `MOST` waits for a step with more kinetic energy. `own`: the strain
-    that the beam takes by itself over this step, which holds no energy.
+    """`after` with its velocities scaled so that kinetic + strain energy changes by the work of the loads less what damping
+    takes, see `projected`. `own`: the strain that the beam takes by itself over this step, which holds no energy.
     """
+    kinetic, rise = kinetic_rise(model, start, after)
+    rise = rise + strain_rise(model, start, after, dt, own) - (after.work - start.work)
+    scale, defect = projected(start.defect + rise, kinetic)
+    scale = scale[..., None, None]
+    return replace(after, velocity=scale * after.velocity, spin=scale * after.spin, defect=defect)
+
+
+def kinetic_rise(model: Model, start: State, after: State) -> tuple[Tensor, Tensor]:
+    """(...) J: kinetic energy at the end, and what it has risen by."""
     kinetic = model.kinetic_energy(after.rotation, after.velocity, after.spin)
-    gain = (kinetic + model.strain_energy(after.position, after.rotation, own)
-            - model.kinetic_energy(start.rotation, start.velocity, start.spin)
+    return kinetic, kinetic - model.kinetic_energy(start.rotation, start.velocity, start.spin)
+
+
+def strain_rise(model: Model, start: State, after: State, dt: Tensor, own: Tensor | float) -> Tensor:
+    """(...) J: what the strain energy rises by, and damping takes."""
+    rise = (model.strain_energy(after.position, after.rotation, own)
             - model.strain_energy(start.position, start.rotation, own))
-    defect = start.defect + gain - (after.work - start.work)
-    if model.law.damped:
-        before, end = (model.strain(model.kinematics(s.position, s.rotation)) for s in (start, after))
-        lost = model.law.dissipation(lambda: (end - before) / dt[..., None, None])
-        defect = defect + (model.length * lost).sum((-1, -2)) * dt
+    if not model.law.damped:
+        return rise
+    before, end = (model.strain(model.kinematics(s.position, s.rotation)) for s in (start, after))
+    lost = model.law.dissipation(lambda: (end - before) / dt[..., None, None])
+    return rise + (model.length * lost).sum((-1, -2)) * dt
+
+
+def projected(defect: Tensor, kinetic: Tensor) -> tuple[Tensor, Tensor]:
+    """Scale s of the velocities, s^2 = 1 - defect/kinetic, and the defect (J) that is left: what is more than `MOST` waits for
+    a step with more kinetic energy.
+    """
     change = (-defect / kinetic.clamp(min=torch.finfo(kinetic.dtype).tiny)).clamp(-MOST, MOST)
-    scale = (1 + change).sqrt()[..., None, None]
-    return replace(after, velocity=scale * after.velocity, spin=scale * after.spin, defect=defect + change * kinetic)
+    return (1 + change).sqrt(), defect + change * kinetic

@@ -28,7 +28,7 @@ from ..core.derivatives import cached
 from ..core.leaves import leaf
 from ..nodal import loads as external
 from ..state.state import State
-from .alpha_kinematics import EndMotion, EndTangent, GeneralizedAlpha
+from .alpha_kinematics import EndKinematics, EndMotion, EndTangent, GeneralizedAlpha
 from .midpoint import MidpointProblem
 from .step_element import EndElement
 
@@ -109,21 +109,27 @@ class GeneralizedAlphaProblem(MidpointProblem):
         made = torch.cat((x.u, space.to_frame(way.q_end, space.logarithm(x.m))), -1)
         work, load = start.work, self.external(way)
         if not isinstance(load, float):
-            first = external.external(model, self.motion.nodes_before(model.read), self.t - self.dt, self.inputs)
-            work = work + ((first + load) / 2 * made).sum((-1, -2))
+            work = work + ((self.external_before() + load) / 2 * made).sum((-1, -2))
         for k, node in enumerate(self.support_motions.nodes):
             work = work + ((start.reaction[..., k, :] + reaction[..., k, :]) / 2 * made[..., node, :]).sum(-1)
-        straining = start.straining
-        if model.law.damped:
-            strain = model.strain(model.kinematics(way.position_end, way.q_end))
-            straining = torch.cat(self.element.rates(strain), -1)
         if not self.support_motions.nodes:
             free = torch.cat((model.constraints.slide, model.constraints.turn.expand(-1, space.spin)), -1)
             v, true, a = free * v, free * true, free * a
             v = torch.cat((v[..., :p], self.about_hinges(v[..., p:], way.q_end)), -1)
         return replace(start, position=way.position_end, rotation=way.q_end, velocity=v[..., :p], spin=v[..., p:],
                        stress=x.stress, reaction=reaction, work=work, t=start.t + self.dt,
-                       acceleration=torch.cat((true, a), -1), straining=straining)
+                       acceleration=torch.cat((true, a), -1), straining=self.straining(way))
+
+    def external_before(self) -> Tensor | float:
+        """Loads at the nodes (..., N+1, w), at the start."""
+        return external.external(self.model, self.motion.nodes_before(self.model.read), self.t - self.dt, self.inputs)
+
+    def straining(self, way: EndKinematics) -> Tensor:
+        """See `AlphaState`, at the end; nothing asks for it where strains are not damped."""
+        model = self.model
+        if not model.law.damped:
+            return self.start.straining
+        return torch.cat(self.element.rates(model.strain(model.kinematics(way.position_end, way.q_end))), -1)
 
 
 torch.serialization.add_safe_globals([AlphaState])

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint as recompute
 
-from ..core.arguments import boolean, choice, instance, keywords, step_size
+from ..core.arguments import boolean, choice, count, instance, keywords, step_size
 from ..core.arguments import function as check_function
 from ..core.arguments import options as check_options
 from ..core.functions_of_time import within_dual_numbers
@@ -26,15 +27,20 @@ from ..scene.scene import Scene, merge_inputs
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
 from ..state.state import State, check_state, rest, with_optional_fields
+from .adaptive import adaptive
+from .events import Events
 from .mixed_forms import simulate_mixed
 from .rollout import joined, march
 from .stepper import METHODS as IMPLICIT_METHODS
 from .stepper import Stepper
+from .tolerance import Tolerance
 from .torchdiffeq_bridge import ADVICE, integrate, leaves, status_at
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 
 FORMS = ("nodal", "minimal", "block_rate")
 STEPS = 200  # of the default step, over the whole of t
+TOLERANCES = "rtol", "atol"  # of implicit methods: adaptive steps
+FIXED = "step", "checkpoint", "progress"  # options of steps that are given
 
 
 def simulate(
@@ -87,7 +93,11 @@ def simulate(
     boolean("throw", throw)
     t = increasing("t", as_tensor(t, scene.dtype, scene.device))
     mixed, implicit = form != "nodal", method in IMPLICIT_METHODS
-    known = keywords(*((simulate_mixed,) if mixed else (_implicit, Stepper) if implicit else (_explicit,)))
+    controlled = not mixed and implicit and any(options.get(name) is not None for name in TOLERANCES)
+    if controlled and (fixed := [name for name in FIXED if options.get(name) is not None]):
+        raise ValueError(f"{fixed[0]} was given with rtol or atol, which choose the steps; one of them is wanted")
+    known = keywords(*((simulate_mixed,) if mixed else (_adaptive, Stepper) if controlled else (_implicit, Stepper) if implicit
+                       else (_explicit,)))
     inputs = merge_inputs({} if inputs is None else inputs, {name: options.pop(name) for name in [*options]
                                                       if name in scene.inputs and name not in known})
     check_options(f"form {form!r}" if mixed else f"method {method!r}", options, known)
@@ -96,7 +106,8 @@ def simulate(
                          "take it, and ExplicitStepper holds inputs over its steps")
     if mixed:
         return _judged(simulate_mixed(scene, t, form, initial, method, inputs=inputs, **options), throw)
-    return _judged((_implicit if implicit else _explicit)(scene, t, initial, method, inputs, **options), throw, warn=implicit)
+    made = _adaptive if controlled else _implicit if implicit else _explicit
+    return _judged(made(scene, t, initial, method, inputs, **options), throw, warn=implicit)
 
 
 def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -155,6 +166,32 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     reason = {code: found for code, failed in stepper.failures.items() if (found := failed.reason()) is not None}
     stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=reason)
     return Solution(t, trajectory, _energy(stepper.model, trajectory, t, inputs), stats)
+
+
+def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
+              rtol: Any = None, atol: Any = None, events: Any = None, max_steps: int = 100_000, first_step: float | None = None,
+              **options: Any) -> Solution:
+    if method == "generalized_alpha" or options.get("conserve"):
+        what = "conserve" if options.get("conserve") else "generalized_alpha"
+        raise ValueError(f"rtol or atol was given to {what}, whose error is no series in even powers of the step; 'midpoint' "
+                         "without conserve takes them")
+    most, tolerance, events = count("max_steps", max_steps), Tolerance.of(scene, rtol, atol), Events.of(events)
+    first = None if first_step is None else step_size("first_step", first_step)
+    stepper = Stepper(scene, (concrete(t[-1]) - concrete(t[0])).item() / STEPS, method, **options)
+    changing(inputs, len(t) - 1)
+    given = inputs_at(inputs, t[0], t)
+    start = stepper._begin(_begin(stepper.model, initial, t[0]), inputs=given)
+    shape = broadcast_shapes(scene.batch_shape, start.batch_shape, tolerance.position.shape,
+                             *(x.shape[:-1] for x in scene.tensors(given).values()))
+    start = start.broadcast(shape)
+    held = {name: v if isinstance(v, PerInterval) or callable(v) else scene_value for name, scene_value in
+            scene.tensors(given).items() for v in (inputs[name],)}
+    made = adaptive(stepper, start, t, held, tolerance, events, most, first)
+    reason = {code: found for code, failed in stepper.failures.items() if (found := failed.reason()) is not None}
+    lengths, level = made.steps.sequence.instants.diff(dim=0), made.proof.level
+    stats = Stats(steps=int((made.steps.sequence.counts * 2**level).max()), lengths=lengths, level=level,
+                  rejected=made.steps.rejected, error=made.proof.error * tolerance.position, reason=reason)
+    return Solution(t, made.states, _energy(stepper.model, made.states, t, inputs), stats, made.event)
 
 
 def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,

@@ -40,7 +40,7 @@ class StepSolver:
         self.model, self.method, self.tolerance, self.limit = model, METHODS[method], tolerance, limit
         self.problem = partial(self.method, **options)
         self.engine = engine if engine != "auto" else "compiled" if meaning() == "compiled" else "auto"
-        self._asked = method, options.get("conserve", False)
+        self._asked = method, {name: value for name, value in options.items() if value is not False}
         self._compiled, self._decided = None, self.engine == "eager"
         if self.engine == "compiled":
             _ = self.compiled  # is refused here, if at all
@@ -52,7 +52,8 @@ class StepSolver:
         """
         if not self._decided and not functorch.peek_interpreter_stack():
             made = compiled_step if self.engine == "compiled" else automatic_step
-            self._compiled, self._decided = made(self.model, *self._asked), True
+            method, options = self._asked
+            self._compiled, self._decided = made(self.model, method, **options), True
         return self._compiled
 
     def __getstate__(self) -> dict[str, Any]:

@@ -43,6 +43,7 @@ class Ahead(NamedTuple):
     stopped: bool = False
 
 
+STILL = {"defect": 0, "straining": 2}  # of a state, and their own axes: what native code may leave as it is
 ROOM = 2**18  # nodes, over samples and steps, of the states that native code makes at once
 
 
@@ -238,7 +239,7 @@ class Stepper:
             return None
         given = [self.scene.tensors(one) for one in inputs]
         of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-        start = self._reduced(state)
+        start = self._reduced(self._begin(state, dt[0], inputs=given[0]))
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                           *(value.shape[:-1] for one in given for value in one.values()))
         count = min(len(dt), max(1, ROOM // max(1, shape.numel() * (self.scene.beam.count + 1))))
@@ -261,8 +262,9 @@ class Stepper:
 
         def after(k: Any, *lead: int) -> State:
             fields = {name: x[k] for name, x in found.fields.items()}
-            defect, stands = (x.expand((*lead, *shape)) for x in (start.defect, status))
-            return self.model.space.to_public(replace(start, **fields, defect=defect, t=now[k], status=stands))
+            same = {name: x.expand((*lead, *shape, *x.shape[x.ndim - axes:])) for name, axes in STILL.items()
+                    if name not in fields and (x := getattr(start, name, None)) is not None}
+            return self.model.space.to_public(replace(start, **fields, **same, t=now[k], status=status.expand((*lead, *shape))))
 
         part = slice(0, count) if len(places) == count else places
         return Ahead(after(part, len(places)), after(count - 1), found.iterations[:count], not found.well)

@@ -22,14 +22,28 @@ class Energy(NamedTuple):
     work: Tensor | None
 
 
+class Event(NamedTuple):
+    """Events at which samples stopped: which (...), by its place in `events` (-1 = none); when, t (...) s (inf = never); the
+    states there (None where no sample met any; of one that met none it says nothing).
+    """
+
+    which: Tensor
+    t: Tensor
+    state: Any
+
+
 @dataclass
 class Stats:
     """Solver statistics. Counters that a method does not have stay None.
 
-    steps        time steps (implicit: of the grid)
+    steps        time steps (implicit: of the grid; adaptive: of the sample with most, in the last run)
     evaluations  right-hand-side evaluations
     iterations   Newton iterations, (steps, ...) per step and sample
     drift        largest violation of the undifferentiated equations, (...) (block rate form)
+    lengths      s, adaptive steps (steps, ...) of each sample, of which 1/2^level (...) were made; 0 behind its last
+    level        see `lengths`
+    rejected     adaptive steps that were made again, (...)
+    error        m, (...), the largest error of a position over the run as the solution found it itself
     reason       one sentence per kind of failure that occurred: status -> sentence
     """
 
@@ -37,6 +51,10 @@ class Stats:
     evaluations: int | None = None
     iterations: Tensor | None = None
     drift: Tensor | None = None
+    lengths: Tensor | None = None
+    level: Tensor | None = None
+    rejected: Tensor | None = None
+    error: Tensor | None = None
     reason: dict[int, str] = field(default_factory=dict)
 
 
@@ -48,12 +66,14 @@ class Solution:
     state   the states, `state[-1]` is the last (restart from it with `initial=`)
     energy  `Energy`
     stats   `Stats`
+    event   `Event`, where a sample was to stop at one
     """
 
     t: Tensor
     state: Any
     energy: Energy
     stats: Stats
+    event: Event | None = None
 
     def __repr__(self) -> str:
         done = [counted(self.stats.steps, "step")] if self.stats.steps is not None else []

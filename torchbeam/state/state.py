@@ -119,9 +119,9 @@ class State(Instant):
         moving = (self.position, self.rotation, self.velocity, self.spin)
         return broadcast("a state's fields", *[x.shape[:-2] for x in moving])
 
-    def broadcast(self) -> State:
-        """The same with the common batch axes in every field."""
-        shape = self.batch_shape
+    def broadcast(self, shape: tuple[int, ...] | None = None) -> State:
+        """The same with the common batch axes, or those given, in every field."""
+        shape = self.batch_shape if shape is None else shape
         return map_leaves(lambda x, axes: x.expand((*shape, *x.shape[x.ndim - axes:])), self)
 
 

@@ -8,6 +8,7 @@ from math import prod
 from ...solvers.compiled.derivative import bar, vjp
 from ...solvers.compiled.function import Function
 from .adjoint_driver import AdjointDriver
+from .conserving_functions import ENERGIES
 from .layout import ELEMENTS, MOVES, NODES, ONE, SUPPORTS, TWO, Layout
 from .local_functions import LocalFunctions
 from .local_problem import Kinds
@@ -15,6 +16,7 @@ from .native import NativeProgram
 from .tracing import Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
+ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
 
 
 class AdjointProgram(NativeProgram):
@@ -38,17 +40,29 @@ class AdjointProgram(NativeProgram):
             found[f"node bar {k}"] = _derivative(whole.only(["balance"]), start)
             found[f"block {k}"] = whole.only(["D"])
             finish = traced(partial(local.finish, kind), node)
-            found[f"finish bar {k}"] = _derivative(finish, (*start, "u", "m", "found"), keep=("u", "m"))
+            found[f"finish bar {k}"] = _derivative(finish, (*start, "u", "m", "found", "last"), keep=("u", "m"))
             update = traced(partial(local.update, kind), {**node, "move": (w,)})
             if "move" in update.inputs:  # a clamp that moves goes its own way
                 found[f"update bar {k}"] = vjp(update, ["move"]).with_constants({"move": [0.0] * w})
+        if "kinetic" in local.element_ends:
+            project = traced(local.project, dict.fromkeys(("defect", "kinetic", "rise"), ()))
+            scaled = traced(local.scaled, {**{name: shapes[name] for name in ENDED}, "scale": ()})
+            found |= {"project": project.only(["scale"]), "project bar": vjp(project, ["defect", "kinetic", "rise"]),
+                      "scaled bar": vjp(scaled, [*ENDED, "scale"])}
+            for k, kind in enumerate(self.kinds.nodes):
+                found[f"ended {k}"] = traced(partial(local.finish, kind), node).only([*ENDED, *ENERGIES])
         ends = [f"{side}.{name}" for side in "ij" for name in start if not name.startswith(("element", "common"))]
-        ends += [name for name in wanted if name.startswith(("element", "common"))]
+        ends += [*local.element_state, *(name for name in wanted if name.startswith(("element", "common")))]
         for k, kind in enumerate(self.kinds.elements):
             whole = traced(partial(local.element, kind), traced.element)
             found[f"element bar {k}"] = _derivative(whole.only(["i.balance", "j.balance", "gap"]), ends)
             found[f"blocks {k}"] = whole.only(["i.D", "j.D", "U", "L"])
             found[f"law {k}"] = whole.only(["E", "hB"])
+            if local.element_ends:
+                finish = traced(partial(local.finish_element, kind), traced.element)
+                if "kinetic" in finish.outputs:
+                    found[f"ended element {k}"] = finish
+                found[f"finish element bar {k}"] = _derivative(finish, [*ends, *(f"{side}.{x}" for side in "ij" for x in "um")])
         law = {name: whole.outputs[name].shape for name in ("gap", "E", "hB")}
         stress = traced(local.stress, {**traced.element, **law, "move_i": (w,), "move_j": (w,)})
         found["stress bar"] = vjp(stress, ["gap", "move_i", "move_j"])
@@ -79,6 +93,17 @@ class AdjointProgram(NativeProgram):
         layout.record("unknown", NODES, [("u", state[0][1]), ("m", state[1][1])])
         for name in ("stress", "stress_bar", "stress_grad"):
             layout.record(name, ELEMENTS, [("stress", k)])
+        if self.element_state:
+            own = [(name, prod(self.shapes[name])) for name in self.element_state]
+            for name in ("", "_bar", "_grad", "_start_bar"):
+                layout.record(f"element_state{name}", ELEMENTS, own)
+        if "finish element bar 0" in self.functions:
+            layout.record("unknown_bar", NODES, [("u_bar", state[0][1]), ("m_bar", state[1][1])])
+        if "project" in self.functions:
+            layout.record("ended", NODES, [(name, prod(self.shapes[name])) for name in ENDED])
+            bars = [*ENERGIES, "scale", *(f"{name}_bar" for name in (*ENERGIES, "scale"))]
+            layout.record("energy", ONE, [(name, 1) for name in bars])
+            layout.record("sample", ONE, [(name, 1) for name in ("defect", "defect_bar", "defect_grad")])
         for name in ("asked", "push", "move", "found"):
             layout.record(name, MOVES, [(name, w)])
         layout.record("law", ELEMENTS, [*self.outputs("law 0"), ("gap_bar", k)])
@@ -89,19 +114,21 @@ class AdjointProgram(NativeProgram):
         layout.record("nothing", ONE, [("zeros", 2 * w * w + k)])
         change = layout.record("change", ONE, [("gap_bar", k)])
         for name in self.functions:
-            if name.startswith(("node bar", "finish bar", "stress bar")):
+            if name.startswith(("node bar", "finish bar", "stress bar", "ended", "scaled bar", "project bar")):
                 for out in self.outputs(name):
                     change.add(*out)
         of_element = layout.record("of_element", ONE)
         for k in range(len(self.kinds.elements)):
-            for out in self.outputs(f"element bar {k}"):
-                of_element.add(*out)
+            for name in (f"element bar {k}", f"finish element bar {k}"):
+                for out in self.outputs(name) if name in self.functions else ():
+                    of_element.add(*out)
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
         layout.record("free", NODES, [("free", w)])
         if self.held:
-            read = any("found" in function.inputs for function in self.functions.values())
-            layout.record("support", SUPPORTS, [("found", w)] * read)
-            for name in ("reaction_bar", "reaction_grad"):
+            for name in ("found", "last"):
+                read = any(name in function.inputs for function in self.functions.values())
+                layout.record("support", SUPPORTS, [(name, w)] * read)
+            for name in ("reaction_bar", "reaction_grad", "last_bar"):
                 layout.record(name, SUPPORTS, [("reaction", w)])
         return layout
 

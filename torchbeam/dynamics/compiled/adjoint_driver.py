@@ -23,11 +23,13 @@ class AdjointDriver(ChainCode):
         code, N = self.code, self.args["elements"]
         last = code.sub(self.args["steps"], 1)
         nodes, supports = code.add(N, 1), [(f"{of}_bar", self.args["supports"]) for of in ("reaction", "support") * self.held]
-        for record, count in (("state_bar", nodes), ("stress_bar", N), *supports, ("node_bar", nodes), ("element_bar", N),
-                              ("common_bar", 1)):
+        more = [("element_state_bar", N)] * ("element_state" in self.layout.records)
+        for record, count in (("state_bar", nodes), ("stress_bar", N), *more, *supports, ("node_bar", nodes),
+                              ("element_bar", N), ("common_bar", 1)):
             with code.loop(0, count) as k:
                 self._fill(self.at(record, k), self.layout.records[record].size)
-        self._fill(self.at("sample", 0, "work_bar"), 1)
+        for name in self._of_samples("_bar"):
+            self._fill(self.at("sample", 0, name), 1)
         with code.loop(last, -1, -1) as step:
             self._transfer("gather", "input", first, step, last)
             self._step()
@@ -37,15 +39,28 @@ class AdjointDriver(ChainCode):
     def _step(self) -> None:
         code, N = self.code, self.args["elements"]
         nodes, moves = code.add(N, 1), self.layout.records["move"].size
+        rates = "element_state" in self.layout.records
         for to, source, count in (("state_bar", "state_grad", nodes), ("stress_bar", "stress_grad", N),
+                                  *((("element_state_bar", "element_state_grad", N),) if rates else ()),
                                   *((("reaction_bar", "reaction_grad", self.args["supports"]),) if self.held else ())):
             with code.loop(0, count) as k:
                 self._add(self.at(to, k), self.at(source, k), self.layout.records[to].size)
-        self._add(self.at("sample", 0, "work_bar"), self.at("sample", 0, "work_grad"), 1)
+        for to, source in zip(self._of_samples("_bar"), self._of_samples("_grad"), strict=True):
+            self._add(self.at("sample", 0, to), self.at("sample", 0, source), 1)
         self._fill(self.at("nothing"), self.layout.records["nothing"].size)
         with code.loop(0, code.add(N, 3)) as j:
             for record in ("asked", "push", "move", "found"):
                 self._fill(self.at(record, j), moves)
+        if self.held:
+            with code.loop(0, self.args["supports"]) as k:
+                self._fill(self.at("last_bar", k), moves)
+        with code.loop(0, nodes) as j:
+            self._solution(j)
+        if "energy" in self.layout.records:
+            self._energies()
+        if "finish element bar 0" in self.functions:
+            with code.loop(0, N) as e:
+                self._element_ends(e)
         with code.loop(0, nodes) as j:
             self._ends(j)
         with code.loop(0, N) as e:
@@ -77,29 +92,103 @@ class AdjointDriver(ChainCode):
             self._take(self.at("state_bar", j), self.at("start_bar", j), good, self.layout.records["state_bar"].size)
         with code.loop(0, N) as e:
             self._take(self.at("stress_bar", e), self.at("nothing"), good, self.layout.records["stress_bar"].size)
+            if rates:
+                self._take(self.at("element_state_bar", e), self.at("element_state_start_bar", e), good,
+                           self.layout.records["element_state"].size)
         if self.held:
             with code.loop(0, self.args["supports"]) as k:
-                self._take(self.at("reaction_bar", k), self.at("nothing"), good, moves)
+                self._take(self.at("reaction_bar", k), self.at("last_bar", k), good, moves)
 
-    def _ends(self, j: str) -> None:
-        """Of a node: the solution between its states, what its end's cotangents ask of the start and of the move."""
-        code = self.code
+    def _solution(self, j: str) -> None:
+        """Of a node: the solution between its states."""
+        records = self.layout.records
         self._call("solution", lambda f: self.at("unknown", j, f[2:]) if f[0] == ">" else
                    self.at("after", j, f) if f.startswith("after") else self.at("state", j, f))
-        self._fill(self.at("start_bar", j), self.layout.records["start_bar"].size)
+        for name in ("start_bar", "unknown_bar"):
+            if name in records:
+                self._fill(self.at(name, j), records[name].size)
+
+    def _element_ends(self, e: str) -> None:
+        """What the cotangents of an element's state at the end ask of its start and of its nodes."""
+        records = self.layout.records
+        if "element_state" in records:
+            self._fill(self.at("element_state_start_bar", e), records["element_state"].size)
+
+        def where(f: str) -> str:
+            if f[0] == ">":
+                return self.at("of_element", 0, f[2:])
+            if not f.endswith("_bar"):
+                return self._of_element(f, e)
+            return (self.at("energy", 0, f) if "energy" in records else
+                    self.at("element_state_bar", e, f.removesuffix("_bar")))
+
+        with self._element_kind(e) as kinds:
+            for k in kinds:
+                self._call(f"finish element bar {k}", where)
+                self._spread(f"finish element bar {k}", e)
+
+    def _of_samples(self, what: str) -> list[str]:
+        """Cotangents of a sample's fields."""
+        return [name for name in self.layout.records["sample"].fields if name.endswith(what)]
+
+    def _energies(self) -> None:
+        """The scale of the velocities, and the cotangents of what it is made from and of the velocities before."""
+        code, N, records = self.code, self.args["elements"], self.layout.records
+        good, nodes = self.at("sample", 0, "good"), code.add(N, 1)
+        self._fill(self.at("energy"), records["energy"].size)
+
+        def add() -> None:
+            for name in ("kinetic", "rise"):
+                self._add(self.at("energy", 0, name), self.at("change", 0, name), 1)
+
+        with code.loop(0, N) as e:
+            with self._element_kind(e) as kinds:
+                for k in kinds:
+                    self._call(f"ended element {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
+                               self._of_element(f, e))
+            add()
+        with code.loop(0, nodes) as j:
+            with self._kind(j) as kinds:
+                for k in kinds:
+                    self._call(f"ended {k}", lambda f: self._of_node(f, j) if f[0] != ">" else
+                               self.at("ended", j, f[2:]) if f[2:] in records["ended"].fields else self.at("change", 0, f[2:]))
+            add()
+
+        def of_sample(f: str) -> str:
+            name = f.removeprefix("> ")
+            return self.at("change" if f == "> defect_bar" else "sample" if name.startswith("defect") else "energy", 0, name)
+
+        self._call("project", of_sample)
+        with code.loop(0, nodes) as j:
+            self._call("scaled bar", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
+                       self.at("energy", 0, f) if f == "scale" else
+                       self.at("ended", j, f) if f in records["ended"].fields else
+                       self.at("state_bar", j, f.removesuffix("_bar")))
+            for name, (_, size) in records["ended"].fields.items():
+                self._take(self.at("state_bar", j, name), self.at("change", 0, f"{name}_bar"), good, size)
+            self._add(self.at("energy", 0, "scale_bar"), self.at("change", 0, "scale_bar"), 1)
+        self._call("project bar", of_sample)
+        self._take(self.at("sample", 0, "defect_bar"), self.at("change", 0, "defect_bar"), good, 1)
+
+    def _ends(self, j: str) -> None:
+        """Of a node: what its end's cotangents ask of the start and of the move."""
+        code = self.code
 
         def where(f: str) -> str:
             if f[0] == ">":
                 return self.at("change", 0, f[2:])
             name = f.removesuffix("_bar")
             if f != name:
-                return self.at("sample", 0, f) if name == "work" else self.at("state_bar", j, name)
+                record = "sample" if name == "work" else "energy" if name in ("kinetic", "rise") else "state_bar"
+                return self.at("state_bar", j, name) if record == "state_bar" else self.at(record, 0, f)
             return self._of_node(f, j)
 
         with self._kind(j) as kinds:
             for k in kinds:
                 self._call(f"finish bar {k}", where)
                 self._spread(f"finish bar {k}", j)
+                for name, (_, size) in getattr(self.layout.records.get("unknown_bar"), "fields", {}).items():
+                    self._add(self.at("change", 0, name), self.at("unknown_bar", j, name), size)
                 if f"update bar {k}" in self.functions:
                     self._call(f"update bar {k}", lambda f: self.at("asked", code.add(j, 1)) if f[0] == ">" else
                                self.at("change", 0, f) if f.endswith("_bar") else self._of_node(f, j))
@@ -108,8 +197,8 @@ class AdjointDriver(ChainCode):
         side, _, name = field.partition(".")
         if side in ("i", "j"):
             return self._of_node(name, e if side == "i" else self.code.add(e, 1))
-        for record in ("element", "stress", "law"):
-            if field in self.layout.records[record].fields:
+        for record in ("element", "stress", "law", "element_state"):
+            if record in self.layout.records and field in self.layout.records[record].fields:
                 return self.at(record, e, field)
         return self.at("common", 0, field)
 
@@ -175,15 +264,20 @@ class AdjointDriver(ChainCode):
         m's stay.
         """
         records = self.layout.records
-        source = "of_element" if name.startswith("element bar") else "change"
+        source = "of_element" if name.startswith(("element bar", "finish element bar")) else "change"
         for out in self.functions[name].outputs:
             field, at = out.removesuffix("_bar"), j
             if field[:2] in ("i.", "j."):
                 at, field = (j if field[0] == "i" else self.code.add(j, 1)), field[2:]
             record = field.partition(".")[0] + "_bar" if "." in field else "start_bar"
-            record, field = ("reaction_bar", "reaction") if field == "found" else (record, field)
+            if field in ("found", "last"):
+                record, field = "reaction_bar" if field == "found" else "last_bar", "reaction"
+            if field in getattr(records.get("element_state"), "fields", ()):
+                record = "element_state_start_bar"
+            elif source == "of_element" and field in ("u", "m"):
+                record, field = "unknown_bar", f"{field}_bar"
             if field in records[record].fields:
-                on_support = record in ("support_bar", "reaction_bar")
+                on_support = record in ("support_bar", "reaction_bar", "last_bar")
                 row = 0 if record == "common_bar" else self._support_of(at) if on_support else at
                 self._sum(self.at(record, row, field), self.at(source, 0, out), self.at("sample", 0, "good"),
                           records[record].fields[field][1])

@@ -17,11 +17,20 @@ HELD = ("position", "rotation", "velocity", "spin")  # of a support
 
 
 @dataclass(frozen=True)
+class NodeLoads(Tree):
+    """See `NodeConstants`."""
+
+    dead: Tensor | None = leaf(2)
+    loads: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
 class NodeConstants(Tree):
     """Rows of nodes. mass, J, offset: see `LumpedMass`, `RotaryInertia`, `Lever`, None = absent; slide, turn: see
     `Constraints`; section_mass, tributary_length: see `Model`; s (..., N+1) m; dead (..., N+1, w) loads that depend on no
     motion, None = none; frames, R: see `Small`, None in other coordinates; loads: those of the loads of `Common`
-    that have values by place, rows in each of their leaves, None in the place of the others.
+    that have values by place, rows in each of their leaves, None in the place of the others; before: dead and loads at the
+    start of the step, None = they are the same there, or not asked for.
     """
 
     mass: Tensor = leaf(2)
@@ -36,6 +45,7 @@ class NodeConstants(Tree):
     frames: Tensor | None = leaf(2)
     R: Tensor | None = leaf(3)
     loads: tuple[Any, ...]
+    before: NodeLoads | None
 
 
 @dataclass(frozen=True)
@@ -64,10 +74,19 @@ class SupportPose(Tree):
 
 
 @dataclass(frozen=True)
+class CommonLoads(Tree):
+    """See `Common`."""
+
+    loads: tuple[Any, ...]
+    support: SupportPose | None
+
+
+@dataclass(frozen=True)
 class Common(Tree):
-    """One of all nodes: dt and t (...) s of the step and of its middle, the loads that are evaluated natively (None in the
-    place of those of `NodeConstants`), inputs, the place of a plane, where a root's support stands; of frame a, in the middle
-    of the step, its velocity and angular velocity (..., 3) and its orientation, see `State.frame`, None = at rest.
+    """One of all nodes: dt and t (...) s of the step and of the instant at which it takes its loads, the loads that are
+    evaluated natively (None in the place of those of `NodeConstants`), inputs, the place of a plane, where a root's support
+    stands; of frame a, in the middle of the step, its velocity and angular velocity (..., 3) and its orientation, see
+    `State.frame`, None = at rest; before: see `NodeConstants`.
     """
 
     dt: Tensor = leaf(0)
@@ -79,6 +98,7 @@ class Common(Tree):
     velocity: Tensor | None = leaf(1)
     angular_velocity: Tensor | None = leaf(1)
     frame: Tensor | None = leaf(1)
+    before: CommonLoads | None
 
 
 @dataclass(frozen=True)

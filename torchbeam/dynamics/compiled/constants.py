@@ -24,8 +24,10 @@ from ...state.state import rest
 from .chain_constants import (
     HELD,
     Common,
+    CommonLoads,
     ElementConstants,
     NodeConstants,
+    NodeLoads,
     SupportConstants,
     SupportPose,
     Trees,
@@ -36,7 +38,7 @@ from .chain_constants import (
 
 class Constants:
     """Of a model's steps (or, without `steps`, of what stands still in it), in two parts: trees of what holds for all of them,
-    and values by name of what changes.
+    and values by name of what changes. instant: of a step, when it takes its loads; 1 = those of its start are asked for too.
 
     loads  those that are evaluated natively: of the motion, with internal states, and the library's own whose values are inputs
     asks   whether anything is evaluated at t in torch
@@ -44,7 +46,7 @@ class Constants:
     sources  tensors that values are made from
     """
 
-    def __init__(self, model: Model, steps: bool = True) -> None:
+    def __init__(self, model: Model, steps: bool = True, instant: float = 0.5) -> None:
         space, inertia, constraints, small = model.space, model.inertia, model.constraints, isinstance(model.space, Small)
         self.model, self.prescribes = model, steps and model.scene.has_prescribed_motion
         beam = model.scene.beam
@@ -60,7 +62,7 @@ class Constants:
         self.nodes = NodeConstants(
             inertia.mass, getattr(inertia.rotary, "J", None), getattr(inertia.offset, "x", None), constraints.slide,
             constraints.turn, model.section_mass, model.tributary_length, model.s, None,
-            *((space.frames, space.R) if small else (None, None)), ())
+            *((space.frames, space.R) if small else (None, None)), (), None)
         self.elements = ElementConstants(
             model.length, model.reference, model.law, model.law.C, getattr(inertia.translational, "coupling", None), None,
             space.element if small else None)
@@ -71,6 +73,8 @@ class Constants:
                         if one.axes == 1 and callable(one.value) and self.rows[k] is None}
         changing = any(row is not None and not _unchanging(load) for row, load in zip(self.rows, self.loads, strict=True))
         self.asks = bool(self.asked or not self.given_eigenstrain or not self.rests or self.of_time or changing)
+        by_time = self.asked or self.of_time or changing or (self.wants_support and not self.rests)
+        self.instant, self.before = instant, bool(instant == 1 and by_time)
         scene = model.scene
         by_place = tuple(load for load, row in zip(self.loads, self.rows, strict=True) if row is not None)
         prescribed = () if self.rests else (scene.frame, scene.root)
@@ -90,14 +94,24 @@ class Constants:
         model = self.model
         C, exact = self._tangent(dt)
         found = {"dt": dt, "t": t, "C": C, "exact": exact}
-        still = self.still._replace(frame=frame)
-        if self.given or self.asked:
-            dead = self._held("dead", lambda: external(model, self.still, t, inputs, self.given))
-            found["dead"] = dead + external(model, still, t, inputs, self.asked) if self.asked else dead
+        found |= self._loads(t, inputs, frame)
+        if self.before:
+            found |= {f"before {name}": x for name, x in self._loads(t - dt, inputs, frame).items()}
         if model.scene.eigenstrains:
             found["eigenstrain"] = (
                 self._held("eigenstrain", lambda: model.eigenstrain(t, inputs))
                 if self.given_eigenstrain else model.eigenstrain(t, inputs))
+        for name, x in inputs.items():
+            found[f"input {name}"] = x
+        return found | self._prescribed(t, t + (1 - self.instant) * dt, frame) if self.prescribes else found
+
+    def _loads(self, t: Tensor, inputs: Inputs, frame: Tensor | None) -> dict[str, Tensor]:
+        """Those that are dead, what the others have by time, and where the root's support stands."""
+        model, found = self.model, {}
+        if self.given or self.asked:
+            dead = self._held("dead", lambda: external(model, self.still, t, inputs, self.given))
+            found["dead"] = (dead + external(model, self.still._replace(frame=frame), t, inputs, self.asked) if self.asked
+                             else dead)
         if self.wants_support:
             pose = (self._held("support", lambda: model.prescribed_motion.root_pose(t)) if self.rests
                     else model.prescribed_motion.root_pose(t))
@@ -107,9 +121,7 @@ class Constants:
         for k, (load, row) in enumerate(zip(self.loads, self.rows, strict=True)):
             if row is not None:
                 found |= self._row_values(k, load, t, inputs)
-        for name, x in inputs.items():
-            found[f"input {name}"] = x
-        return found | self._prescribed(t, t + dt / 2, frame) if self.prescribes else found
+        return found
 
     def _row_values(self, k: int, load: Any, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Of a load by place."""
@@ -174,18 +186,24 @@ class Constants:
 
     def trees(self, values: dict[str, Tensor]) -> Trees:
         """The trees with the values that change."""
-        rows = tuple(filled(row, lambda i, k=k: values[f"row {k} {i}"]) for k, row in enumerate(self.rows))
-        loads = tuple(with_values(load, **{one.name: values[name] for one in own_leaves(load)
-                                           if (name := f"load {k} {one.name}") in values}) if rows[k] is None else None
-                      for k, load in enumerate(self.loads))
-        support = SupportPose(*(values.get(f"support {name}") for name in Pose._fields)) if self.wants_support else None
+        nodes, common = self._load_trees(values)
+        before = self._load_trees(values, "before ") if self.before else (None, None)
         place = self.model.space.place if isinstance(self.model.space, Plane) else None
         inputs = {name: values[f"input {name}"] for name in self.model.scene.inputs}
         frame = (values.get(name) for name in ("frame velocity", "frame angular_velocity", "frame"))
         supports = SupportConstants(*(values[f"held {name}"] for name in HELD)) if f"held {HELD[0]}" in values else None
-        return (replace(self.nodes, dead=values.get("dead"), loads=rows),
+        return (replace(self.nodes, dead=nodes.dead, loads=nodes.loads, before=before[0]),
                 replace(self.elements, C=values["C"], eigenstrain=values.get("eigenstrain")),
-                Common(values["dt"], values["t"], loads, inputs, place, support, *frame), supports)
+                Common(values["dt"], values["t"], common.loads, inputs, place, common.support, *frame, before[1]), supports)
+
+    def _load_trees(self, values: dict[str, Tensor], when: str = "") -> tuple[NodeLoads, CommonLoads]:
+        rows = tuple(filled(row, lambda i, k=k: values[f"{when}row {k} {i}"]) for k, row in enumerate(self.rows))
+        loads = tuple(with_values(load, **{one.name: values[name] for one in own_leaves(load)
+                                           if (name := f"{when}load {k} {one.name}") in values}) if rows[k] is None else None
+                      for k, load in enumerate(self.loads))
+        support = (SupportPose(*(values.get(f"{when}support {name}") for name in Pose._fields)) if self.wants_support
+                   else None)
+        return NodeLoads(values.get(f"{when}dead"), rows), CommonLoads(loads, support)
 
     def closures(self, values: dict[str, Tensor]) -> tuple[Any, ...]:
         """Loads (..., N+1, w) by functions of the motion, of the beam undeformed and at rest, and their internal states, whose

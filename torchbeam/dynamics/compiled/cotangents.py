@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from .call import Call, Chain, Field
+from .call import Call, Chain, Field, like, made_like
 from .chain_constants import flattened
+from .native import NativeProgram
+
+WHOLE = ("stress", "reaction")  # parts of a state with records of their own
 
 
-def state_fields(nodes: tuple[str, ...]) -> dict[str, tuple[str, str]]:
-    """Record and field of what a step changes, `nodes` of a node."""
-    return {**{name: ("state", name) for name in nodes}, "stress": ("start_stress", "stress"), "reaction": ("support", "last"),
-            "work": ("sample", "work")}
+def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
+    """Record and field of what a program's steps change."""
+    return {**{name: ("state", name) for name in program.state}, "stress": ("start_stress", "stress"),
+            "reaction": ("support", "last"), **{name: ("element_state", name) for name in program.element_state},
+            **{name: ("sample", name) for name in program.sample_state}}
 
 
 def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
@@ -26,81 +30,109 @@ def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
             yield Field(record, f"{record}.{k}", x, axes)
 
 
-class Adjoint:
-    """What the cotangents of K steps that a call has made are found from: chain of the adjoint program; fields of the
-    constants, without gradient; good (K, B): which samples moved.
+class Backward(NamedTuple):
+    """Calls of the adjoint with tensors of the same shapes: the call, and tensors like the cotangents that it makes, by their
+    numbers among what is wanted, of all steps together and of each.
     """
 
-    def __init__(self, chain: Chain, call: Call, fields: list[Field], good: Tensor) -> None:
-        self.chain, self.call, self.fields, self.good = chain, call, fields, good
-        self.state = [*state_fields(chain.program.state)]
+    call: Call
+    whole: dict[int, Tensor]
+    stepwise: dict[int, Tensor]
 
-    def cotangents(self, start: list[Tensor], made: tuple[Tensor, ...], grads: tuple[Tensor | None, ...], wanted: list[bool]
+
+class Adjoint:
+    """What the cotangents of K steps that a call has made are found from: chain of the adjoint program; fields of the
+    constants, those that change and those that do not; good (K, B): which samples moved; wanted: numbers, among these fields
+    and then the parts of the start, of what cotangents are asked of; calls: those bound before.
+    """
+
+    def __init__(self, chain: Chain, call: Call, calls: dict[Any, Backward], changing: list[Field], constant: list[Field],
+                 good: Tensor, wanted: list[int]) -> None:
+        self.chain, self.call, self.calls, self.good, self.wanted = chain, call, calls, good, wanted
+        self.changing, self.constant, self.state = changing, constant, [*state_fields(chain.program)]
+
+    def cotangents(self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]
                    ) -> list[Tensor | None]:
-        """Of the constants that are wanted, and of the start, from those of the states after each step."""
-        chain, (K, B) = self.chain, self.good.shape
-        layout, batch, stepped = chain.program.layout, self.call.batch, set()
-        call = Call(chain, batch, K, self.call.lanes)
-        inputs = [*self.fields, Field("free", "free", chain.free, 2), Field("sample", "good", self.good, 0, flat=True)]
-        outputs, stepwise, found = [], [], {}
+        """Of what is wanted, from those of the states after each step, None = zero."""
+        fields = [*self.changing, Field("sample", "good", self.good, 0, flat=True), *self._steps(start, made, grads)]
+        form = (*self.wanted, None, *[grad is None for grad in grads])
+        if form not in self.calls:
+            self.calls[form] = self._backward(fields, start)
+        call, whole, stepwise = self.calls[form]
+        whole, stepwise = ({k: made_like(x) for k, x in found.items()} for found in (whole, stepwise))
+        call.run(inputs=[one.value for one in fields], outputs=[*whole.values()], stepwises=[*stepwise.values()])
+        found = {k: x.reshape((*call.batch, *x.shape[1:])) for k, x in whole.items()}
+        found |= {k: x.reshape((call.K, *call.batch, *x.shape[2:])) for k, x in stepwise.items()}
+        given = [*(one.value for one in (*self.changing, *self.constant)), *start]
+        return [found[k].sum_to_size(given[k].shape) if k in found else None for k in self.wanted]
+
+    def _steps(self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]) -> Iterator[Field]:
+        """The states that each step lies between, and the cotangents of what it made."""
+        K, B = self.good.shape
         for name, x, after, grad in zip(self.state, start, made, grads, strict=True):
-            own = () if name == "work" else after.shape[-2:]
-            after = after.reshape(K, B, *own)
+            own = after.shape[after.ndim - self._axes(name):]
             grad = after.new_zeros(own) if grad is None else grad.reshape(K, B, *own).contiguous()
-            record, field = {"stress": ("stress", "stress"), "reaction": ("reaction", "reaction"),
-                             "work": ("sample", "work")}.get(name, ("state", name))
+            yield Field(*self._place(name, "_grad"), grad, len(own), flat=True)
+            after = after.reshape(K, B, *own).contiguous()
             if name == "reaction":
-                inputs.append(Field("support", "found", after, 2, flat=True))
-            if name in chain.program.state:
-                first = x.expand(*batch, *own).reshape(1, B, *own)
-                inputs.append(Field("state", name, torch.cat((first, after[:-1])), 2, flat=True))
-                inputs.append(Field("after", f"after_{name}", after, 2, flat=True))
+                yield Field("support", "found", after, 2, flat=True)
             elif name == "stress":
-                inputs.append(Field("stress", "stress", after, 2, flat=True))
-            found[name] = after.new_zeros(B, *own)
-            if name == "work":
-                inputs.append(Field("sample", "work_grad", grad, 0, flat=True))
-                outputs.append(Field("sample", "work_bar", found[name], 0, flat=True))
+                yield Field("stress", "stress", after, 2, flat=True)
+            elif name in self.chain.program.state:
+                yield Field("after", f"after_{name}", after, 2, flat=True)
+            before = ("support", "last") if name == "reaction" else self._place(name)
+            if name != "stress" and self.chain.has(*before):
+                first = x.expand(*self.call.batch, *own).reshape(1, B, *own)
+                yield Field(*before, torch.cat((first, after[:-1])), len(own), flat=True)
+
+    def _axes(self, name: str) -> int:
+        return 0 if name in self.chain.program.sample_state else 2
+
+    def _place(self, name: str, what: str = "") -> tuple[str, str]:
+        """Record and field of a part of the state; or of its "_bar" or "_grad"."""
+        program = self.chain.program
+        if name in program.sample_state:
+            return "sample", f"{name}{what}"
+        return f"{name if name in WHOLE else 'element_state' if name in program.element_state else 'state'}{what}", name
+
+    def _backward(self, fields: list[Field], start: Sequence[Tensor]) -> Backward:
+        """The call with such fields, which are other tensors each time."""
+        chain, known = self.chain, [*self.changing, *self.constant]
+        call = Call(chain, self.call.batch, self.call.K, self.call.lanes)
+        outputs: dict[int, Field] = {}
+        stepwises: dict[int, Field] = {}
+        for k in self.wanted:
+            if k < len(known):
+                one = known[k]
+                record, name, axes, place = f"{one.record}_bar", one.name, one.axes, one.value.ndim - one.axes
+                if not chain.has(record, name):
+                    continue
+                rows, steps = one.record != "common", place > len(call.batch)
+                own = (*(chain.rows(record),) * rows, *one.value.shape[place + rows:])
             else:
-                inputs.append(Field(f"{record}_grad", field, grad, 2, flat=True))
-                outputs.append(Field(f"{record}_bar", field, found[name], 2, flat=True))
-        for one in self.fields:
-            record = layout.records[f"{one.record}_bar"]
-            if one.name not in record.fields:
-                continue
-            rows = one.record != "common"
-            every = (layout.rows(record, chain.N, len(chain.supports)),) * rows
-            steps = one.value.ndim - one.axes > len(batch)
-            found[one.name] = call.empty(*every, *one.value.shape[one.value.ndim - one.axes + rows:], steps=steps)
-            field = Field(record.name, one.name, found[one.name], one.axes, flat=True)
-            (stepwise if steps else outputs).append(field)
-            stepped |= {one.name} if steps else set()
-        call.made(inputs=inputs, outputs=outputs, stepwises=stepwise)
-
-        def of(name: str, x: Tensor, asked: bool) -> Tensor | None:
-            if not asked or name not in found:
-                return None
-            shape = found[name].shape
-            shape = (K, *batch, *shape[2:]) if name in stepped else (*batch, *shape[1:])
-            return found[name].reshape(shape).sum_to_size(x.shape)
-
-        every = [*((one.name, one.value) for one in self.fields), *zip(self.state, start, strict=True)]
-        return [of(*one, asked) for one, asked in zip(every, wanted, strict=True)]
+                x, part, steps = start[k - len(known)], self.state[k - len(known)], False
+                (record, name), axes = self._place(part, "_bar"), self._axes(part)
+                own = x.shape[x.ndim - axes:]
+            (stepwises if steps else outputs)[k] = Field(record, name, call.empty(*own, steps=steps), axes, flat=True)
+        inputs = [*fields, *self.constant, Field("free", "free", chain.free, 2)]
+        call.bound({"inputs": len(fields), "outputs": len(outputs), "stepwises": len(stepwises)}, inputs=inputs,
+                   outputs=outputs.values(), stepwises=stepwises.values())
+        return Backward(call, *({k: like(one.value.shape, chain.dtype) for k, one in found.items()}
+                                for found in (outputs, stepwises)))
 
 
 class Differentiated(torch.autograd.Function):
-    """The states after steps that were made, as functions of the constants and the start."""
+    """The states after steps that were made, as functions of what is wanted of the constants and the start."""
 
     @staticmethod
-    def forward(ctx: Any, adjoint: Adjoint, made: tuple[Tensor, ...], *held: Tensor) -> tuple[Tensor, ...]:
+    def forward(ctx: Any, adjoint: Adjoint, start: list[Tensor], made: list[Tensor], *wanted: Tensor) -> tuple[Tensor, ...]:
         ctx.adjoint = adjoint
-        ctx.save_for_backward(*held[-len(made):], *made)
-        return made
+        ctx.set_materialize_grads(False)
+        ctx.save_for_backward(*start, *made)
+        return tuple(made)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
         saved = ctx.saved_tensors
-        count = len(grads)
-        found = ctx.adjoint.cotangents([*saved[:count]], saved[count:], grads, ctx.needs_input_grad[2:])
-        return None, None, *found
+        return None, None, None, *ctx.adjoint.cotangents(saved[:len(grads)], saved[len(grads):], grads)

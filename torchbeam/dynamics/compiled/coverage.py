@@ -12,7 +12,7 @@ from ...core.leaves import own_leaves
 from ...nodal.model import Model
 from ...solvers.compiled.trace import NotTraceable
 from .constants import of_library
-from .step import CompiledStep
+from .step import FUNCTIONS, CompiledStep
 
 ENGINES = ("auto", "eager", "compiled")
 VARIABLE = "TORCHBEAM_ENGINE"  # of the environment: what "auto" means
@@ -20,21 +20,20 @@ MISSING = "llvmlite is not installed: `pip install torchbeam[fast]`"
 TAKES = "; 'compiled' takes it"
 
 
-def refusal(model: Model, method: str, conserve: bool = False) -> str | None:
+def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -> str | None:
     """Why steps of a model are not compiled; None where they are. Functions that a user wrote are tried by `compiled_step`."""
     scene = model.scene
     reasons = {
-        f"method {method!r}": method != "midpoint",
-        "conserve": conserve,
+        f"method {method!r}": (method, conserve) not in FUNCTIONS,
         "elements of order 2": scene.beam.order == 2,
         f"the device {scene.device}": scene.device.type != "cpu",
     }
     return next((reason for reason, given in reasons.items() if given), None)
 
 
-def why_eager(model: Model, method: str, conserve: bool = False) -> str | None:
+def why_eager(model: Model, method: str, **options: Any) -> str | None:
     """Why "auto" steps a model eagerly, in words that `describe` shows; None where it takes native code."""
-    reason = refusal(model, method, conserve)
+    reason = refusal(model, method, **options)
     if reason is None and find_spec("llvmlite") is None:
         reason = MISSING
     if reason is not None:
@@ -58,25 +57,25 @@ def meaning() -> str:
     return choice(VARIABLE, os.environ.get(VARIABLE) or "auto", ENGINES)
 
 
-def compiled_step(model: Model, method: str, conserve: bool = False) -> CompiledStep:
+def compiled_step(model: Model, method: str, **options: Any) -> CompiledStep:
     """Steps of a model by native code. Raises ValueError with the reason where there are none."""
-    reason = refusal(model, method, conserve)
+    reason = refusal(model, method, **options)
     if reason is None and find_spec("llvmlite") is None:
         reason = MISSING
     try:
         if reason is None:
-            return CompiledStep(model)
+            return CompiledStep(model, method, **options)
     except NotTraceable as error:
         reason = str(error)
     raise ValueError(f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does")
 
 
-def automatic_step(model: Model, method: str, conserve: bool = False) -> CompiledStep | None:
+def automatic_step(model: Model, method: str, **options: Any) -> CompiledStep | None:
     """Steps of a model by native code where "auto" takes it. What fails in the compiler is warned of, and made eagerly."""
-    if why_eager(model, method, conserve) is not None:
+    if why_eager(model, method, **options) is not None:
         return None
     try:
-        return CompiledStep(model)
+        return CompiledStep(model, method, **options)
     except NotTraceable:
         return None
     except Exception as error:

@@ -114,8 +114,8 @@ class Driver(ChainCode):
         side, _, name = field.partition(".")
         if side in ("i", "j"):
             return self._of_node(name, j if side == "i" else self.code.add(j, 1))
-        for record in ("element", "stress"):
-            if field in records[record].fields:
+        for record in ("element", "stress", "element_state"):
+            if record in records and field in records[record].fields:
                 return self.at(record, j, field)
         return self.at("common", 0, field)
 
@@ -215,6 +215,17 @@ class Driver(ChainCode):
         for name, found in (("last_status", "found_status"), ("moving", "good")):
             self._copy_to(self.at("sample", 0, name), self.at("sample", 0, found), 1)
         good = self.at("sample", 0, "good")
+        if "energy" in records:
+            self._fill(self.at("energy"), records["energy"].size)
+        if "finish element 0" in self.functions:
+            with code.loop(0, N) as e:
+                with self._element_kind(e) as kinds:
+                    for k in kinds:
+                        self._call(f"finish element {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
+                                   self._of_element(f, e))
+                for name, (_, size) in getattr(records.get("element_state"), "fields", {}).items():
+                    self._take(self.at("element_state", e, name), self.at("change", 0, name), good, size)
+                self._add_energies()
         with code.loop(0, nodes) as j:
             with self._kind(j) as kinds:
                 for k in kinds:
@@ -222,9 +233,31 @@ class Driver(ChainCode):
             for name, (_, size) in records["state"].fields.items():
                 self._take(self.at("state", j, name), self.at("change", 0, name), good, size)
             self._sum(self.at("sample", 0, "work"), self.at("change", 0, "work"), good, 1)
+            self._add_energies()
+        if "energy" in records:
+            self._project(good)
         with code.loop(0, N) as e:
             self._take(self.at("start_stress", e), self.at("stress", e), good, records["stress"].size)
         if self.held:
             with code.loop(0, self.args["supports"]) as k:
                 self._take(self.at("support", k, "last"), self.at("support", k, "found"), good,
                            records["support"].fields["last"][1])
+
+    def _add_energies(self) -> None:
+        """Of a node, or of an element, to those of the sample."""
+        if "energy" in self.layout.records:
+            for name in ("kinetic", "rise"):
+                self._add(self.at("energy", 0, name), self.at("change", 0, name), 1)
+
+    def _project(self, good: str) -> None:
+        """Scale the velocities of the step's end."""
+        code, fields = self.code, self.layout.records["state"].fields
+        self._call("project", lambda f: self.at("energy", 0, "scale") if f == "> scale" else
+                   self.at("change", 0, "defect") if f[0] == ">" else
+                   self.at("sample" if f == "defect" else "energy", 0, f))
+        self._take(self.at("sample", 0, "defect"), self.at("change", 0, "defect"), good, 1)
+        with code.loop(0, code.add(self.args["elements"], 1)) as j:
+            self._call("scaled", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
+                       self.at("energy", 0, f) if f == "scale" else self.at("state", j, f))
+            for name in ("velocity", "spin"):
+                self._take(self.at("state", j, name), self.at("change", 0, name), good, fields[name][1])

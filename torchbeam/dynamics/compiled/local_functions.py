@@ -1,4 +1,4 @@
-"""Local functions of a midpoint step: what one node and one element do, as pure functions of named fields.
+"""Local functions of an implicit step, the midpoint's as they are: what one node and one element do, by named fields.
 
 They are those of `local_problem`; an element condenses its stress. A chain's balance and its blocks are the sums of both.
 
@@ -10,6 +10,7 @@ Fields have no axes of the batch: of a node's `node.k`, `common.k` and `support.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -20,9 +21,10 @@ from ...nodal.balance import Linearisation, dstress, mixed, restrained_forces, s
 from ...nodal.constitutive_law import times
 from ...nodal.model import Model
 from ...solvers.newton import converged
+from ..midpoint import MidpointProblem
 from ..step_element import ElementBalance
 from .chain_constants import filled
-from .local_problem import INTERNAL, NODE, ElementKind, Fields, LocalProblems, NodeKind
+from .local_problem import INTERNAL, ElementKind, Fields, LocalProblems, NodeKind
 
 
 @dataclass(frozen=True)
@@ -60,9 +62,12 @@ class LocalFunctions(LocalProblems):
     def finish(self, kind: NodeKind, **fields: Tensor) -> Fields:
         """The node at the end of the step, and the work done on it; `found` (w): the reaction of its support."""
         problem, x = self.of_node(fields, kind)
+        return self._finished(problem, x, kind, fields)
+
+    def _finished(self, problem: MidpointProblem, x: Any, kind: NodeKind, fields: Fields) -> Fields:
         reaction = x.u.new_zeros(0, self.model.space.unknowns) if kind.support is None else fields["found"][None]
         after = problem.finish(x, reaction)
-        found = {name: getattr(after, name)[0] for name in NODE} | {"work": after.work}
+        found = {name: getattr(after, name)[0] for name in self.NODE} | {"work": after.work}
         if INTERNAL in self.state:
             own = dict(zip(kind.acting, after.internal.split([self.internal[k] for k in kind.acting]), strict=True)
                        if after.internal is not None else ())

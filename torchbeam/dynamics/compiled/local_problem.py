@@ -188,16 +188,40 @@ class LocalProblems:
         """How many internal states each of the loads has at a node."""
         return tuple((row or load).internal for row, load in zip(self.nodes.loads, self.common.loads, strict=True))
 
+    NODE = NODE
+    UNKNOWNS = MidpointUnknowns
+    INSTANT = MidpointProblem.INSTANT  # of the step: when loads are taken
+
+    @property
+    def options(self) -> tuple[Any, ...]:
+        """Of the method, as far as code depends on them."""
+        return ()
+
     @property
     def state(self) -> tuple[str, ...]:
         """Fields of a node's state."""
-        return (*NODE, INTERNAL) if any(self.internal) else NODE
+        return (*self.NODE, INTERNAL) if any(self.internal) else self.NODE
+
+    @property
+    def sample_state(self) -> tuple[str, ...]:
+        """Fields of the state that are the sample's."""
+        return ("work",)
+
+    @property
+    def element_ends(self) -> tuple[str, ...]:
+        """What `finish_element` gives, if it is there: an element at the end of the step."""
+        return self.element_state
+
+    @property
+    def element_state(self) -> tuple[str, ...]:
+        """Fields of an element's state, beside its stress."""
+        return ()
 
     def of_node(self, fields: Fields, kind: NodeKind) -> tuple[MidpointProblem, MidpointUnknowns]:
         rows = filled(self.nodes, lambda k: fields[f"node.{k}"][None])
         common = self._common(fields)
-        loads = tuple(_at_only_node(rows.loads[k] or common.loads[k]) for k in kind.acting)
-        given = {name: fields[name][None] for name in (*NODE, "u", "m") if name in fields}
+        loads = acting_loads(kind, rows.loads, common.loads)
+        given = {name: fields[name][None] for name in (*self.NODE, "u", "m") if name in fields}
         if INTERNAL in self.state:
             parts = fields[INTERNAL].split(self.internal)
             given[INTERNAL] = torch.cat([parts[k] for k in kind.acting] or [fields[INTERNAL][:0]])
@@ -211,7 +235,8 @@ class LocalProblems:
         rows = filled(self.nodes, lambda k: ends(f"node.{k}"))
         rows = replace(rows, mass=torch.zeros_like(rows.mass), J=None)
         element = filled(self.elements, lambda k: fields[f"element.{k}"][None])
-        given = {name: ends(name) for name in (*NODE, "u", "m")} | {"stress": fields["stress"][None]}
+        given = {name: ends(name) for name in (*self.NODE, "u", "m")}
+        given |= {name: fields[name][None] for name in ("stress", *self.element_state)}
         supports = tuple(self._support(fields, f"{side}.", k, one.support)
                          for k, (side, one) in enumerate(zip("ij", kind, strict=True)) if one.support is not None)
         return self._problem(rows, element, self._common(fields), (), given, supports, _hinges(*kind))
@@ -235,9 +260,8 @@ class LocalProblems:
         fixed = position.new_tensor([one.kind.fixed for one in supports]).reshape(-1, space.unknowns)
         constraints = Constraints(tuple(one.node for one in supports), 0, fixed, free, None, rows.slide, rows.turn,
                                   tuple((node, position.new_tensor(axis)) for node, axis in hinges))
-        if rows.dead is not None and element is None:
-            force, moment = space.embed(rows.dead[0]).split(3, -1)
-            loads = (filled(DEAD, lambda k: (force, moment)[k]), *loads)
+        if element is None:
+            loads = (*dead_load(space, rows.dead), *loads)
         law, length, reference, C, own = (None,) * 5
         if element is not None:
             law, length, reference, C, own = (
@@ -256,11 +280,26 @@ class LocalProblems:
         stress = given.get("stress", none)
         start = State(*(given[name] for name in NODE), stress, position.new_zeros(0, space.unknowns), zero, zero, zero, zero,
                       frame=common.frame, internal=given.get(INTERNAL))
-        problem = LocalProblem(model, start, common.dt, common.t, common.inputs)
-        return problem, MidpointUnknowns(given.get("u"), given.get("m"), stress)
+        return self._stepping(model, start, common, given), self.UNKNOWNS(given.get("u"), given.get("m"), stress)
+
+    def _stepping(self, model: LocalModel, start: State, common: Common, given: Fields) -> MidpointProblem:
+        return LocalProblem(model, start, common.dt, common.t, common.inputs)
 
 
 DEAD = TipLoad(force=torch.zeros(3), moment=torch.zeros(3))
+
+
+def dead_load(space: Any, wrench: Tensor | None) -> tuple[Any, ...]:
+    """The load of a node whose wrench (1, w) depends on no motion, None = there is none."""
+    if wrench is None:
+        return ()
+    force, moment = space.embed(wrench[0]).split(3, -1)
+    return (filled(DEAD, lambda k: (force, moment)[k]),)
+
+
+def acting_loads(kind: NodeKind, rows: tuple[Any, ...], loads: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Loads of a node, for a chain that is this node alone; see `Common`."""
+    return tuple(_at_only_node(rows[k] or loads[k]) for k in kind.acting)
 
 
 def _hinges(*nodes: NodeKind | EndKind) -> tuple[tuple[int, tuple[float, ...]], ...]:

@@ -46,7 +46,8 @@ class NativeProgram:
 
     def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, key: str | None = None) -> None:
         self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
-        self.state, self.key, self.seconds = local.state, key, 0.0
+        self.state, self.element_state, self.sample_state = local.state, local.element_state, local.sample_state
+        self.key, self.seconds = key, 0.0
         self.w, self.k = local.model.space.unknowns, local.model.space.strain
         self._libraries: dict[int, Any] = {}
         self._untraced: LocalFunctions | None = local

@@ -120,6 +120,13 @@ class StepProgram(ChainProgram):
             found[f"predictor {k}"] = traced(partial(local.predictor, kind), still)
             found[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
             found[f"finish {k}"] = traced(partial(local.finish, kind), node)
+        if "kinetic" in local.element_ends:
+            found["project"] = traced(local.project, dict.fromkeys(("defect", "kinetic", "rise"), ()))
+            shapes = {name: self.shapes[name] for name in ("velocity", "spin")}
+            found["scaled"] = traced(local.scaled, shapes | {"scale": ()})
+        if local.element_ends:
+            for k, kind in enumerate(self.kinds.elements):
+                found[f"finish element {k}"] = traced(partial(local.finish_element, kind), traced.element)
         found["outcome"] = traced(local.outcome, {name: () for name in (
             "moving", "done", "status", "before", "cosine", "least")})
         return found
@@ -129,7 +136,15 @@ class StepProgram(ChainProgram):
         layout.record("common", ONE, [("least", 1)])
         layout.record("state", NODES, self.outputs("finish 0", *self.state))
         layout.record("change", ONE, [*self.outputs("finish 0"), ("cosine", 1)])
+        if "finish element 0" in self.functions:
+            layout.record("change", ONE, self.outputs("finish element 0"))
+        if self.element_state:
+            layout.record("element_state", ELEMENTS, self.outputs("finish element 0", *self.element_state))
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
+        if "project" in self.functions:
+            layout.record("energy", ONE, [(name, 1) for name in ("kinetic", "rise", "scale")])
+            layout.record("sample", ONE, [("defect", 1)])
+            layout.record("change", ONE, [("defect", 1)])
         return layout
 
 
@@ -173,8 +188,8 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
     space = model.space
     plane = (space.name, tuple(space.section.flatten().tolist())) if isinstance(space, Plane) else None
     trees = (local.nodes, 1), (local.elements, 1), (local.common, 0), (local.supports, 1)
-    return (type(space), plane, model.length.dtype, model.scene.beam.offset, bool(model.scene.loads), kinds, held,
-            *(_static(_shapes(tree, rows)) for tree, rows in trees))
+    return (type(local), local.options, type(space), plane, model.length.dtype, model.scene.beam.offset,
+            bool(model.scene.loads), kinds, held, *(_static(_shapes(tree, rows)) for tree, rows in trees))
 
 
 def _shapes(tree: Any, rows: int) -> Any:

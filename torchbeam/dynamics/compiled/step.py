@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -14,14 +15,19 @@ from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...state.state import State
-from .call import CPU, Call, Chain, Field, Table
+from .alpha_functions import AlphaFunctions
+from .call import Call, Chain, Field, like, made_like
+from .conserving_functions import ConservingFunctions
 from .constants import Constants
-from .cotangents import Adjoint, Differentiated, constant_fields, state_fields
+from .cotangents import Adjoint, Backward, Differentiated, constant_fields, state_fields
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL, Kinds, node_kinds
 from .program import adjoint_of, program_of
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
+FUNCTIONS = {("midpoint", False): LocalFunctions, ("midpoint", True): ConservingFunctions,
+             ("generalized_alpha", False): AlphaFunctions}  # by the method, and whether it conserves energy
+TRIED = 1e-6  # s, of the step that is traced; functions of time are asked near 0
 FORMS = 32  # that are kept; the oldest goes first
 
 
@@ -33,18 +39,13 @@ class Steps(NamedTuple):
     iterations: Tensor
     well: bool
 
-    def __getitem__(self, k: int) -> Steps:
-        """The k-th."""
-        return Steps({name: x[k] for name, x in self.fields.items()}, self.status[k], self.iterations[k], self.well)
-
 
 class Form(NamedTuple):
-    """Calls with tensors of the same shapes and strides: where the program finds and puts them, shapes of what is made."""
+    """Calls with tensors of the same shapes and strides: the call, tensors like those that it makes, calls of the adjoint."""
 
     call: Call
-    inputs: Table
-    outputs: Table
-    shapes: list[torch.Size]
+    made: list[Tensor]
+    adjoints: dict[Any, Backward]
 
 
 class CompiledStep:
@@ -54,20 +55,25 @@ class CompiledStep:
     What holds for all steps is looked up once; should a tensor of the scene be written to, it is looked up again.
     """
 
-    def __init__(self, model: Model) -> None:
-        self.model, self.constants, self.batch = model, Constants(model), model.scene.batch_shape
-        like = model.length
-        nothing = {name: like.new_zeros(size) for name, size in model.scene.inputs.items()}
-        values = self.constants.changing(like.new_ones(()), like.new_zeros(()), nothing, self.constants.orientation)
+    def __init__(self, model: Model, method: str = "midpoint", **options: Any) -> None:
+        conserve, others = options.get("conserve", False), {name: x for name, x in options.items() if name != "conserve"}
+        functions_of = FUNCTIONS[method, conserve]
+        self.model, self.batch, self._options = model, model.scene.batch_shape, (method, options)
+        self.constants = Constants(model, instant=functions_of.INSTANT)
+        length = model.length
+        nothing = {name: length.new_zeros(size) for name, size in model.scene.inputs.items()}
+        dt = length.new_full((), TRIED)
+        values = self.constants.changing(dt, functions_of.INSTANT * dt, nothing, self.constants.orientation)
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         self.trees = self.constants.trees(values)
         self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
         self.kinds = Kinds.of(node_kinds(model, self.constants.loads))
-        self.local = LocalFunctions(model, *self.trees)
+        self.local = functions_of(model, *self.trees, **others)
         self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), not self.function)
         self.chain = Chain(self.program, model, self.kinds)
-        self.state = state_fields(self.program.state)
-        self.axes = {name: 0 if name == "work" else 2 for name in self.state}
+        samples = self.program.sample_state
+        self.state = state_fields(self.program)
+        self.axes = {name: 0 if name in samples else 2 for name in self.state}
         names = {id(x): name for name, x in values.items()}
         every = [*constant_fields(self.trees)]
         # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
@@ -77,14 +83,15 @@ class CompiledStep:
         self.takes_time = self.constants.asks or any(self.chain.has(one.record, one.name)
                                                      for one, name in self.changing if name == "t")
         self.sources = [*(one.value for one in self.constant), *self.constants.sources]
-        self.none, self.all = like.new_zeros(()), like.new_ones(())
+        self.none, self.all = length.new_zeros(()), length.new_ones(())
         self._seen: tuple[int, ...] | None = None
         self._forms: dict[tuple, Form] = {}
         self._adjoints: dict[frozenset[str], Chain] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies, also in other processes, are made from the model."""
-        return CompiledStep, (self.model,)
+        method, options = self._options
+        return partial(CompiledStep, **options), (self.model, method)
 
     def __call__(self, start: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, tolerance: float,
                  least: float, limit: int, K: int | None = None, lanes: int | None = None, repeat: int = 1) -> Steps | None:
@@ -123,27 +130,22 @@ class CompiledStep:
             return None
         if recorded and self.function and wants_gradient(*self.constants.closures(values)):
             return None
-        constant = [one.value for one in self.constant]
-        held = [*given, *constant, *states]
-        differentiated = recorded and any(x.requires_grad for x in held)
-        if differentiated and (repeat > 1 or not values["exact"].all()):
+        held = [*given, *(one.value for one in self.constant), *states] if recorded else []
+        wanted = [k for k, x in enumerate(held) if x.requires_grad]
+        if wanted and (repeat > 1 or not values["exact"].all()):
             return None
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
-        with torch.no_grad():
-            form = self._form(tensors, K, dims, (tolerance, least, lanes, repeat))
-            made = [torch.empty(shape, dtype=self.chain.dtype, device=CPU) for shape in form.shapes]
-            lasting: list[Any] = [tensors, made]
-            tables = {"inputs": (form.inputs.of(tensors, lasting), form.inputs.count),
-                      "outputs": (form.outputs.of(made, lasting), form.outputs.count)}
-            form.call.run(tables, lasting, limit)
+        form = self._form(tensors, K, dims, (tolerance, least, lanes, repeat))
+        made = [made_like(x) for x in form.made]
+        form.call.run(limit, inputs=tensors, outputs=made)
         *made, status, iterations = made
-        if differentiated:
+        if wanted:
             good = status == 0 if moving is None else (status == 0) & moving.expand(status.shape)
-            fields = [one._replace(value=x.detach()) for (one, _), x in zip(self.changing, given, strict=True)]
-            fields += [one._replace(value=one.value.detach()) for one in self.constant]
-            names = frozenset(one.name for one, x in zip(fields, held, strict=False) if x.requires_grad)
-            adjoint = Adjoint(self._adjoint(names), form.call, fields, good.reshape(form.call.K, -1))
-            made = Differentiated.apply(adjoint, tuple(made), *held)
+            changing = [one._replace(value=x) for (one, _), x in zip(self.changing, given, strict=True)]
+            known = [*changing, *self.constant]
+            chain = self._adjoint(frozenset(known[k].name for k in wanted if k < len(known)))
+            adjoint = Adjoint(chain, form.call, form.adjoints, changing, self.constant, good.reshape(form.call.K, -1), wanted)
+            made = Differentiated.apply(adjoint, states, made, *(held[k] for k in wanted))
         fields = dict(zip(self.state, made, strict=True))
         if INTERNAL in fields:
             fields[INTERNAL] = self.constants.of_rows(fields[INTERNAL])
@@ -181,6 +183,7 @@ class CompiledStep:
             found = self._forms[key] = self._new_form(tensors, K, dims, *options)
         return found
 
+    @torch.no_grad()
     def _new_form(self, tensors: list[Tensor], K: int | None, dims: int, tolerance: float, least: float, lanes: int | None,
                   repeat: int) -> Form:
         *given, exact, moving = tensors[:-len(self.state)]
@@ -188,10 +191,10 @@ class CompiledStep:
         if any(x.device.type != "cpu" for x in tensors):
             device = next(x.device for x in tensors if x.device.type != "cpu")
             raise ValueError(f"a state, or an active, on {device} meets a scene on the CPU; one device is wanted")
-        like = self.model.length
+        length = self.model.length
         changing = [one._replace(value=x) for (one, _), x in zip(self.changing, given, strict=True)]
-        numbers = {"total": like.sum((-1, -2)), "longest": like.amax((-1, -2)), "tolerance": like.new_tensor(tolerance),
-                   "least": like.new_tensor(least)}
+        numbers = {"total": length.sum((-1, -2)), "longest": length.amax((-1, -2)),
+                   "tolerance": length.new_tensor(tolerance), "least": length.new_tensor(least)}
         fields = [*changing, Field("common", "exact", exact, 0), Field("sample", "moving", moving, 0),
                   *(Field(*self.state[name], x, self.axes[name]) for name, x in state.items()), *self.constant,
                   *(Field("common", name, x, 0) for name, x in numbers.items()),
@@ -203,13 +206,11 @@ class CompiledStep:
         if K is not None and batch[:dims - axes].numel() == 1:
             own = batch[dims - axes:]
         steps = () if K is None else (K,)
-        shapes = [torch.Size((*steps, *own, *x.shape[x.ndim - self.axes[name]:])) for name, x in state.items()]
-        shapes += [torch.Size((*steps, *own))] * len(NUMBERS)
-        out = [Field(*place, torch.empty((K or 1, call.B, *shape[len(shape) - own:]), dtype=self.chain.dtype, device=CPU), own,
-                     flat=True)
-               for place, shape, own in zip((self.state | NUMBERS).values(), shapes,
-                                            [*self.axes.values(), *[0] * len(NUMBERS)], strict=True)]
-        return Form(call, Table(self.chain, fields, batch), Table(self.chain, out, batch), shapes)
+        parts = [*(x.shape[x.ndim - self.axes[name]:] for name, x in state.items()), *[()] * len(NUMBERS)]
+        outputs = [Field(*place, call.empty(*part, steps=K is not None), len(part), flat=True)
+                   for place, part in zip((self.state | NUMBERS).values(), parts, strict=True)]
+        call.bound({"inputs": len(tensors), "outputs": len(outputs)}, inputs=fields, outputs=outputs)
+        return Form(call, [like((*steps, *own, *part), self.chain.dtype) for part in parts], {})
 
     def _adjoint(self, names: frozenset[str]) -> Chain:
         """Of the cotangents of constants of these names."""

@@ -29,14 +29,17 @@ class Tracing:
                                "stress": (k,)}
         if INTERNAL in local.state:
             self.shapes[INTERNAL] = (sum(local.internal),)
+        self.shapes |= {"acceleration": (2 * (p + s),), "straining": (2 * k,)}
         trees = (("node", local.nodes, 1), ("element", local.elements, 1), ("common", local.common, 0),
                  ("support", local.supports, 1))
         self.constants = {kind: {f"{kind}.{i}": tuple(x.shape[x.ndim - axes + rows:])
                                  for i, (x, axes) in enumerate(flattened(tree))} for kind, tree, rows in trees}
         own = {**self.constants["node"], **{name: self.shapes[name] for name in (*local.state, "u", "m")},
                **self.constants["support"]}
-        self.node = {**own, **self.constants["common"], **({"found": (p + s,)} if local.supports is not None else {})}
-        self.element = {**self.constants["element"], **self.constants["common"], "stress": self.shapes["stress"],
+        support = {"found": (p + s,), "last": (p + s,)} if local.supports is not None else {}
+        self.node = {**own, **self.constants["common"], **support}
+        self.element = {**self.constants["element"], **self.constants["common"],
+                        **{name: self.shapes[name] for name in ("stress", *local.element_state)},
                         **{f"{side}.{name}": shape for side in "ij" for name, shape in own.items()}}
 
     def __call__(self, function: Callable, shapes: Shapes) -> Function:

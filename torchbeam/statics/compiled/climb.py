@@ -120,7 +120,7 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
     record = {"stress": ("start_stress", "stress"), "reaction": ("support", "last")}
     out = [Field(*record.get(name, ("kept", name)), v, 2, flat=True) for name, v in made.items()]
     out += [Field("sample", name, v, 0, flat=True) for name, v in found.items()]
-    call.made(LIMIT, inputs=[*given, Field("free", "free", chain.free, 2)], outputs=out)
+    call.bound({}, inputs=[*given, Field("free", "free", chain.free, 2)], outputs=out).run(LIMIT)
     *shape, reaction = (v.reshape(*batch, *v.shape[1:]) for v in made.values())
     status, indefinite = (v.reshape(batch) for v in found.values())
     return Climbed(Configuration(*shape), reaction, status.long(), indefinite != 0 if judged else None)

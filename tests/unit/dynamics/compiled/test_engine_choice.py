@@ -62,8 +62,8 @@ def test_the_environment_says_what_auto_means(monkeypatch):
         assert (tb.Stepper(arm(), 0.01).compiled is not None) == compiled
         assert tb.Stepper(arm(), 0.01, engine="eager").compiled is None
         assert tb.Stepper(arm(), 0.01, engine="compiled").compiled is not None
-    with pytest.raises(ValueError, match="engine = 'compiled' was given"):
-        tb.Stepper(arm(), 0.01, conserve=True)  # as it is with that argument
+    with pytest.raises(ValueError, match="engine = 'compiled' was given"):  # as it is with that argument
+        tb.Stepper(arm(tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None))), 0.01)
     monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
     assert "TORCHBEAM_ENGINE is 'eager'; 'compiled' takes it" in engine_line(arm())
     monkeypatch.setenv("TORCHBEAM_ENGINE", "fast")

@@ -1,0 +1,234 @@
+"""Adaptive steps: a motion whose error is within a tolerance, as the solution itself tells by being made with other steps.
+
+1. Control (`step_control`): lengths of steps, each sample's own, by the local error of positions. An error that one step makes
+   is no measure of what is off in the end: errors of phase add up over a run, those of modes that no step resolves do not. What
+   the steps leave out must only be less than the tolerance here.
+2. Proof: the same run by these steps, by their halves, their quarters, ..., all in many-step calls (`StepSequence`). The method
+   is symmetric: the error of a run is a series in even powers of the step, if each is divided alike (Hairer, Norsett and Wanner
+   1993, II.8), so that two runs give one of an order two higher (Richardson's extrapolation of the whole run, by which nothing
+   can become unstable: that of each step would raise an undamped mode far above the steps by 5/3 a step), and the next pair
+   tells what that was worth. Modes of large amplitude come to lie within the steps as these shrink; of small ones it is seen
+   that they do not matter.
+3. A gradient is that of the last two runs, their steps as they are (frozen).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+from torch._C import _functorch as functorch
+from torch.autograd import forward_ad
+
+from ..core.derivatives import no_derivatives
+from ..core.status import SUCCESS, TOO_MANY
+from ..core.validation import concrete
+from ..scene.effects import PerInterval
+from ..scene.prescribed_motion import PrescribedMotion
+from ..state.solution import Event
+from ..state.state import State
+from .dense_output import between, extrapolated, with_means
+from .events import Events
+from .step_control import Controlled, controlled
+from .step_sequence import StepSequence
+from .stepper import Stepper
+from .tolerance import Tolerance
+
+CHECKS = 32  # instants, beside those asked for, at which the error is looked at
+NEAR = 16  # instants about an event
+RUN, LIMIT = 3.0, 7.0
+
+
+class Proof(NamedTuple):
+    """States (n, ...) at all times that were looked at; 2^level (...) parts of each step; the largest error (...) in units of
+    the tolerance; how many of the instants asked for come before it is too large; status (...).
+    """
+
+    states: State
+    level: Tensor
+    error: Tensor
+    good: Tensor
+    status: Tensor
+
+
+class Adapted(NamedTuple):
+    """States (time, ...) at the instants asked for, the event that a sample stopped at, the steps, and their proof."""
+
+    states: State
+    event: Event | None
+    steps: Controlled
+    proof: Proof
+
+
+@dataclass
+class _Runs:
+    """Runs by parts of the same steps, and what is taken from them near the instants t (n, ...)."""
+
+    stepper: Stepper
+    start: State
+    inputs: dict[str, Any]
+    order: int
+
+    def __post_init__(self) -> None:
+        self.motion = PrescribedMotion(self.stepper.scene)
+
+    def run(self, sequence: StepSequence, level: int, t: Tensor) -> list[State]:
+        """States before, amid and after the step of the level above that t falls into; of level 0 before and after."""
+        n = sequence.bracket(t, max(level - 1, 0))
+        numbers = [n, n + 1] if level == 0 else [2 * n, 2 * n + 1, 2 * n + 2]
+        numbers = torch.minimum(torch.cat(numbers), sequence.counts * 2**level)
+        states = sequence.states(self.stepper, self.start, self.inputs, level, numbers)
+        return [states[k:k + len(t)] for k in range(0, len(numbers), len(t))]
+
+    def own(self, sequence: StepSequence, level: int, t: Tensor, found: list[State]) -> list[State]:
+        """States before and after the step of the level itself."""
+        if level == 0:
+            return found
+        first, middle, last = found
+        second = sequence.bracket(t, level) % 2 == 1
+        return [middle.where(second, first), last.where(second, middle)]
+
+    def limit(self, coarse: list[State], fine: list[State], t: Tensor) -> State:
+        """States at t, extrapolated; as they are where a sample has failed on the way."""
+        first, middle, last = fine
+        low, high = extrapolated(coarse[0], first, self.order), extrapolated(coarse[1], last, self.order)
+        width = high.t - low.t
+        share = (t - low.t) / torch.where(width > 0, width, torch.ones_like(width))
+        found = with_means(between(low, high, t, self.motion), middle, last, share)
+        failed = sum(x.status for x in (*coarse, *fine))
+        return found if not failed.any() else found.where(failed == SUCCESS, last)
+
+
+def adaptive(stepper: Stepper, start: State, t: Tensor, inputs: dict[str, Any], tolerance: Tolerance, events: Events, most: int,
+             first: float | None) -> Adapted:
+    """A motion from `start` (...) at the instants t (n,) s."""
+    stack = functorch.get_interpreter_stack() or ()
+    if any(one.key() == torch._C._functorch.TransformType.Vmap for one in stack):
+        raise ValueError("rtol or atol was given within torch.func.vmap, where samples cannot have steps of their own; batch "
+                         "axes of the scene are wanted, or a step")
+    order = getattr(stepper.method, "ORDER", 2)
+    stops = t.detach() if any(isinstance(v, PerInterval) for v in inputs.values()) else t.detach()[[0, -1]]
+    runs = _Runs(stepper, start, inputs, order)
+    with no_derivatives():
+        plain = _Runs(stepper, start.map(lambda x: x.detach()), inputs, order)
+        steps = controlled(stepper, plain.start, stops, inputs, tolerance, order, most, first, events)
+        times, count = _times(steps, t.detach()), len(t)
+        proof = _proof(plain, steps, times, tolerance, count, most)
+    states = proof.states
+    if _recorded(runs, steps):
+        states = _again(runs, steps.sequence, proof.level, times)
+    event = _event(states[count + CHECKS:], steps, events, runs.motion)
+    return Adapted(_held(states[:count], start, t, steps, proof, event), event, steps, proof)
+
+
+def _times(steps: Controlled, t: Tensor) -> Tensor:
+    """Instants (n, ...) at which the error is looked at: those asked for, some of the whole time, some about the events."""
+    sequence, end = steps.sequence, steps.sequence.end
+    own = (...,) + (None,) * end.ndim
+    begin, share = sequence.instants[0], torch.linspace(0, 1, CHECKS + 1, dtype=t.dtype, device=t.device)[1:]
+    times = [torch.minimum(t[own], end), begin + (end - begin) * share[own]]
+    if (steps.event >= 0).any():
+        low, high = ((steps.met + k).clamp(min=0).minimum(sequence.counts) for k in (-1, 2))
+        low, high = (sequence.instants.gather(0, k[None])[0] for k in (low, high))
+        share = torch.linspace(0, 1, NEAR, dtype=t.dtype, device=t.device)
+        times.append(low + (high - low) * share[own])
+    return torch.cat([x.expand(len(x), *end.shape) for x in times])
+
+
+def _proof(runs: _Runs, steps: Controlled, times: Tensor, tolerance: Tolerance, count: int, most: int) -> Proof:
+    """Runs by ever smaller parts of the steps until the error is proved to be within the tolerance."""
+    sequence, counts = steps.sequence, steps.sequence.counts
+    remaining = counts > 0
+    level, status, error = torch.zeros_like(counts), steps.status.clone(), torch.zeros_like(sequence.end)
+    good = torch.full_like(counts, count)
+    states = runs.start.map(lambda x: x.expand(len(times), *x.shape))
+    previous, coarse, now = None, runs.run(sequence, 0, times) if remaining.any() else [], 0
+    while remaining.any():
+        now += 1
+        coarse = runs.own(sequence, now - 1, times, coarse)
+        fine = runs.run(sequence.only(remaining), now, times)
+        limit = runs.limit(coarse, fine, times)
+        found = torch.maximum(tolerance.distance(coarse[0], fine[0]), tolerance.distance(coarse[1], fine[2])) / RUN
+        if previous is not None:
+            found = torch.minimum(found, tolerance.distance(limit, previous) / LIMIT)
+        worst, broken = found.amax(0), (fine[2].status != SUCCESS).any(0)
+        spent = (worst > 1) & (counts * 2**(now + 1) > most)
+        leaving = remaining & ((worst <= 1) | spent | broken)
+        states = limit.where(leaving, states)
+        level, error = torch.where(leaving, now, level), torch.where(leaving, worst, error)
+        good = torch.where(leaving & spent, (found[:count] <= 1).long().cumprod(0).sum(0), good)
+        lost = torch.where(broken, fine[2].status.amax(0), torch.where(spent, TOO_MANY, SUCCESS))
+        status = torch.where(leaving & (lost != SUCCESS), lost, status)
+        remaining, previous, coarse = remaining & ~leaving, limit, fine
+    return Proof(states, level, error, good, status)
+
+
+def _again(runs: _Runs, sequence: StepSequence, level: Tensor, times: Tensor) -> State:
+    """The states of the proof, from the last two runs of each sample, with what derivatives are recorded."""
+    states = runs.start.map(lambda x: x.expand(len(times), *x.shape))
+    for last in level.unique().tolist():
+        if last > 0:
+            part = sequence.only(level == last)
+            coarse = runs.own(part, last - 1, times, runs.run(part, last - 1, times))
+            limit = runs.limit(coarse, runs.run(part, last, times), times)
+            states = limit.where(level == last, states)
+    return states
+
+
+def _recorded(runs: _Runs, steps: Controlled) -> bool:
+    """Whether a derivative is wanted of what a step makes."""
+    if functorch.peek_interpreter_stack() is not None or forward_ad._current_level >= 0:
+        return True
+    if not torch.is_grad_enabled():
+        return False
+    sequence = steps.sequence
+    one = StepSequence(sequence.instants[:2], sequence.counts.clamp(max=1), sequence.stops)
+    after = one.states(runs.stepper, runs.start, runs.inputs, 0, one.counts[None])
+    return any(x.requires_grad for x in vars(after).values() if x is not None)
+
+
+def _event(near: State, steps: Controlled, events: Events, motion: PrescribedMotion) -> Event | None:
+    """The events at which samples stopped, from states (n, ...) about them."""
+    if not events.functions:
+        return None
+    if not len(near.t):
+        return Event(steps.event, torch.full_like(steps.sequence.end, torch.inf), None)
+    number, index = steps.event, steps.event.clamp(min=0)[None, None]
+    with no_derivatives():
+        values = events.values(near)
+        values = concrete(values).gather(0, index.expand(1, *values.shape[1:]))[0]
+        change = (values[1:].sign() * values[:-1].sign() <= 0) & (values[:-1] != 0)
+        smallest = values.abs().argmin(0).clamp(max=len(change) - 1)
+        at = torch.where(change.any(0), change.long().argmax(0), smallest)
+    t, state = events.zero(*(_picked(near, k) for k in (at, at + 1)), number, motion)
+    met = number >= 0
+    return Event(number, torch.where(met, t, torch.inf), state)
+
+
+def _picked(states: State, at: Tensor) -> State:
+    """Of states (n, ...) that with the number `at` (...), each sample's own."""
+    def taken(x: Tensor) -> Tensor:
+        own = at.reshape(1, *at.shape, *(1,) * (x.ndim - at.ndim - 1)).expand(1, *x.shape[1:])
+        return x.gather(0, own)[0]
+
+    return states.map(taken)
+
+
+def _held(states: State, start: State, t: Tensor, steps: Controlled, proof: Proof, event: Event | None) -> State:
+    """States (time, ...) with the initial one first, those of a sample that has stopped held, and their status."""
+    own = (...,) + (None,) * proof.status.ndim
+    times, first = t.detach()[own].expand(states.status.shape), start.map(lambda x: x[None])
+    states = states.map(lambda x, y: torch.cat((y.expand(1, *x.shape[1:]), x[1:])), first)
+    last = (proof.good - 1).clamp(min=0)
+    k = torch.arange(len(t), device=t.device)[own]
+    late = (k >= proof.good) | ((steps.status != SUCCESS) & (times > steps.sequence.end))
+    if late.any() and (proof.good < len(t)).any():
+        kept = _picked(states, last).map(lambda x: x[None])
+        states = states.where(k < proof.good, kept.map(lambda x: x.expand(len(t), *x.shape[1:])))
+    if event is not None and event.state is not None:
+        stopped = (steps.event >= 0) & (times > concrete(event.t))
+        states = event.state.map(lambda x: x[None].expand(len(t), *x.shape)).where(stopped, states)
+    late[-1] |= proof.status != SUCCESS
+    return replace(states, status=torch.where(late, proof.status, SUCCESS))

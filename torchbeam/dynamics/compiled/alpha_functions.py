@@ -1,0 +1,82 @@
+"""Local functions of a generalized-alpha step: those of the midpoint step, of another local problem.
+
+A node's state has its accelerations as well, and an element's, where strains are damped, their rates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from torch import Tensor
+
+from ...scene.effects import Pose
+from ...state.state import State
+from ..alpha_kinematics import EndKinematics
+from ..generalized_alpha import AlphaState, EndUnknowns, GeneralizedAlphaProblem
+from .chain_constants import Common, filled
+from .local_functions import LocalFunctions
+from .local_problem import NODE, Fields, LocalModel, NodeKind, acting_loads, dead_load
+
+STRAINING = "straining"
+
+
+@dataclass(frozen=True)
+class LocalAlphaProblem(GeneralizedAlphaProblem):
+    """A step from `start`; before: the model with loads as at its start, None = they are the same there."""
+
+    before: LocalModel | None = None
+
+    def external_before(self) -> Tensor | float:
+        problem = self if self.before is None else replace(self, model=self.before, before=None)
+        return GeneralizedAlphaProblem.external_before(problem)
+
+    def straining(self, way: EndKinematics) -> Tensor:
+        return super().straining(way) if self.model.count else self.start.straining
+
+
+@dataclass(frozen=True)
+class AlphaFunctions(LocalFunctions):
+    """Functions of nodes, of elements, of rows of the chain, of samples; and those of the adjoint."""
+
+    rho_inf: float = 0.8
+
+    NODE = (*NODE, "acceleration")
+    UNKNOWNS = EndUnknowns
+    INSTANT = GeneralizedAlphaProblem.INSTANT
+
+    @property
+    def options(self) -> tuple[Any, ...]:
+        return (self.rho_inf,)
+
+    @property
+    def element_state(self) -> tuple[str, ...]:
+        return (STRAINING,) if self.elements.law.damped else ()
+
+    def of_node(self, fields: Fields, kind: NodeKind) -> tuple[LocalAlphaProblem, EndUnknowns]:
+        problem, x = super().of_node(fields, kind)
+        if kind.support is not None and "last" in fields:
+            problem = replace(problem, start=replace(problem.start, reaction=fields["last"][None]))
+        rows, common = filled(self.nodes, lambda k: fields[f"node.{k}"][None]).before, self._common(fields).before
+        if common is None:
+            return problem, x
+        model, scene = problem.model, problem.model.scene
+        loads = *dead_load(model.space, rows.dead), *acting_loads(kind, rows.loads, common.loads)
+        root = None if common.support is None else Pose(*vars(common.support).values())
+        before = replace(model, scene=replace(scene, loads=loads), motion=model.motion._replace(root=root))
+        return replace(problem, before=before), x
+
+    def _stepping(self, model: LocalModel, start: State, common: Common, given: Fields) -> LocalAlphaProblem:
+        straining = given.get(STRAINING, start.position.new_zeros(model.count, 2 * model.space.strain))
+        start = AlphaState(**vars(start), acceleration=given["acceleration"], straining=straining)
+        return LocalAlphaProblem(model, start, common.dt, common.t, common.inputs, rho_inf=self.rho_inf)
+
+    def finish_element(self, kind: Any, **fields: Tensor) -> Fields:
+        """The element's state at the end of the step."""
+        problem, x = self.of_element(fields, kind)
+        x = problem.apply_supports(x)
+        return {STRAINING: problem.straining(problem.motion.kinematics(x.u, x.m))[0]}
+
+    def solution(self, position: Tensor, rotation: Tensor, after_position: Tensor, after_rotation: Tensor) -> Fields:
+        space = self.model.space
+        return {"u": after_position - position, "m": space.multiply(space.inverse(rotation), after_rotation)}
