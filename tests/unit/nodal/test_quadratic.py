@@ -200,6 +200,9 @@ def test_what_does_not_take_them_says_so():
         tb.Beam.straight(1.0, 2, SECTION, order=3)
     with pytest.raises(ValueError, match="4 nodes were given to elements of order 2"):
         tb.Beam.from_nodes(torch.eye(3)[:1] * torch.arange(4.0)[:, None], SECTION, order=2)
+    steep = straight(section=lambda s: tb.Section.from_stiffness(EA=1.0, GA=1.0, GJ=1.0, EI=1.0, mass=torch.exp(9 * s)))
+    with pytest.raises(ValueError, match="changes more than threefold within an element"):
+        tb.equilibrium(tb.Scene(steep))
     with pytest.raises(ValueError, match="elements of order 2"):
         tb.simulate(scene, [0.0, 0.1], form="minimal", method="rk4", options={"step_size": 0.1})
     for refused in (lambda: tb.Stepper(scene, 0.1, engine="compiled"), lambda: tb.equilibrium(scene, engine="compiled")):
