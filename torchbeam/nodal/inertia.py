@@ -32,7 +32,6 @@ from .lever import Lever, NoLever
 from .mass import COUPLING, QUADRATIC_COUPLING, Blocks, HalfConsistentMass, LumpedMass, QuadraticMass
 from .rotary import NoRotaryInertia, RotaryInertia
 
-
 NEGATIVE = 1e-5  # of a beam's largest nodal mass, or inertia about an axis: what rounding may leave of none
 
 
