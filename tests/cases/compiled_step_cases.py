@@ -19,6 +19,10 @@ def straight(N=3, of=None, **more):
     return tb.Beam.straight(1.0, N, section() if of is None else of, **more)
 
 
+def linked(scene):
+    return replace(scene, beam=scene.beam.linked())
+
+
 def pull(position, rotation, velocity, spin, t, **_):
     return -3.0 * position * torch.sin(t) - 0.2 * velocity, 0.01 * torch.linalg.cross(rotation[..., 0], spin)
 
@@ -57,6 +61,8 @@ SPATIAL = {
     "no rotary inertia": lambda: tb.Scene(straight(of=section(inertia=0.0)), [tb.TipLoad(force=(0, 1.0, 0.2))]),
     "offset masses": lambda: tb.Scene(straight(of=section().shifted(0.02, 0.01)), [
         tb.PointMass(0.3, offset=(0.05, 0.02, 0.0)), tb.Gravity((0, 0, -9.81))]),
+    "linked": lambda: linked(nodal_cases.scene(damping="six")),
+    "linked, rigid in shear": lambda: linked(tb.Scene(straight(of=section(GA=torch.inf)), [tb.TipLoad(force=(0, 1.0, 0))])),
     "free": lambda: tb.Scene(straight(), [tb.TipLoad(force=(0, 1.0, 0.2))], supports=()),
     "supports": lambda: tb.Scene(straight(4), [tb.Gravity((0, 0, -9.81))], supports=[
         tb.Support(0, rotation=""), tb.Support(2, position="yz", rotation=""), tb.Support(-1, position="z")]),
@@ -70,6 +76,7 @@ PLANAR = {f"{name}, plane": scene for name, scene in {
         tb.Spring(1, 50.0, (0.3, 0.0, 0.4), length=0.1, damping=0.3), tb.MassDamping(0.3), tb.Drag(1000.0, 0.02)], plane="xz"),
     "damped": lambda: tb.Scene(straight(), [tb.Damping(0.02), tb.PointMass(0.2, offset=(0.1, 0.02, 0))], plane="xy"),
     "root spring": lambda: tb.Scene(straight(), [tb.RootSpring((300.0, 2.0), damping=(1.0, 0.01))], plane="xy"),
+    "linked": lambda: linked(tb.Scene(straight(), [tb.Gravity((0, -9.81, 0)), tb.TipLoad(force=(0, 0.5, 0))], plane="xy")),
 }.items()}
 SMALL = {f"{name}, small": scene for name, scene in {
     "loads": lambda: tb.Scene(straight(), [tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=(0, 0.1, 0)), tb.MassDamping(0.3)],

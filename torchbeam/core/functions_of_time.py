@@ -48,6 +48,8 @@ def shared(t: Tensor, moving: Tensor | None = None) -> Tensor:
     """
     if t.ndim == 0 or _differentiated(t):
         return t
+    if t.numel() == 0:  # of no sample
+        return t.new_zeros(())
     numbers = concrete(t) if moving is None else concrete(t)[concrete(moving.expand(t.shape))]
     if numbers.numel() == 0 or (numbers == numbers.flatten()[0]).all():
         return (t if numbers.numel() == 0 else numbers).flatten()[0]

@@ -56,7 +56,7 @@ def between(a: State, b: State, t: Tensor, motion: PrescribedMotion) -> State:
     for name in (*LINEAR, "stress", "reaction"):
         x, y = getattr(a, name), getattr(b, name)
         if x is not None:
-            share = s.reshape(*s.shape[:-2], *(1,) * (x.ndim - s.ndim + 2))
+            share = s.reshape((*s.shape[:-2], *(1,) * (x.ndim - s.ndim + 2)))
             fields[name] = x + share * (y - x)
     frame = None
     if a.frame is not None:

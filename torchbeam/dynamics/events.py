@@ -27,12 +27,11 @@ class Events:
     @classmethod
     def of(cls, given: Any) -> Events:
         """Of a function, or a sequence of them. Raises ValueError for anything else."""
-        functions = () if given is None else (given,) if callable(given) else tuple(given) if isinstance(
-            given, (tuple, list)) else None
-        if functions is None or not all(map(callable, functions)):
-            raise ValueError(f"events of type {type(given).__name__} were given; a function of the state, or a list of such, is "
-                             "wanted")
-        return cls(functions)
+        many = () if given is None else given if isinstance(given, (tuple, list)) else (given,)
+        if not all(map(callable, many)):
+            raise ValueError(f"events of type {type(given).__name__} were given; a function of the state, or a list of such, "
+                             "is wanted")
+        return cls(tuple(many))
 
     def values(self, states: State) -> Tensor | None:
         """(events, ...); None without events. Raises ValueError where a function gives anything but a number a sample."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from typing import Any
 
 import torch
@@ -15,6 +14,7 @@ from torch.utils.checkpoint import checkpoint as recompute
 from ..core.arguments import boolean, choice, count, instance, keywords, step_size
 from ..core.arguments import function as check_function
 from ..core.arguments import options as check_options
+from ..core.derivatives import no_derivatives
 from ..core.functions_of_time import within_dual_numbers
 from ..core.leaves import constant
 from ..core.status import FAILED, STATUS
@@ -22,7 +22,7 @@ from ..core.validation import as_tensor, concrete, increasing, shown
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..nodal.rates import Rates
-from ..scene.effects import PerInterval, changing, inputs_at
+from ..scene.effects import PerInterval, changing, inputs_at, inputs_over
 from ..scene.scene import Scene, merge_inputs
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
@@ -30,7 +30,7 @@ from ..state.state import State, check_state, rest, with_optional_fields
 from .adaptive import adaptive
 from .events import Events
 from .mixed_forms import simulate_mixed
-from .rollout import joined, march
+from .rollout import check_room, joined, march
 from .stepper import METHODS as IMPLICIT_METHODS
 from .stepper import Stepper
 from .tolerance import Tolerance
@@ -68,7 +68,13 @@ def simulate(
                               derivatives go forward with the steps: they are right, and need no memory of the past
                  progress=    called with (steps done, steps in all) after each step
                  lumped=, conserve=, tolerance=, iterations=, halvings=, engine=    see `Stepper`
-             "generalized_alpha" with the same but conserve=, and rho_inf=
+                 or, in place of the first three, adaptive steps, each sample's own (see `torchbeam.dynamics.adaptive`):
+                 rtol=, atol=  the largest error of a position over the run is to be at most atol m + rtol times the length of
+                              the beam, that of a rotation rtol + atol/length rad (see `Tolerance`); numbers, or (...)
+                 events=      a function of the state that gives one number (...) a sample, or a list of such: a sample stops
+                              where one crosses zero, and `sol.event` says which, when and how
+                 max_steps=   of a run, 100,000;  first_step=  s, found by a trial otherwise
+             "generalized_alpha" with the same but conserve= and adaptive steps, and rho_inf=
              or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=, and begin=
              (...) s, the instant of each sample from which t counts (None = t is that of all); the mixed forms also take
              project=, solver=, see `torchbeam.dynamics.mixed_forms.simulate_mixed`
@@ -93,9 +99,11 @@ def simulate(
     boolean("throw", throw)
     t = increasing("t", as_tensor(t, scene.dtype, scene.device))
     mixed, implicit = form != "nodal", method in IMPLICIT_METHODS
-    controlled = not mixed and implicit and any(options.get(name) is not None for name in TOLERANCES)
+    controlled = not mixed and implicit and any(name in options for name in TOLERANCES)
     if controlled and (fixed := [name for name in FIXED if options.get(name) is not None]):
         raise ValueError(f"{fixed[0]} was given with rtol or atol, which choose the steps; one of them is wanted")
+    if not controlled and options.get("events") is not None:
+        raise ValueError("events were given without rtol or atol; the adaptive steps of an implicit method take them")
     known = keywords(*((simulate_mixed,) if mixed else (_adaptive, Stepper) if controlled else (_implicit, Stepper) if implicit
                        else (_explicit,)))
     inputs = merge_inputs({} if inputs is None else inputs, {name: options.pop(name) for name in [*options]
@@ -129,15 +137,16 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     moved = changing(inputs, len(counts))
     first = inputs_at(inputs, t[0], t)
     start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
+    check_room(stepper, start, first, len(plan), len(t), checkpoint)
     names, instant = tuple(vars(start)), stepper.method.INSTANT
 
     def kind(*values: Any) -> State:
         return type(start)(**dict(zip(names, values, strict=True)))
 
-    def held(first: int, end: int) -> list[dict[str, Any]]:
-        """Inputs of the steps of the plan, or the only ones of all."""
+    def held(first: int, end: int) -> dict[str, Any]:
+        """Inputs of steps of the plan."""
         few = range(first, end if moved else first + 1)
-        return [inputs_at(inputs, begins[k] + instant * lengths[k], t, interval=plan[k][0]) for k in few]
+        return inputs_over(inputs, few, lambda k: begins[k] + instant * lengths[k], lambda k: plan[k][0], t)
 
     def carry_out(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
         """Fields of the states that are wanted of a part of the plan, of the last, and the iterations of each step."""
@@ -150,7 +159,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
                 if progress is not None:
                     progress(done, len(plan))
         states = made[0].states.map(joined, *(few.states for few in made[1:]))
-        return *vars(states).values(), *vars(made[-1].last).values(), joined(*(few.iterations for few in made))
+        return *vars(states).values(), *vars(made[-1].last()).values(), joined(*(few.iterations for few in made))
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
@@ -181,9 +190,10 @@ def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, input
     changing(inputs, len(t) - 1)
     given = inputs_at(inputs, t[0], t)
     start = stepper._begin(_begin(stepper.model, initial, t[0]), inputs=given)
-    shape = broadcast_shapes(scene.batch_shape, start.batch_shape, tolerance.position.shape,
-                             *(x.shape[:-1] for x in scene.tensors(given).values()))
-    start = start.broadcast(shape)
+    with no_derivatives():  # functions of time bring batch axes, which a step shows
+        wide = stepper.advance(start.detach(), given, dt=stepper.dt.detach(), t=t[0]).batch_shape
+    start = start.broadcast(broadcast_shapes(wide, tolerance.position.shape))
+    stepper.failures = {}
     held = {name: v if isinstance(v, PerInterval) or callable(v) else scene_value for name, scene_value in
             scene.tensors(given).items() for v in (inputs[name],)}
     made = adaptive(stepper, start, t, held, tolerance, events, most, first)

@@ -1,9 +1,9 @@
 """Step control: lengths of steps, each sample's own, so that none has a larger error than it may.
 
-The error of a step is told by step doubling: a whole step beside two halves, of which the halves go on. The next length follows
-the last two errors (proportional and integral: Gustafsson 1991; Soederlind 2002), the first one the scale of the motion (Hairer,
-Norsett and Wanner 1993, II.4, for second-order equations). Some steps of one length are made at once, and those behind one that
-is refused are thrown away.
+The error of a step is told by step doubling: a whole step beside two halves, of which the halves go on. The next length
+follows the last two errors (proportional and integral: Gustafsson 1991; Soederlind 2002), the first one the scale of the motion
+(Hairer, Norsett and Wanner 1993, II.4, for second-order equations). Some steps of one length are made at
+once; those behind one that is refused are thrown away. A sample's steps do not depend on its neighbours'.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from .stepper import Stepper
 from .tolerance import Tolerance
 
 SAFETY = 0.9
-LOCAL = 10.0
+LOCAL = 10.0  # tolerances that a step may be off by: runs by its halves, quarters, ... follow, see `adaptive`
 LARGEST, SMALLEST = 4.0, 0.2  # factors from one length to the next
+LOST = 0.1  # the same where a step has no solution
 LEAST_STEPS = 4  # between two stops
 IN_TIME = 25  # steps over the whole time, at least, where anything is a function of time: a pulse is not to be stepped over
 AT_ONCE = 16  # steps, at most
@@ -96,7 +97,7 @@ class _Run:
         self.refused = torch.zeros(shape, dtype=torch.bool, device=stops.device)
         self.going = start.status == SUCCESS
         self.values = events.values(start)
-        self.size = 1
+        self.size = torch.ones_like(self.ahead)  # steps at once
         moved = stepper._changes or any(callable(v) for v in inputs.values())
         self.most_length = float(stops[-1] - stops[0]) / IN_TIME if moved else math.inf
         self.least = LEAST[stops.dtype] * (stops[-1] - stops[0])
@@ -118,11 +119,12 @@ class _Run:
     def advance(self) -> None:
         """Some steps more, and lengths of the next."""
         self._compact()
-        left = self.stops[self.ahead] - self.t
         room = self.stops[self.ahead] - self.stops[self.ahead - 1]
+        left = torch.where(self.going, self.stops[self.ahead] - self.t, room)
         wanted = torch.minimum(self.h, room / LEAST_STEPS).clamp(max=self.most_length)
         number = (left / wanted - 1e-6).ceil().clamp(min=1)
-        h, K = left / number, min(self.size, int(number[self.going].max()))
+        size = torch.minimum(self.size, number.long())
+        h, K = left / number, int(size[self.going].max())
         k = torch.arange(K, device=h.device).reshape(-1, *(1,) * h.ndim)
         begins = self.t + k.clamp(max=(number.max() - 1).long()) * h
         begins = torch.minimum(begins, self.stops[self.ahead] - h)  # steps past the stop are made, but not taken
@@ -141,14 +143,14 @@ class _Run:
         met = (first < K) & (self.limit > self.most)
         event = crossed.gather(0, first.clamp(max=K - 1)[None])[0]
         limit = torch.where(met, self.counts + first + 2, self.limit)
-        allowed = torch.minimum(number.long(), limit - self.counts)
+        allowed = torch.minimum(size, limit - self.counts)
         taken = torch.minimum(_leading(error <= 1), allowed)
         met = met & (first < taken)
         self.limit = torch.where(met, limit, self.limit)
         self.record.event[self.place[met]] = event[met]
         self.record.met[self.place[met]] = (self.counts + first)[met]
         self._take(taken, begins, h, number, ends, values)
-        self._adapt(taken, allowed.clamp(max=K), error, h)
+        self._adapt(taken, allowed, error, h)
 
     def _take(self, taken: Tensor, begins: Tensor, h: Tensor, number: Tensor, ends: State, values: Any) -> None:
         """Go on from behind the steps that are `taken` (...)."""
@@ -186,7 +188,7 @@ class _Run:
         made, wrong = made.clamp(min=1e-8), wrong.clamp(min=1e-8)
         factor = SAFETY * made**(-0.8 * k) * self.before**(0.2 * k)
         factor = torch.where(self.refused, factor.clamp(max=1.0), factor).clamp(SMALLEST, LARGEST)
-        smaller = torch.where(torch.isfinite(wrong), SAFETY * wrong**-k, 0.25).clamp(SMALLEST, SAFETY)
+        smaller = torch.where(torch.isfinite(wrong), (SAFETY * wrong**-k).clamp(SMALLEST, SAFETY), LOST)
         self.before = torch.where(taken > 0, made, self.before)
         proposed = torch.where(refused, h * smaller, h * factor)
         shortened = ~refused & (h < 0.9 * self.h)  # by a stop: what comes after it is not bound by that
@@ -200,10 +202,8 @@ class _Run:
         status = torch.where(under, UNDERFLOW, torch.where(many, TOO_MANY, SUCCESS))
         record.status[self.place] = torch.where(under | many, status, record.status[self.place])
         self.going = self.going & ~under & ~many
-        if going.any():
-            well = (taken >= allowed) & (proposed < 1.25 * h)  # all were of use, and about as long as they may be
-            share = float(well[going].double().mean())
-            self.size = min(2 * self.size, AT_ONCE) if share > 0.8 else max(1, self.size // 2) if share < 0.5 else self.size
+        well = (taken >= allowed) & (proposed < 1.25 * h)  # all were of use, and about as long as they may be
+        self.size = torch.where(well, (2 * self.size).clamp(max=AT_ONCE), (self.size // 2).clamp(min=1))
 
     def _series(self, state: State, dt: Tensor, t: Tensor) -> State:
         """See `series`; samples that are not going stay."""
@@ -226,7 +226,7 @@ class _Run:
             return
         self.state, self.tolerance = few.gather(self.state), few.gather(self.tolerance)
         self.values = self.events.taken(self.values, few)
-        for name in ("place", "t", "h", "ahead", "counts", "tries", "limit", "before", "refused", "going"):
+        for name in ("place", "t", "h", "ahead", "counts", "tries", "limit", "before", "refused", "size", "going"):
             setattr(self, name, few.take(getattr(self, name), 0))
 
 

@@ -32,8 +32,8 @@ class Tolerance(Tree):
 
     @classmethod
     def of(cls, scene: Scene, rtol: Any, atol: Any) -> Tolerance:
-        """Of the scene's beam; rtol is a number or (...) of samples, atol m likewise. Raises ValueError for what is negative, or
-        zero in both.
+        """Of the scene's beam; rtol is a number or (...) of samples, atol m likewise. Raises ValueError for what is negative,
+        zero in both, or beyond the arithmetic.
         """
         if rtol is None and atol is None:
             raise ValueError("neither rtol nor atol was given; one of them is wanted")

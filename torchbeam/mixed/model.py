@@ -191,6 +191,8 @@ def _refuse(scene: Scene, form: str) -> None:
         raise ValueError(f"elements of order 2 were given for form={form!r}, with one strain each; form='nodal' takes them")
     if scene.small:
         raise ValueError(f"small=True was given for form={form!r}, whose rotations are large; form='nodal' takes it")
+    if beam.linked_interpolation:
+        raise ValueError(f"a beam with linked interpolation was given for form={form!r}; form='nodal' takes it")
     if any(beam.rigid):
         names = ", ".join(name for name, rigid in zip(STRAINS, beam.rigid, strict=True) if rigid)
         raise ValueError(f"the compliance S must not be singular for form={form!r}, but is rigid in {names}; {IMPLICIT}")

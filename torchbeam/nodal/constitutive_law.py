@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.leaves import Tree, leaf
 from ..scene.beam import Beam
@@ -120,10 +121,11 @@ def law_of(scene: Scene, space: Space) -> ElasticLaw:
     strain.
     """
     beam = scene.beam
-    S, C = _slim(beam.compliance, beam, space), _slim(_regular_inverse(beam), beam, space)
+    compliance, rigid = _with_residual_bending(beam, beam.compliance), any(impossible(beam))
+    S, C = _slim(compliance, beam, space), _slim(_regular_inverse(beam, compliance), beam, space)
     if scene.damping is None:
-        return ElasticLaw(S, C, any(beam.rigid))
-    return ViscoelasticLaw(S, C, any(beam.rigid), _retardation(scene, space))
+        return ElasticLaw(S, C, rigid)
+    return ViscoelasticLaw(S, C, rigid, _retardation(scene, space))
 
 
 def times(matrix: Tensor, x: Tensor) -> Tensor:
@@ -131,17 +133,49 @@ def times(matrix: Tensor, x: Tensor) -> Tensor:
     return matrix * x if matrix.shape[-1] == 1 else matrix @ x
 
 
+def impossible(beam: Beam) -> tuple[bool, ...]:
+    """Which of an element's strains are impossible. With linked interpolation an element shears as well by bending."""
+    extension, shear_y, shear_z, twist, bending_y, bending_z = beam.rigid
+    if beam.linked_interpolation:
+        shear_y, shear_z = shear_y and bending_z, shear_z and bending_y
+    return extension, shear_y, shear_z, twist, bending_y, bending_z
+
+
+def _with_residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
+    """A flexibility (..., N or 1, 6, 6) of sections as that of elements: with linked interpolation a force F also bends an
+    element by M' = -e1 x F, which its ends show as shear (MacNeal 1978: residual bending flexibility):
+
+        S_FF + h^2/12 ~e1^T S_MM ~e1
+    """
+    return flexibility + _residual_bending(beam, flexibility) if beam.linked_interpolation else flexibility
+
+
+def _residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
+    across = flexibility.new_tensor(((0, 0, 0), (0, 0, -1), (0, 1, 0)))
+    bent = across.mT @ flexibility[..., 3:, 3:] @ across
+    return pad(beam.length[..., None, None] ** 2 / 12 * bent, (0, 3, 0, 3))
+
+
+def without_residual_bending(beam: Beam, strain: Tensor, elements: slice = slice(None)) -> Tensor:
+    """The strain (..., n, 6) of the sections in the middle of elements with this strain, less eigenstrain."""
+    if not beam.linked_interpolation:
+        return strain
+    S = beam.compliance
+    bent = _residual_bending(beam, S)
+    part = (bent @ _regular_inverse(beam, S + bent))[..., elements, :, :]
+    return strain - (part @ strain[..., None])[..., 0]
+
+
 def _slim(matrix: Tensor, beam: Beam, space: Space) -> Tensor:
     matrix = space.project_section(matrix)
     return matrix if beam.coupled else matrix.diagonal(dim1=-2, dim2=-1)[..., None]
 
 
-def _regular_inverse(beam: Beam) -> Tensor:
+def _regular_inverse(beam: Beam, S: Tensor) -> Tensor:
     """S^-1; a strain that S makes impossible gets a flexibility that is small beside the others, for the tangent only."""
-    S = beam.compliance
-    if not any(beam.rigid):
+    if not any(impossible(beam)):
         return torch.linalg.inv(S)
-    rigid = torch.tensor(beam.rigid, device=S.device)
+    rigid = torch.tensor(impossible(beam), device=S.device)
     L = beam.length.sum(-1)[..., None, None]
     scale = torch.cat((L.expand(*L.shape[:-1], 3), torch.ones_like(L).expand(*L.shape[:-1], 3)), -1)  # (..., 1, 6)
     diagonal = S.diagonal(dim1=-2, dim2=-1)
@@ -152,13 +186,19 @@ def _regular_inverse(beam: Beam) -> Tensor:
 
 
 def _retardation(scene: Scene, space: Space) -> Tensor:
-    """tau, or D^1/2 S^-1 D^1/2 with D = diag(tau): symmetric, never pumps energy."""
-    tau = scene.damping.tau
+    """tau, or D^1/2 S^-1 D^1/2 with D = diag(tau): symmetric, never pumps energy. With linked interpolation the section's
+    R = S D^1/2 S^-1 D^1/2 S, what a stress rate strains it by, becomes the element's as S does: R S^-1 of elements then.
+    """
+    tau, beam = scene.damping.tau, scene.beam
     if not scene.damping.six:
         return tau[..., None, None, None]
-    if any(scene.beam.rigid):
+    if any(beam.rigid):
         raise ValueError("six-valued tau was given for a section with an impossible strain; one value is wanted there")
-    if not scene.beam.coupled:
+    if not (beam.coupled or beam.linked_interpolation):
         return space.project_section(torch.diag_embed(tau)).diagonal(dim1=-2, dim2=-1)[..., None, :, None]
-    root = torch.diag_embed(tau.sqrt())[..., None, :, :]
-    return space.project_section(scene.beam.compliance @ root @ torch.linalg.inv(scene.beam.compliance) @ root)
+    root, S = torch.diag_embed(tau.sqrt())[..., None, :, :], beam.compliance
+    felt = S @ root @ torch.linalg.inv(S) @ root
+    if not beam.linked_interpolation:
+        return space.project_section(felt)
+    R = _with_residual_bending(beam, felt @ S)
+    return _slim(R @ torch.linalg.inv(_with_residual_bending(beam, S)), beam, space)

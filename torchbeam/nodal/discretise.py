@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, instance
-from ..core.leaves import constant
+from ..core.leaves import constant, own_leaves
+from ..scene.effects import PerElement
 from ..scene.scene import Scene
 from .constitutive_law import law_of
 from .constraints import Constraints
@@ -36,6 +37,8 @@ def discretise(scene: Scene, lumped: bool = False) -> Model:
         return _in_a_plane(scene, lumped)
     space = space_of(scene)
     beam = scene.beam
+    if beam.linked_interpolation and any(isinstance(x.value, PerElement) for load in scene.loads for x in own_leaves(load)):
+        raise ValueError("a load PerElement was given for a beam with linked interpolation; one Along the beam is wanted")
     h = beam.length[..., None]
     whole = QuadraticSpace() if beam.order == 2 else Space()
     rest = whole.strains(whole.kinematics(*whole.chain.poses(beam.nodes, beam.frames), h), h)

@@ -30,6 +30,7 @@ from ..scene.scene import Scene
 from .coordinates.spatial import Space
 from .lever import Lever, NoLever
 from .mass import COUPLING, QUADRATIC_COUPLING, Blocks, HalfConsistentMass, LumpedMass, QuadraticMass
+from .quadrature import gregory, trapezoidal
 from .rotary import NoRotaryInertia, RotaryInertia
 
 NEGATIVE = 1e-5  # of a beam's largest nodal mass, or inertia about an axis: what rounding may leave of none
@@ -116,6 +117,10 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
         if (own < -NEGATIVE * own.abs().amax(-2, keepdim=True)).any():
             raise ValueError("a mass or inertia that changes more than threefold within an element of order 2 was given; more "
                              "elements are wanted")
+    if beam.linked_interpolation:
+        density = m[..., 0]
+        mass = mass * (gregory(beam.length, density) / trapezoidal(beam.length, density))[..., None, None]
+        tributary_length = gregory(beam.length)[..., None]
     for body in scene.bodies:
         at, nodes = body.node % (beam.count + 1), beam.count + 1
         mass = mass + pad(body.about_node[..., None, :, :], (0, 0, 0, 0, at, nodes - 1 - at))
@@ -125,7 +130,7 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
     if offset:
         e = _vector(mass[..., 3:, :3]) / whole
         J, lever = J - whole[..., None] * skew(e).mT @ skew(e), Lever(space, space.project_offset(e))
-    if lumped:
+    if lumped or beam.linked_interpolation:
         translational = LumpedMass(whole)
     elif beam.order == 1:
         translational = HalfConsistentMass(whole, COUPLING * m * h)

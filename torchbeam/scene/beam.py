@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -35,6 +35,7 @@ class Beam(Tree):
     rigid, coupled, offset, rotary: as in `Section`; curved: whether node and element axes differ
     order       of the elements: 1, or 2 (see `Beam.straight`), with 2 N + 1 nodes and two stations an element: what has an axis
                 of N above then has one of 2 N, each station standing for half of its element
+    linked_interpolation: see `linked`
     """
 
     nodes: Tensor = leaf(2)
@@ -49,12 +50,13 @@ class Beam(Tree):
     rotary: bool
     curved: bool
     order: int = 1
+    linked_interpolation: bool = False
 
     def __repr__(self) -> str:
         mass = (self.mass[..., 0, 0] * self.length).sum(-1)
         elements = counted(self.element_count, "element") + (" of order 2" if self.order == 2 else "")
         size = [elements, f"{span(self.length.sum(-1))} m long", f"{span(mass)} kg"]
-        shape = ["curved or twisted at rest"] if self.curved else []
+        shape = ["curved or twisted at rest"] * self.curved + ["linked interpolation"] * self.linked_interpolation
         return lines("Beam", ", ".join([*size, *shape, *notes(self)]),
                      f"root at {point(self.nodes[..., 0, :])} m, tip at {point(self.nodes[..., -1, :])} m",
                      kind(self.batch_shape, self.nodes))
@@ -83,6 +85,21 @@ class Beam(Tree):
         frame B, in which strain and stress are told.
         """
         return axes_between(frames, self.order)
+
+    def linked(self) -> Beam:
+        """This beam, whose elements bend between their nodes as loads at these would bend them: of fourth order in bending
+        where displacements are small, at no cost.
+
+        The displacement across an element is quadratic, linked to the rotations of its nodes (linked interpolation, Tessler and
+        Dong 1981): the shear compliance of an element of length h gets its residual bending flexibility h^2/(12 EI) (MacNeal
+        1978). Mass and loads along the beam are integrated by Gregory's end-corrected rule, see `nodal.quadrature`; mass is
+        lumped. From four elements on it pays; stretching and twist stay of second order. Not for the mixed forms.
+
+        Raises ValueError for elements of order 2, which have a displacement of their own between their ends.
+        """
+        if self.order != 1:
+            raise ValueError(f"linked interpolation of elements of order {self.order} was asked for; order 1 is wanted")
+        return replace(self, linked_interpolation=True)
 
     @classmethod
     def straight(

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..core.validation import Value, as_tensor, finite
 from ..math.shapes import broadcast_shapes
+from ..nodal.constitutive_law import without_residual_bending
 from ..nodal.coordinates.quadratic import QuadraticSpace
 from ..nodal.coordinates.spatial import Space
 from ..scene.beam import Beam
@@ -134,7 +135,8 @@ class _Strains(_Along):
                              f"{self.beam.count + 1}")
         if not isinstance(state, State):  # a mixed form holds its own
             return super().read(state)
-        values = self._strain(state.position, state.rotation) - self.reference
+        at = slice(None) if self.element is None else slice(self.element % self.beam.count, self.element % self.beam.count + 1)
+        values = without_residual_bending(self.beam, self._strain(state.position, state.rotation) - self.reference, at)
         values = values.mean(-2) if self.weights is None else (self.weights[..., None, :] @ values)[..., 0, :]
         return self.of(values)
 

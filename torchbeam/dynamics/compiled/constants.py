@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ...core.derivatives import lasting
 from ...core.leaves import constant, detached, functions, own_leaves, with_values
 from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
@@ -103,7 +104,14 @@ class Constants:
                 if self.given_eigenstrain else model.eigenstrain(t, inputs))
         for name, x in inputs.items():
             found[f"input {name}"] = x
-        return found | self._prescribed(t, t + (1 - self.instant) * dt, frame) if self.prescribes else found
+        if self.prescribes:
+            return found | self._prescribed(t, t + (1 - self.instant) * dt, frame)
+        return found | self._frame(t)
+
+    def _frame(self, t: Tensor) -> dict[str, Tensor]:
+        """Velocity and angular velocity of frame a at t, where it moves."""
+        names = "frame velocity", "frame angular_velocity"
+        return {name: x for name, x in zip(names, self.model.prescribed_motion.frame(t), strict=True) if x is not None}
 
     def _loads(self, t: Tensor, inputs: Inputs, frame: Tensor | None) -> dict[str, Tensor]:
         """Those that are dead, what the others have by time, and where the root's support stands."""
@@ -137,7 +145,7 @@ class Constants:
     def _prescribed(self, t: Tensor, end: Tensor, frame: Tensor | None) -> dict[str, Tensor]:
         """Motion of frame a at t, and of supports at the time `end`."""
         scene, motion, like = self.model.scene, self.model.prescribed_motion, self.model.length
-        found = dict(zip(("frame velocity", "frame angular_velocity", "frame"), (*motion.frame(t), frame), strict=True))
+        found = {**self._frame(t), "frame": frame}
         if scene.supports:
             none = {"pose": (like.new_zeros(3), like.new_zeros(4)), "absolute": (like.new_zeros(3),) * 2}
             rows = [(*(motion.pose(one, end) if one.moves else none["pose"]),
@@ -224,16 +232,19 @@ class Constants:
         if torch.is_grad_enabled() and any(x.requires_grad for x in self.sources):
             return value()
         if name not in self._kept:
-            self._kept[name] = value()
+            with lasting():
+                self._kept[name] = value()
         return self._kept[name]
 
     def _tangent(self, dt: Tensor) -> tuple[Tensor, Tensor]:
-        """C of the tangent, and whether it is the law's; that of the last dt (0-dim) is kept."""
-        key = dt.item() if dt.ndim == 0 and dt is concrete(dt) else None
-        found = self._kept.get("tangent")
-        if found is None or key is None or found[0] != key:
-            C = self.model.tangent_stiffness(dt.detach())
-            found = self._kept["tangent"] = key, C, same_law(C, self.model.law.C).to(C)
+        """C of the tangent, and whether it is the law's; those of the last dt are kept."""
+        found, known = self._kept.get("tangent"), dt is concrete(dt)
+        if found is None or not known or not torch.equal(found[0], dt):
+            with lasting():
+                C = self.model.tangent_stiffness(dt.detach())
+                found = dt.detach().clone(), C, same_law(C, self.model.law.C).to(C)
+            if known:
+                self._kept["tangent"] = found
         return found[1:]
 
 

@@ -133,8 +133,8 @@ class LocalFunctions(LocalProblems):
 
         balance, D = total("balance"), total("D")
         asked, U, L = total("asked") + fields["own.balance"], fields["right.U"], fields["left.L"]
-        terms = [fields["own.load"]] if "own.load" in fields else []
-        terms = torch.stack([*terms, *([total("inertia")] if "own.inertia" in fields else [])]).abs()
+        sides = [name for name in fields if name.endswith(".inertia")]
+        terms = torch.stack(self.terms(fields.get("own.load"), total("inertia") if sides else None)).abs()
         found, left = {}, balance
         if held:
             before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
@@ -147,6 +147,10 @@ class LocalFunctions(LocalProblems):
         return found | self.pivot(D - L @ fields["ahead"]) | {
             "ahead": ahead, "y": y[:, 0], "force": terms[:, :p].amax(), "moment": terms[:, p:].amax(),
             "left_force": left[:p].amax(), "left_moment": left[p:].amax()}
+
+    def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:
+        """Those of a node's balance (w) that its largest are looked for in, beside the elements'."""
+        return [x for x in (load, inertia) if x is not None]
 
     def pivot(self, block: Tensor) -> Fields:
         """What is asked of a pivot block (w, w) of the elimination: nothing in a step."""

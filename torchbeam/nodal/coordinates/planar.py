@@ -120,7 +120,7 @@ class Plane(Space):
     def start(self, state: State) -> State:
         inside = self.to_reduced(state)
         there = self.to_public(inside)
-        for name in ("position", "rotation", "velocity", "spin"):
+        for name in ("position", "rotation", "velocity", "spin") if state.position.numel() else ():
             given, kept = (getattr(x, name).detach() for x in (state, there))
             size = given.abs().amax() + (name != "rotation") * state.position.detach().abs().amax()
             if ((given - kept).abs() > LEFT_OUT[given.dtype] * size).any():

@@ -51,8 +51,6 @@ def refusal(model: Model) -> str | None:
     reasons = {
         "elements of order 2": scene.beam.order == 2,
         f"the device {scene.device}": scene.device.type != "cpu",
-        "a frame that moves": scene.frame is not None,
-        "a load with internal states": bool(model.internal_states),
         MISSING: find_spec("llvmlite") is None,
     }
     return next((reason for reason, given in reasons.items() if given), None)

@@ -40,6 +40,11 @@ class SteadyKind(NamedTuple):
 class SteadyFunctions(LocalFunctions):
     """Functions of nodes, of elements, of rows of the chain, of samples."""
 
+    @property
+    def state(self) -> tuple[str, ...]:
+        """Loads with internal states have them where they come to rest."""
+        return self.NODE
+
     def _steady(self, problem: MidpointProblem, load_factor: Tensor) -> tuple[SteadyProblem, Configuration]:
         """What a step starts from, as an equilibrium."""
         start = problem.start
@@ -47,7 +52,7 @@ class SteadyFunctions(LocalFunctions):
         return SteadyProblem(problem.model, problem.t, problem.inputs, load_factor), x
 
     def node(self, kind: SteadyKind, load_factor: Tensor, **fields: Tensor) -> Fields:
-        """Balance (w) of the node's loads, its derivative D (w, w); the loads."""
+        """Balance (w) of the node's loads, less its inertia in a frame that turns, its derivative D (w, w); the loads."""
         problem, x = self._steady(self.of_node(fields, kind)[0], load_factor)
         w = self.model.space.unknowns
         load = problem.load(x) + x.position.new_zeros(w)
@@ -89,8 +94,13 @@ class SteadyFunctions(LocalFunctions):
         """See `LocalFunctions.element`."""
         problem, x = self._steady(self.of_element(fields)[0], load_factor)
         element = problem.element_balance(x)
-        tangent = problem.linearise(x, element.acting)
-        return self.condensed(problem.model, element, problem.eigenstrain, tangent, None)
+        tangent, inertia = problem.linearise(x, element.acting), problem.load(x)
+        wrench = None if isinstance(inertia, float) else -inertia
+        return self.condensed(problem.model, element, problem.eigenstrain, tangent, wrench)
+
+    def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:
+        """Loads less all inertia, of which `inertia` is what neighbours share."""
+        return [load if inertia is None else load - inertia]
 
     def pivot(self, block: Tensor) -> Fields:
         """Whether a pivot block of the elimination is not positive definite (1 or 0), by those of its own elimination."""

@@ -1,0 +1,34 @@
+"""What is asked for beside the memory that there is."""
+
+import pytest
+
+from torchbeam.core import memory
+
+
+def test_memory_that_is_there_is_known_where_the_machine_says():
+    free = memory.available()
+    assert free is None or 0 < free < 2**50
+
+
+def test_what_is_too_much_is_said_in_a_sentence(monkeypatch):
+    monkeypatch.setattr(memory, "available", lambda: 3 * 10**9)
+    memory.check_memory("the states", 2 * 10**9, "less is wanted")
+    with pytest.raises(MemoryError, match=r"^the states would take 4 GB, and 3 GB are free; less is wanted$"):
+        memory.check_memory("the states", 4 * 10**9, "less is wanted")
+
+
+def test_what_is_not_known_or_little_is_not_asked_about(monkeypatch):
+    monkeypatch.setattr(memory, "available", lambda: None)
+    memory.check_memory("all", 10**18, "")
+    monkeypatch.setattr(memory, "available", lambda: 0)
+    memory.check_memory("little", 1, "")
+
+
+def test_a_limit_of_the_container_is_kept_to(monkeypatch, tmp_path):
+    monkeypatch.setattr(memory, "GROUP", tmp_path)
+    free = memory.available()
+    for limit, taken, wanted in (("max", "1", free), ("5000", "2000", 3000)):
+        (tmp_path / "memory.max").write_text(limit)
+        (tmp_path / "memory.current").write_text(taken)
+        found = memory.available()
+        assert found == wanted or (limit == "max" and found is not None and abs(found - wanted) < 2**32)

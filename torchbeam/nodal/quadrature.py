@@ -1,0 +1,42 @@
+"""Quadrature along the beam by values at its nodes: how much of its length, or mass, belongs to each of them.
+
+The trapezoidal rule gives each node half of its elements. With rho a density along the beam, constant in each element, its
+error is that of the slopes at the ends of the elements (Euler and Maclaurin):
+
+    integral of rho f = sum over elements of rho (h/2 (f_i + f_j) - h^2/12 (f'_j - f'_i)) + O(h^4)
+
+Gregory's rule takes these slopes from the parabola through a node and its neighbours (at an end through the last three nodes).
+Equal elements have the weights 3/8, 7/6, 23/24, 1, ..., times h; three nodes those of Simpson's rule.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+LEAST = 0.5  # of a trapezoidal weight
+
+
+def trapezoidal(length: Tensor, density: Tensor | float = 1.0) -> Tensor:
+    """Weights (..., N+1) of elements of length (..., N) m and density (..., N or 1) per metre."""
+    half = density * length / 2
+    return pad(half, (0, 1)) + pad(half, (1, 0))
+
+
+def gregory(length: Tensor, density: Tensor | float = 1.0) -> Tensor:
+    """The same by Gregory's rule: linear functions exactly, as by the trapezoidal one, which stays where there is one element,
+    and where lengths or densities jump by so much that a weight would fall below half of its.
+    """
+    plain = trapezoidal(length, density)
+    N = length.shape[-1]
+    if N == 1:
+        return plain
+    slope = density * length**2 / 12
+    slope = pad(slope, (0, 1)) - pad(slope, (1, 0))  # what f' of each node counts for
+    a, b = length[..., :-1], length[..., 1:]  # three nodes at -a, 0, b: slopes are wanted at 0, and at the ends of the beam
+    first, last = pad(slope[..., :1], (0, N - 2)), pad(slope[..., -1:], (N - 2, 0))
+    S, X = slope[..., 1:-1] + first + last, 2 * (b * last - a * first)
+    before, here, after = (X - b * S) / (a * (a + b)), ((b - a) * S - X) / (a * b), (X + a * S) / (b * (a + b))
+    weights = plain + pad(before, (0, 2)) + pad(here, (1, 1)) + pad(after, (2, 0))
+    return torch.where((weights >= LEAST * plain).all(-1, keepdim=True), weights, plain)
