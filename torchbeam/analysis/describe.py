@@ -79,7 +79,7 @@ def describe(scene: Scene) -> Description:
         "supports": tuple(_supports(scene)),
         "frame": _frame(scene),
         "moves in": (_space(scene, plane, planes),),
-        "unknowns": (f"{unknowns}; {space.strain} stresses an element are condensed",),
+        "unknowns": (f"{unknowns}; {space.strain * scene.beam.order} stresses an element are condensed",),
         "forms": tuple(f"{name}: " + (f"no, {refusals[name]}" if count is None else f"{count} states")
                        for name, count in states.items()),
         "engine": _engine(model),
@@ -121,7 +121,9 @@ def _engine(model: Model) -> tuple[str, ...]:
 def _beam(scene: Scene) -> Iterator[str]:
     beam = scene.beam
     length = beam.length.sum(-1)
-    yield f"{beam.count} elements, {_number(length)} m long" + ("" if not beam.curved else ", curved or twisted at rest")
+    order = " of order 2" if beam.order == 2 else ""
+    shape = ", curved or twisted at rest" if beam.curved else ""
+    yield f"{beam.element_count} elements{order}, {_number(length)} m long{shape}"
     known = notes(beam)
     if known:
         yield "; ".join(known)
