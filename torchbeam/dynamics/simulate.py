@@ -22,7 +22,7 @@ from ..core.validation import as_tensor, concrete, increasing, shown
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..nodal.rates import Rates
-from ..scene.effects import PerInterval, changing, inputs_at
+from ..scene.effects import PerInterval, changing, inputs_at, inputs_over
 from ..scene.scene import Scene, merge_inputs
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
@@ -143,10 +143,10 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     def kind(*values: Any) -> State:
         return type(start)(**dict(zip(names, values, strict=True)))
 
-    def held(first: int, end: int) -> list[dict[str, Any]]:
-        """Inputs of the steps of the plan, or the only ones of all."""
+    def held(first: int, end: int) -> dict[str, Any]:
+        """Inputs of steps of the plan."""
         few = range(first, end if moved else first + 1)
-        return [inputs_at(inputs, begins[k] + instant * lengths[k], t, interval=plan[k][0]) for k in few]
+        return inputs_over(inputs, few, lambda k: begins[k] + instant * lengths[k], lambda k: plan[k][0], t)
 
     def carry_out(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
         """Fields of the states that are wanted of a part of the plan, of the last, and the iterations of each step."""
@@ -159,7 +159,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
                 if progress is not None:
                     progress(done, len(plan))
         states = made[0].states.map(joined, *(few.states for few in made[1:]))
-        return *vars(states).values(), *vars(made[-1].last).values(), joined(*(few.iterations for few in made))
+        return *vars(states).values(), *vars(made[-1].last()).values(), joined(*(few.iterations for few in made))
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 from torch._C import _functorch as functorch
 
+from ..core.derivatives import lasting
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import concrete
 from ..math.shapes import broadcast_shapes
@@ -53,7 +54,8 @@ class StepSolver:
         if not self._decided and not functorch.peek_interpreter_stack():
             made = compiled_step if self.engine == "compiled" else automatic_step
             method, options = self._asked
-            self._compiled, self._decided = made(self.model, method, **options), True
+            with lasting():
+                self._compiled, self._decided = made(self.model, method, **options), True
         return self._compiled
 
     def __getstate__(self) -> dict[str, Any]:

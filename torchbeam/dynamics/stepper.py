@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -14,12 +16,13 @@ from ..core.arguments import boolean, choice, count, duration, mask, step_size
 from ..core.arguments import tolerance as check_tolerance
 from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.functions_of_time import shared
+from ..core.leaves import with_values
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import broadcast, concrete, positive, real, shown
 from ..nodal.coordinates.planar import Plane
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
-from ..scene.effects import Inputs
+from ..scene.effects import Inputs, PerInterval, first_of
 from ..scene.scene import Scene
 from ..solvers.newton import LIMIT
 from ..state.start import on_supports
@@ -38,7 +41,7 @@ class Ahead(NamedTuple):
     """
 
     states: State
-    last: State
+    last: Callable[[], State]
     iterations: Tensor
     stopped: bool = False
 
@@ -201,7 +204,7 @@ class Stepper:
         for _ in range(repeat):
             now = now + dt
         now = now if now.shape == found.status.shape else now.expand(found.status.shape)
-        reduced = replace(state, **found.fields, t=now, status=found.status)
+        reduced = with_values(state, **found.fields, t=now, status=found.status)
         after, space = self.model.space.to_public(reduced), self.model.space
         if after is not reduced and isinstance(space, Plane) and space.reversible and not after.position.requires_grad:
             self._last = weakref.ref(after), _versions(after), reduced
@@ -230,25 +233,28 @@ class Stepper:
                 break
         return after, failed & ~left, counted
 
-    def ahead(self, state: State, dt: Tensor, t: Tensor, inputs: list[dict[str, Any]], wanted: list[bool]) -> Ahead | None:
+    def ahead(self, state: State, dt: Tensor, t: Tensor, inputs: dict[str, Any], wanted: list[bool]) -> Ahead | None:
         """As many of the steps dt (K) from the times t (K) as native code makes at once and all samples make well; None where
-        `advance` has to make the first. inputs: of each step, or those of all as the only one; wanted: whether the state after
-        a step is asked for.
+        `advance` has to make the first. inputs: held, or `PerInterval` of these steps; wanted: whether the state after a step
+        is asked for.
         """
         if self.compiled is None:
             return None
-        given = [self.scene.tensors(one) for one in inputs]
+        given = self.scene.tensors(first_of(inputs))
         of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-        start = self._reduced(self._begin(state, dt[0], inputs=given[0]))
+        start = self._reduced(self._begin(state, dt[0], inputs=given))
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
-                          *(value.shape[:-1] for one in given for value in one.values()))
+                          *(value.shape[:-1] for value in given.values()))
         count = min(len(dt), max(1, ROOM // max(1, shape.numel() * (self.scene.beam.count + 1))))
         dt, t = dt[:count], t[:count]
         moving = (start.status == SUCCESS).expand(shape)
-        given = given[0] if len(given) == 1 else {name: torch.stack([one[name].expand(*shape, -1) for one in given[:count]])
-                                                  for name in self.scene.inputs}
+        for name, one in inputs.items():
+            if isinstance(one, PerInterval):
+                value = one.value[..., :count, :]
+                given[name] = value.expand(*shape, -1, -1).movedim(-2, 0) if shape else value
         middle = t + self.method.INSTANT * dt if self.compiled.takes_time else None
-        found = self.solver.natively(start, dt, middle, given, moving, last=not self.halvings, K=count)
+        length = dt[0] if dt.stride() == (0,) else dt  # the same of all
+        found = self.solver.natively(start, length, middle, given, moving, last=not self.halvings, K=count)
         if found is None:
             return None
         if not found.well:
@@ -261,13 +267,13 @@ class Stepper:
         places = [k for k in range(count) if wanted[k]]
 
         def after(k: Any, *lead: int) -> State:
-            fields = {name: x[k] for name, x in found.fields.items()}
+            fields = found.fields if k == slice(0, len(found.status)) else {name: x[k] for name, x in found.fields.items()}
             same = {name: x.expand((*lead, *shape, *x.shape[x.ndim - axes:])) for name, axes in STILL.items()
                     if name not in fields and (x := getattr(start, name, None)) is not None}
             return self.model.space.to_public(replace(start, **fields, **same, t=now[k], status=status.expand((*lead, *shape))))
 
         part = slice(0, count) if len(places) == count else places
-        return Ahead(after(part, len(places)), after(count - 1), found.iterations[:count], not found.well)
+        return Ahead(after(part, len(places)), partial(after, count - 1), found.iterations[:count], not found.well)
 
     def _given(self, state: State, inputs: dict[str, Any], dt: Tensor) -> tuple[Inputs, State]:
         """Inputs as tensors, and the state to start a step of dt from in the space's coordinates; checked."""
