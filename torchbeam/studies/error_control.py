@@ -41,8 +41,8 @@ ABOUT = (
 )
 EXPLICIT_ABOUT = (
     "Explicit methods with the same rtol (atol = rtol times the length), in the three forms, each against itself at 1e-9; rk4, "
-    "of fixed steps, with one that is stable; beside them adaptive midpoint steps. A rod of 0.5 m, EI = 0.02 N m^2, three elements, under a "
-    "sudden force, {span:g} s."
+    "of fixed steps, with one that is stable; beside them adaptive midpoint steps. A rod of 0.5 m, EI = 0.02 N m^2, three "
+    "elements, under a sudden force, {span:g} s."
 )
 
 
