@@ -124,6 +124,7 @@ class _Run:
         wanted = torch.minimum(self.h, room / LEAST_STEPS).clamp(max=self.most_length)
         number = (left / wanted - 1e-6).ceil().clamp(min=1)
         size = torch.minimum(self.size, number.long())
+        size = torch.minimum(size, (self.most - self.tries).clamp(min=1))
         h, K = left / number, int(size[self.going].max())
         k = torch.arange(K, device=h.device).reshape(-1, *(1,) * h.ndim)
         begins = self.t + k.clamp(max=(number.max() - 1).long()) * h
