@@ -297,6 +297,7 @@ def test_energy_balance():
     assert {name: x for name, x in found.items() if x >= max(3 * drifts[-1], 1e-4)} == {}
 
 
+@pytest.mark.long  # the gradient fuzz has these too
 def test_gradient_by_parameters_of_effects():
     """Three steps with a lag that follows the tip, drag, an elastic clamp and an offset mass, against central differences:
     reverse and forward mode.

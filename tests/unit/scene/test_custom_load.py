@@ -141,6 +141,7 @@ def test_parameters_are_batched_and_bound(plane):
     assert tb.Stepper(single, 0.02)(tb.Stepper(single, 0.02).rest()).internal.dtype == torch.float32
 
 
+@pytest.mark.long  # test_gradient_with_checkpoints, test_gradient_by_accelerations and the gradient fuzz have these too
 def test_gradient_by_parameters():
     """Two steps against central differences, backward and forward, by parameters of elements and by one for all."""
     def moved(c, k):
