@@ -249,8 +249,13 @@ class Case:
             names = [n for n in x if n not in d.alone]
             alone = {n: along[n] for n in x if n in d.alone}
             forward = self._forward(x, along, names)
-            rows = [self._refined(Row(n, reverse[n], f, *difference), x, {n: along[n]}) for n, f, difference in
+            rows = [Row(n, reverse[n], f, *difference) for n, f, difference in
                     zip(names, forward, self._differences(x, along, names), strict=False)]
+            for part in FINER:
+                if unsettled := [row for row in rows if not row.passed and row.forward is not None]:
+                    differences = self._differences(x, along, [row.name for row in unsettled], part)
+                    finer = dict(zip(unsettled, differences, strict=True))
+                    rows = [Row(*row[:3], *finer[row]) if row in finer else row for row in rows]
             if alone and unbatched:
                 total = sum(reverse[n] for n in alone)
                 rows.append(self._refined(Row(" and ".join(alone), total, forward[-1], *self._one_by_one(x, alone)), x, alone))
@@ -278,14 +283,14 @@ class Case:
         found = found.expand(n)
         return [*(found[:-1] - found[-1]).tolist(), found[-1].item()]
 
-    def _differences(self, x: Tensors, along: Tensors, names: list[str]) -> list[tuple[float, float]]:
-        """By each name; six samples for each in one batch."""
-        n, h = len(names), torch.tensor([s * h for h in STEPS for s in (1, -1)])
+    def _differences(self, x: Tensors, along: Tensors, names: list[str], part: float = 1.0) -> list[tuple[float, float]]:
+        """By each name, with a part of the `STEPS`; six samples for each in one batch."""
+        n, h = len(names), torch.tensor([part * s * h for h in STEPS for s in (1, -1)])
         with torch.no_grad():
             moved = {m: v + self._one_hot(names.index(m), n, h, along[m]) if m in names else v
                      for m, v in self._rows_of(x, 6 * n).items()}
             values = self(moved).expand(6 * n).reshape(n, 6)
-        return [extrapolated(v) for v in values]
+        return [extrapolated(v, part) for v in values]
 
     def _one_by_one(self, x: Tensors, along: Tensors, part: float = 1.0) -> tuple[float, float]:
         """By all that move, one sample at a time, with a part of the `STEPS`."""

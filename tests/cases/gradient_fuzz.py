@@ -74,7 +74,10 @@ class Fuzz:
         self.attempts.update((way, space, start))
         space = "3D" if way in MIXED and space == "small" else space  # (whose rotations are large)
         fitting = [x for x in self.queue if fits(way, *x)] or self.queue
-        must = min(fitting, key=lambda x: self.attempts[x])
+        if self.crowded:  # first what is missing, then other forms of what ran
+            missing = {form for argument in self.missing() for form in VARIANTS.get(argument, ())}
+            fitting = sorted(fitting, key=lambda x: x not in missing)
+        must = min(fitting, key=lambda x: (self.crowded and x not in missing, self.attempts[x]))
         self.attempts[must] += 1
         single = {} if must[0] == "effect" else {must[0]: must}
         effects, wanted = [must] if must[0] == "effect" else [], self._pick(*((5, 6, 7) if self.crowded else (2, 3, 4)))

@@ -213,7 +213,9 @@ def pair(name, *effects):
         yield tb.Scene(tb.Beam.straight(1.0, 3, section), [*effects, *more, *load], **options)
 
 
-@pytest.mark.parametrize("method, name", [(m, n) for n in INERT for m in METHODS if m != "generalized_alpha" or n == "free"])
+@pytest.mark.parametrize("method, name", [
+    pytest.param(m, n, marks=[pytest.mark.long] * ((m, n) == ("explicit", "carried")))
+    for n in INERT for m in METHODS if m != "generalized_alpha" or n == "free"])
 def test_a_load_of_accelerations_is_mass(name, method):
     """Both scenes of `pair` move alike for 40 ms in every method, in a frame that turns, on a root that does, beside a mass off
     its node: to the tolerance of the steps; where a mass is off its node the two have different centres of mass at nodes, and
