@@ -43,7 +43,9 @@ class Unsolved(Exception):
 
 @dataclass(frozen=True)
 class Spec:
-    """A case, from which all of it follows: seed, how it is solved, in which space, ingredients by kind, elements, start."""
+    """A case, from which all of it follows: seed, how it is solved, in which space, ingredients by kind, elements, start;
+    `short`: explicit forms make one step instead of two.
+    """
 
     seed: int
     way: str
@@ -51,6 +53,7 @@ class Spec:
     names: tuple[tuple[str, str], ...]
     initial: str = "rest"
     count: int = 2
+    short: bool = False
 
 
 class Row(NamedTuple):
@@ -114,8 +117,8 @@ class Case:
             self.dt = d.tensor("dt", torch.tensor(0.06), size=0.02, alone=True)
         else:
             fast = s.way in EXPLICIT
-            self.t = d.tensor("times", torch.tensor([0.17, 0.1725, 0.1755] if fast else [0.17, 0.224, 0.277]), alone=True,
-                              size=0.006 if fast else 0.1)
+            times = torch.tensor([0.17, 0.1725, 0.1755] if fast else [0.17, 0.224, 0.277])
+            self.t = d.tensor("times", times[:2] if fast and s.short else times, alone=True, size=0.006 if fast else 0.1)
         self.moving = {}
         if d.inputs and "stepper" not in s.way and s.way != "equilibrium" and d.pick(False, True):
             rate = d.number("input rate", 2.0, 5.0)
@@ -173,7 +176,9 @@ class Case:
         at = self.draw.tensors["start time"] if "stepper" in way else self.t(x)[0]  # of a start
         if way == "explicit stepper":
             stepper = tb.ExplicitStepper(scene, 0.004)
-            state = stepper(stepper(stepper.rest(), inputs=inputs), inputs=inputs)
+            state = stepper.rest()
+            for _ in range(1 if self.spec.short else 2):
+                state = stepper(state, inputs=inputs)
             return self._read("", state)
         if "stepper" in way:
             method = way.split()[1]
@@ -244,8 +249,13 @@ class Case:
             names = [n for n in x if n not in d.alone]
             alone = {n: along[n] for n in x if n in d.alone}
             forward = self._forward(x, along, names)
-            rows = [self._refined(Row(n, reverse[n], f, *difference), x, {n: along[n]}) for n, f, difference in
+            rows = [Row(n, reverse[n], f, *difference) for n, f, difference in
                     zip(names, forward, self._differences(x, along, names), strict=False)]
+            for part in FINER:
+                if unsettled := [row for row in rows if not row.passed and row.forward is not None]:
+                    differences = self._differences(x, along, [row.name for row in unsettled], part)
+                    finer = dict(zip(unsettled, differences, strict=True))
+                    rows = [Row(*row[:3], *finer[row]) if row in finer else row for row in rows]
             if alone and unbatched:
                 total = sum(reverse[n] for n in alone)
                 rows.append(self._refined(Row(" and ".join(alone), total, forward[-1], *self._one_by_one(x, alone)), x, alone))
@@ -273,14 +283,14 @@ class Case:
         found = found.expand(n)
         return [*(found[:-1] - found[-1]).tolist(), found[-1].item()]
 
-    def _differences(self, x: Tensors, along: Tensors, names: list[str]) -> list[tuple[float, float]]:
-        """By each name; six samples for each in one batch."""
-        n, h = len(names), torch.tensor([s * h for h in STEPS for s in (1, -1)])
+    def _differences(self, x: Tensors, along: Tensors, names: list[str], part: float = 1.0) -> list[tuple[float, float]]:
+        """By each name, with a part of the `STEPS`; six samples for each in one batch."""
+        n, h = len(names), torch.tensor([part * s * h for h in STEPS for s in (1, -1)])
         with torch.no_grad():
             moved = {m: v + self._one_hot(names.index(m), n, h, along[m]) if m in names else v
                      for m, v in self._rows_of(x, 6 * n).items()}
             values = self(moved).expand(6 * n).reshape(n, 6)
-        return [extrapolated(v) for v in values]
+        return [extrapolated(v, part) for v in values]
 
     def _one_by_one(self, x: Tensors, along: Tensors, part: float = 1.0) -> tuple[float, float]:
         """By all that move, one sample at a time, with a part of the `STEPS`."""

@@ -79,7 +79,7 @@ def test_holding_agrees_with_the_equilibria(planar):
 
 
 def test_model_is_the_simulation_for_small_actions():
-    """Twenty control intervals under actions of 1e-4: the linear model's readings are the env's to a hundredth of the largest.
+    """Ten control intervals under actions of 1e-4: the linear model's readings are the env's to a hundredth of the largest.
     The step of 2 ms keeps the integrator's own phase error out of it.
     """
     env = make(1, substeps=10, gravity=None)
@@ -88,7 +88,7 @@ def test_model_is_the_simulation_for_small_actions():
     z = torch.zeros(len(model.A), 1, dtype=torch.float64)
     pending = torch.zeros(2, 1, dtype=torch.float64)
     generator, largest, off = torch.Generator().manual_seed(0), 0.0, 0.0
-    for _ in range(20):
+    for _ in range(10):
         action = 1e-4 * torch.randn(1, 2, generator=generator, dtype=torch.float64)
         env.step(action)
         z, pending = model.A @ z + model.B @ pending, action.mT
@@ -125,7 +125,7 @@ def test_filter_holds_what_is_unstable():
     assert play(env, LQG(env, effort=0.1))[1] < 1e-3
 
 
-@pytest.mark.parametrize("delay", [0, 2])
+@pytest.mark.parametrize("delay", [pytest.param(0, marks=pytest.mark.long), 2])
 def test_delay_is_in_the_model(delay):
     assert play(make(4, planar=True, delay=delay), LQR(make(1, planar=True, delay=delay), effort=0.3))[1] < 0.02 * 1.5
 

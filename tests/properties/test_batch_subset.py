@@ -65,7 +65,7 @@ def least(monkeypatch):
     return lambda n: monkeypatch.setattr(rows, "LEAST", n)
 
 
-def moved(scene, steps=4, inputs=None, **options):
+def moved(scene, steps=2, inputs=None, **options):
     stepper = tb.Stepper(scene, 0.05, **options)
     state, counted = stepper.rest(), []
     for _ in range(steps):
@@ -87,7 +87,7 @@ def close(a, b):
     return ((a - b).abs() <= 4096 * torch.finfo(b.dtype).eps * b.abs().max()).all()
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name == "one beam")) for name in SCENES])
 def test_motion_in_parts(name, least):
     """Every kind of value that may have a batch axis: smaller batches give the states, status and iterations of the whole
     one, through steps that some samples make again in parts.
@@ -132,7 +132,7 @@ def test_large_batch_and_a_sample_alone(dtype):
     section = tb.Section.from_stiffness(**{k: torch.tensor(v, dtype=dtype) for k, v in SOFT.items()})
 
     def run(P):
-        return moved(tb.Scene(tb.Beam.straight(torch.tensor(1.0, dtype=dtype), 4, section), [tip(P)]), steps=3)
+        return moved(tb.Scene(tb.Beam.straight(torch.tensor(1.0, dtype=dtype), 4, section), [tip(P)]), steps=2)
 
     all_, counted = run(P)
     assert counted[:, 20].max() > 12 and counted.min() < 3

@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "cases"))
 from gradient_fuzz import Fuzz
 
 
-@pytest.mark.parametrize("cases", [20, pytest.param(1000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("cases", [16, pytest.param(1000, marks=pytest.mark.long)])
 def test_gradients_of_random_scenes(cases):
     """Every argument of every effect, section, beam, support and motion, times and starts; in 3D, in planes and for small
     rotations; equilibria, both implicit methods with and without checkpoint, and the explicit forms: the derivative of a

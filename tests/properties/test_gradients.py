@@ -9,7 +9,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 
-N, STEPS, DT = 4, 20, 0.01
+N, STEPS, DT = 4, 10, 0.01
 EXACT = dict(tolerance=1e-12)  # of Newton's method: differences of positions good to 1e-12 are good to 1e-9 here
 
 
@@ -25,7 +25,7 @@ def still(**numbers):
 
 
 def moved(speed=0.0, steps=STEPS, **numbers):
-    """Tip after 20 steps of 10 ms, from a tip that starts with the given speed along z, damped a little."""
+    """Tip after 10 steps of 10 ms, from a tip that starts with the given speed along z, damped a little."""
     stepper = tb.Stepper(scene(**numbers), DT, **EXACT)
     state = stepper.rest()
     tip = torch.zeros(N + 1, 3)
@@ -49,10 +49,10 @@ CASES = {"equilibrium by EI": (lambda x: still(EI=x), 1.0), "equilibrium by load
          "motion by load": (lambda x: moved(load=x), 1.0), "motion by initial velocity": (lambda x: moved(speed=x), 0.5)}
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [pytest.param(c, marks=[pytest.mark.long] * (c == "motion by mass")) for c in CASES])
 def test_against_differences_and_forward_against_reverse(case):
     """d(tip)/d(number): forward mode = fourth-order central differences to 1e-6 of the largest component, and reverse mode
-    of a mix of the components = that of forward mode to 1e-9 (the same sums in another order, through 20 steps).
+    of a mix of the components = that of forward mode to 1e-9 (the same sums in another order, through 10 steps).
     """
     function, at = CASES[case]
     at, mix = torch.tensor(at, requires_grad=True), torch.tensor([0.3, 1.0, 0.7])
@@ -135,12 +135,12 @@ def test_load_functions_carry_gradient(way):
         assert_close(torch.func.jvp(function, (rate,), (torch.ones(()),))[1], reverse, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("method, options", [("midpoint", dict(step=0.02)), ("dopri5", dict(rtol=1e-5))])
-def test_gradient_by_an_input(method, options):
+@pytest.mark.parametrize("method, end, options", [("midpoint", 0.1, dict(step=0.02)), ("dopri5", 0.03, dict(rtol=1e-5))])
+def test_gradient_by_an_input(method, end, options):
     """d(tip)/d(u) of a held input is the derivative by the load itself."""
     beam = scene().beam
     u = torch.tensor([0.1, 1.0, 0.5], requires_grad=True)
-    tips = [tb.simulate(tb.Scene(beam, [tb.TipLoad(force=f)]), [0.0, 0.1], method=method, inputs=given, **options)
+    tips = [tb.simulate(tb.Scene(beam, [tb.TipLoad(force=f)]), [0.0, end], method=method, inputs=given, **options)
             .tip.position[-1] for f, given in ((u, {}), (tb.Input("u", 3), {"u": u}))]
     one, other = (torch.autograd.grad(tip.sum(), u)[0] for tip in tips)
     assert (one != 0).all()
@@ -183,7 +183,7 @@ def run(**numbers):
 
 
 @pytest.mark.parametrize("solve", [still, run])
-@pytest.mark.parametrize("name, values", [("EI", [1.0, 0.5, 2.0]), ("load", [1.0, -1.0, 10.0])])
+@pytest.mark.parametrize("name, values", [("EI", [1.0, 0.5]), ("load", [1.0, 10.0])])
 def test_vmap_over_scenes(solve, name, values):
     """vmap over what a scene is built from, and over its derivatives, is what the samples are one by one: the same sums, in
     another layout (1e-12; Newton's last residual is 1e-12 too).

@@ -17,6 +17,13 @@ LONG = {  # what holds them in the suite otherwise
     "dead load past Euler's, statics": "test_path::test_gradient_on_the_stable_branch",
     "ten turns and back": "ten turns by an end moment",
     "root spun through 20 revolutions": "frame spun, test_prescribed_motion::test_a_turning_frame_is_a_turning_root",
+    "frame spun through 20 revolutions": "test_prescribed_motion::{test_a_turning_frame_is_a_turning_root, "
+                                         "test_steady_rotation_is_steady}",
+    "ten turns by an end moment": "ten turns out of plane, test_statics::test_rolled_up_by_an_end_moment",
+    "bending stiffness ratio 1e6": "bending stiffness ratio 1e6, sudden",
+    "clamp of 1e-4 N/m and N m": "clamp of 1e8 and 1 N m, free beam, pushed",
+    "one NaN and one impossible load in 256": "test_batch_subset::test_samples_that_fail_are_left_out, "
+                                              "test_dynamics::test_absurd_samples_are_reported_and_harm_nobody",
 }
 NATIVE = [  # of one program, so that it is compiled once
     "slenderness 10", "slenderness 1000", "slenderness 1e6", "elements 1e6 times stiffer by turns",

@@ -116,7 +116,14 @@ MARCHES = {"generalized_alpha": (ALPHA, ("TipLoad", "RootMotion", "input")),
 CASES = [(kind, march) for march, (_, kinds) in MARCHES.items() for kind in kinds]
 
 
-@pytest.mark.parametrize("kind, march", CASES)
+def told(cases, *short):
+    """All cases, those that are not `short` as long runs: the gradient fuzz has any motion in any march."""
+    return [pytest.param(*case, marks=[pytest.mark.long] * (case not in short)) for case in cases]
+
+
+@pytest.mark.parametrize("kind, march", told(
+    CASES, ("RootMotion", "generalized_alpha"), ("input", "generalized_alpha"), ("Frame", "checkpoint"), ("TipLoad", "dopri5"),
+    ("TipLoad", "rk4"), ("Load", "rk4"), ("input", "minimal"), ("rotation", "minimal"), ("Frame", "block_rate")))
 def test_gradients_of_every_march(kind, march):
     """By the parameter and by the times, in the other methods and forms; steps that adapt are no function of them, to the
     tolerance that they keep.
@@ -125,8 +132,10 @@ def test_gradients_of_every_march(kind, march):
     check(lambda a, t: end(kind, a, t, **options), A, TIMES, most=1e-3 if "rtol" in options else 1e-6)
 
 
-@pytest.mark.parametrize("kind, march", [case for case in CASES if "dopri5" not in case] + [
-    (kind, march) for march in ("minimal", "block_rate") for kind in ("Along", "PerElement", "Drag", "Load along")])
+@pytest.mark.parametrize("kind, march", told([case for case in CASES if "dopri5" not in case] + [
+    (kind, march) for march in ("minimal", "block_rate") for kind in ("Along", "PerElement", "Drag", "Load along")],
+    ("RootMotion", "generalized_alpha"), ("RootMotion", "checkpoint"), ("Load", "rk4"), ("input", "rk4"), ("Frame", "minimal"),
+    ("Drag", "minimal"), ("Along", "minimal"), ("Load along", "minimal"), ("PerElement", "minimal"), ("Frame", "block_rate")))
 def test_dual_numbers_of_every_march(kind, march):
     """torch.autograd.forward_ad, which nests in nothing: by the parameter and the times, as backward; a load's function of more
     than t included.
@@ -176,7 +185,11 @@ OWN = [(kind, "midpoint") for kind in KINDS if kind != "input"] + [
     if method != "midpoint" and (method, kind) != ("generalized_alpha", "Frame")]
 
 
-@pytest.mark.parametrize("kind, method", OWN)
+SLOW = [(kind, method) for kind in ("RootMotion", "rotation") for method in ("minimal", "block_rate", "rk4")
+        if (kind, method) != ("RootMotion", "minimal")]
+
+
+@pytest.mark.parametrize("kind, method", told(OWN, *(case for case in OWN if case not in SLOW)))
 def test_each_sample_at_its_own_time(kind, method):
     """A batch whose samples stand at other times, its parameters one of each: every sample moves as alone."""
     a, t = torch.tensor([0.3, 0.2, -0.4]), torch.tensor([0.1, 0.5, 0.1])
@@ -197,8 +210,9 @@ def test_two_axes_of_samples_at_their_own_times(kind):
         assert_close(reading(together)[i, j], reading(alone), rtol=1e-10, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind, method", [*((kind, "midpoint") for kind in SAME), *(
-    (kind, method) for method in STEPPERS for kind in ("TipLoad", "RootMotion") if method != "midpoint")])
+@pytest.mark.parametrize("kind, method", told([*((kind, "midpoint") for kind in SAME), *(
+    (kind, method) for method in STEPPERS for kind in ("TipLoad", "RootMotion") if method != "midpoint")],
+    *((kind, "midpoint") for kind in SAME), ("RootMotion", "generalized_alpha"), ("TipLoad", "rk4"), ("TipLoad", "minimal")))
 def test_gradient_by_the_samples_own_times(kind, method):
     """Also where samples stand at one time: each sample's own derivative, the samples knowing nothing of each other."""
     t, gap = torch.tensor([0.3, 0.3, 0.5], requires_grad=True), 1e-5
@@ -387,8 +401,9 @@ NAMED = {
 }
 
 
-@pytest.mark.parametrize("sentence", NAMED)
-@pytest.mark.parametrize("method", ["midpoint", "generalized_alpha"])
+@pytest.mark.parametrize("method, sentence", told(
+    [(method, sentence) for method in ("midpoint", "generalized_alpha") for sentence in NAMED],
+    *(("midpoint", sentence) for sentence in NAMED), ("generalized_alpha", next(iter(NAMED)))))
 def test_what_no_smaller_step_helps_is_named(sentence, method):
     """In the reason, the warning and the error; the motion up to there is kept."""
     made = NAMED[sentence]()

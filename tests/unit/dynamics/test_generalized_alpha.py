@@ -48,7 +48,8 @@ def run(of, step, end=0.4, **options):
     return tb.simulate(of, torch.linspace(0, end, 3), method="generalized_alpha", step=step, tolerance=1e-12, **options)
 
 
-@pytest.mark.parametrize("rho, tau, what", [(1.0, 0.0, "position"), (0.5, 0.0, "position"), (0.8, 0.05, "reaction")])
+@pytest.mark.parametrize("rho, tau, what", [
+    pytest.param(1.0, 0.0, "position", marks=pytest.mark.long), (0.5, 0.0, "position"), (0.8, 0.05, "reaction")])
 def test_second_order_in_time(rho, tau, what):
     """Differences of neighbours at 20, 10, 5, 2.5 ms fall by four; damped, where no high mode swings, in the reaction too. The
     limit is the midpoint step's (extrapolated, both to 1e-5).
@@ -62,30 +63,31 @@ def test_second_order_in_time(rho, tau, what):
     assert (ours - limit).norm() < 2e-5
 
 
-def bar(mode, rho):
+def bar(rho, modes=(1, 8)):
     """What 35 steps leave of the energy (means over 16 instants): a bar of eight elements that swings along itself in one
-    of its modes, sin((mode - 1/2) pi x), so little that it is linear; omega_1 dt = 0.1, omega_8 dt = 1.2.
+    of its modes, sin((mode - 1/2) pi x), so little that it is linear; omega_1 dt = 0.1, omega_8 dt = 1.2. A sample for each.
     """
     c = 10.0
     rod = tb.Section.from_stiffness(EA=c**2, GA=1.0, GJ=1.0, EI=1.0, mass=1.0)
     of = tb.Scene(tb.Beam.straight(1.0, 8, rod))
-    at_rest = tb.rest(of)
-    along = 1e-4 * torch.sin((mode - 0.5) * math.pi * at_rest.position[:, :1])
+    at_rest = tb.rest(of, (len(modes),)).broadcast()
+    along = 1e-4 * torch.sin((torch.tensor(modes)[:, None, None] - 0.5) * math.pi * at_rest.position[..., :1])
     start = tb.State(**{**vars(at_rest), "velocity": torch.nn.functional.pad(along, (0, 2))})
     dt = 0.1 / (math.pi / 2 * c)
     sol = tb.simulate(of, dt * torch.arange(51), start, method="generalized_alpha", step=1.001 * dt, rho_inf=rho)
     energy = sol.energy.kinetic + sol.energy.strain
-    return (energy[-16:].mean() / energy[:16].mean()).item()
+    return (energy[-16:].mean(0) / energy[:16].mean(0)).tolist()
 
 
 def test_damps_high_modes_alone():
     """The first mode keeps its energy whatever rho (0.9995 at 1/2); the eighth is left 0.97, 0.90 and 0.23 at rho = 1, 0.8, 1/2
     (1: the start's acceleration is a mean over a step, the energy swings about a constant).
     """
-    assert all(bar(1, rho) > 0.999 for rho in (1.0, 0.8, 0.5))
-    assert bar(8, 1.0) > 0.95
-    assert bar(8, 0.8) < 0.92
-    assert bar(8, 0.5) < 0.25
+    first, eighth = zip(*(bar(rho) for rho in (1.0, 0.8, 0.5)), strict=True)
+    assert min(first) > 0.999
+    assert eighth[0] > 0.95
+    assert eighth[1] < 0.92
+    assert eighth[2] < 0.25
 
 
 def test_gradient_against_differences():

@@ -48,7 +48,7 @@ def test_energy_of_a_beam_that_bends_by_itself(conserve, most):
     torch.testing.assert_close(total[0], torch.tensor(0.5 * 0.5**2), rtol=1e-12, atol=0)
     assert (total - total[0]).abs().max() < most * total[0] and sol.energy.kinetic.max() > 0.3 * total[0]
     if not conserve:
-        explicit = tb.simulate(scene, [0, 1e-3], method="dopri5").energy
+        explicit = tb.simulate(scene, [0, 3e-4], method="dopri5").energy
         torch.testing.assert_close((explicit.kinetic + explicit.strain)[1], total[0], rtol=1e-5, atol=0)
 
 
@@ -79,7 +79,7 @@ def test_gradient_through_steps_that_were_made_again():
     P = (60 + h * torch.tensor([0.0, 1, 2, -2, -1])).requires_grad_()
     stepper = tb.Stepper(tb.Scene(slender(4), [tb.TipLoad(force=torch.stack((0 * P, P, 0 * P), -1))]), 0.05, tolerance=1e-12)
     state, most = stepper.rest(), 0
-    for _ in range(4):
+    for _ in range(2):
         state = stepper(state)
         most = max(most, int(stepper.iterations.min()))
     assert most > 12

@@ -30,7 +30,8 @@ SENSORS = (tip, lambda s: s.tip.velocity, lambda s: s.stress[..., 0, 3:], lambda
 KINDS = [(1e-3, ()), (0.0, ()), (1e-3, (tb.Damping(0.01),)), (0.0, (tb.Damping(0.01),))]
 
 
-@pytest.mark.parametrize(("inertia", "damping"), KINDS)
+@pytest.mark.parametrize(("inertia", "damping"), [KINDS[0], *(pytest.param(*k, marks=pytest.mark.long) for k in KINDS[1:3]),
+                                                  KINDS[3]])
 def test_agrees_with_a_small_motion(inertia, damping):
     """A load step of 1e-4 of the load across: tip and its velocity over 60 ms. Midpoint at 1 ms against the exact
     exponential: period errors of (omega dt)^2/12, 1e-4 for the fourth mode (60 rad/s) and more above, so 1 % of the largest

@@ -68,7 +68,11 @@ def scenes(plane):
 CASES = {f"{plane} {name}": (plane, *rest) for plane in NORMAL for name, *rest in scenes(plane)}
 
 
-@pytest.mark.parametrize("case", CASES)
+BOTH = "dead", "arc", "eccentric mass", "hinged"  # in short runs, what knows which plane it is; the others in one
+
+
+@pytest.mark.parametrize("case", [pytest.param(
+    case, marks=[pytest.mark.long] * (case.startswith("xz") and not case.endswith(BOTH))) for case in CASES])
 def test_plane_is_3d(case):
     """Ten steps of 10 ms, in the plane and in 3D: position, rotation, velocity, spin, stress, reaction and work agree to
     1e-10 of the largest (Newton to 1e-13 in both).
@@ -89,8 +93,8 @@ def test_plane_is_3d(case):
         assert_close(flat, whole, rtol=0, atol=1e-10 * max(1.0, whole.abs().max().item()))
 
 
-@pytest.mark.parametrize("plane", NORMAL)
-@pytest.mark.parametrize("method", ["generalized_alpha", "rk4"])
+@pytest.mark.parametrize("method, plane", [
+    ("generalized_alpha", "xy"), ("generalized_alpha", "xz"), ("rk4", "xz"), pytest.param("rk4", "xy", marks=pytest.mark.long)])
 def test_other_methods_in_a_plane(plane, method):
     """generalized_alpha and an explicit method, likewise."""
     _, beam, effects, _ = CASES[f"{plane} dead"]

@@ -141,6 +141,7 @@ def test_parameters_are_batched_and_bound(plane):
     assert tb.Stepper(single, 0.02)(tb.Stepper(single, 0.02).rest()).internal.dtype == torch.float32
 
 
+@pytest.mark.long  # test_gradient_with_checkpoints, test_gradient_by_accelerations and the gradient fuzz have these too
 def test_gradient_by_parameters():
     """Two steps against central differences, backward and forward, by parameters of elements and by one for all."""
     def moved(c, k):
@@ -212,7 +213,9 @@ def pair(name, *effects):
         yield tb.Scene(tb.Beam.straight(1.0, 3, section), [*effects, *more, *load], **options)
 
 
-@pytest.mark.parametrize("method, name", [(m, n) for n in INERT for m in METHODS if m != "generalized_alpha" or n == "free"])
+@pytest.mark.parametrize("method, name", [
+    pytest.param(m, n, marks=[pytest.mark.long] * ((m, n) == ("explicit", "carried")))
+    for n in INERT for m in METHODS if m != "generalized_alpha" or n == "free"])
 def test_a_load_of_accelerations_is_mass(name, method):
     """Both scenes of `pair` move alike for 40 ms in every method, in a frame that turns, on a root that does, beside a mass off
     its node: to the tolerance of the steps; where a mass is off its node the two have different centres of mass at nodes, and

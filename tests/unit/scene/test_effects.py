@@ -73,6 +73,7 @@ TABLE = {
 TENSORS = [name for name in TABLE if not name.startswith("Load") and "of s" not in name and "per element" not in name
            and name != "Spring"]  # those that take a function of t in place of the value
 rows = pytest.mark.parametrize("name", TABLE)
+TOLD = "TipLoad moment", "LineLoad per element", "Load along"  # in short runs; properties/test_gradient_fuzz.py has all
 
 
 class Counter(TorchDispatchMode):
@@ -160,7 +161,7 @@ def test_small_load_is_the_textbook(name):
     assert_close(moved, torch.tensor(row.moved, dtype=torch.float64), rtol=0, atol=5e-3 * max(map(abs, row.moved)))
 
 
-@rows
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name not in TOLD)) for name in TABLE])
 def test_gradient_by_the_value(name):
     """Equilibrium and three steps against central differences, reverse and forward mode; size one: large displacements."""
     row = TABLE[name]
@@ -186,7 +187,7 @@ def test_gradient_by_the_value(name):
                                         fast_mode=True)
 
 
-@pytest.mark.parametrize("six", [False, True])
+@pytest.mark.parametrize("six", [pytest.param(False, marks=pytest.mark.long), True])
 def test_gradient_by_tau(six):
     """The same for damping, one value and six."""
     tau = (0.05 + 0.05 * torch.rand(6) if six else torch.tensor(0.05)).requires_grad_()

@@ -78,7 +78,7 @@ HELD = {
 }
 
 
-@pytest.mark.parametrize("what", HELD)
+@pytest.mark.parametrize("what", [pytest.param(what, marks=[pytest.mark.long] * (what == "RootMotion")) for what in HELD])
 def test_the_adjoint_finds_whatever_the_rates_read(what):
     """Effects that are no loads, inputs, motions, and what functions close over: the continuous adjoint gives the derivative
     through the steps. Both differ by the integration's own error (rk4 at 2 ms of waves that take 100)."""

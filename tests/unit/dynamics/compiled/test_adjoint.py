@@ -38,6 +38,7 @@ def bent(batch, **where):
 
 
 HINGES = [tb.Support(0, rotation="xz"), tb.Support(-1, position="z", rotation="")]
+# "hinges" as a long run: test_compiled_scenes "supports that move" has more of them
 CASES = {"all effects": (all_effects, {}), "in a plane": (bent, dict(plane="xz")), "small": (bent, dict(small=True)),
          "hinges": (bent, dict(supports=HINGES))}
 
@@ -49,7 +50,7 @@ def loss(state):
         state.position, state.rotation, state.velocity, state.spin, state.stress, state.reaction, state.work))
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name == "hinges")) for name in CASES])
 def test_gradients_of_a_rollout_are_the_eager_ones(name):
     """Five steps of samples that move differently: each gradient to 1e-9 of its largest number."""
     make, where = CASES[name]

@@ -17,6 +17,7 @@ GRADIENT = torch.tensor(0.3, requires_grad=True)
 SCENES = {"everything": everything, "everything in a plane": lambda: everything(plane="xz"),
           "everything small": lambda: everything(small=True), **{name: SCENES[name] for name in (
               "curved, all loads", "hinges", "inextensible")}}
+LONG = "everything small", "curved, all loads"  # test_adjoint: "small", test_compiled_scenes: "line loads"
 
 
 def same(found, wanted, tolerance=1e-12):
@@ -28,7 +29,7 @@ def same(found, wanted, tolerance=1e-12):
     assert_close(found.status, wanted.status)
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in SCENES])
 @torch.no_grad()
 def test_a_rollout_is_the_eager_one(name):
     """Seven steps of nine samples that move differently, as many iterations: to 1e-12 of each field; where strains are
