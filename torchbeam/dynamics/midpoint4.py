@@ -20,7 +20,7 @@ of all that a state has; rotations, unit quaternions, are made such again. E is 
 h (a third and a whole have the same sign at infinity, |E| = 1; with a half it is 5/3), and not for undamped motion, which it
 would amplify by up to 1.25 in a step. Neither is stable where tau has six values, some above h/6 and some below h/30, or
 where `MassDamping` of alpha comes near the pole: refused, the latter from alpha h = 2.8 on. Other dampers (`Drag`, loads by
-velocity, lags) do not say how fast they are: steps shorter than 3 times their slowest decay's 1/e time are on the safe side
+velocity, lags) do not say how fast they are: steps shorter than 3 times their fastest decay's 1/e time are on the safe side
 of the pole.
 
 Momentum: S keeps it exactly, with reaction and loads as means over the step, as P does; E linear momentum exactly, angular

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import torch
@@ -181,7 +182,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     trajectory = chunks[0].map(joined, *chunks[1:])
     reason = {code: found for code, failed in stepper.failures.items() if (found := failed.reason()) is not None}
     stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=reason)
-    return Solution(t, trajectory, _energy(stepper.model, trajectory, t, inputs), stats)
+    return Solution(t, trajectory, partial(_energy, stepper.model, trajectory, t, inputs), stats)
 
 
 def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -211,7 +212,7 @@ def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, input
     lengths, level = made.steps.sequence.instants.diff(dim=0), made.proof.level
     stats = Stats(steps=int((made.steps.sequence.counts * 2**level).max()), lengths=lengths, level=level,
                   rejected=made.steps.rejected, error=made.proof.error * tolerance.position, reason=reason)
-    return Solution(t, made.states, _energy(stepper.model, made.states, t, inputs), stats, made.event)
+    return Solution(t, made.states, partial(_energy, stepper.model, made.states, t, inputs), stats, made.event)
 
 
 def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -235,7 +236,7 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
                                         parameters=leaves(rhs(t[0], y0.detach())))
     trajectory = State.stack([rates.state(*at) for at in zip(instants, ys, status_at(ys, status), strict=True)])
     reason = {FAILED: f"{method} failed; {ADVICE}"} if status.any() else {}
-    energy = _energy(rates.model, trajectory, instants, inputs)
+    energy = partial(_energy, rates.model, trajectory, instants, inputs)
     return Solution(t, trajectory, energy, Stats(evaluations=evaluations, reason=reason))
 
 
