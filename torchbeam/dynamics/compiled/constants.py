@@ -240,7 +240,7 @@ class Constants:
         """C of the tangent, and whether it is the law's; those of the last dt are kept."""
         found, known = self._kept.get("tangent"), dt is concrete(dt)
         if found is None or not known or not torch.equal(found[0], dt):
-            with lasting():
+            with lasting(), torch.no_grad():  # no solution depends on its tangent
                 C = self.model.tangent_stiffness(dt.detach())
                 found = dt.detach().clone(), C, same_law(C, self.model.law.C).to(C)
             if known:
