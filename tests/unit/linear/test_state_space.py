@@ -238,7 +238,7 @@ def test_a_linear_regulator_turns_the_arm_by_60_degrees():
         P = Q + A.mT @ P @ (A - B @ K)
         P = (P + P.mT) / 2
     stepper, state = tb.Stepper(scene, 0.02), turned(goal, -math.pi / 3)
-    for _ in range(120):
+    for _ in range(80):
         state = stepper(state, torque=torch.cat((torch.zeros(2), -K @ model.departure(state))))
     assert abs(math.atan2(state.tip.position[1], state.tip.position[0])) < math.radians(1.0)
 

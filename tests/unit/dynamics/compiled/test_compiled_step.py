@@ -17,7 +17,7 @@ GRADIENT = torch.tensor(0.3, requires_grad=True)
 SCENES = {"everything": everything, "everything in a plane": lambda: everything(plane="xz"),
           "everything small": lambda: everything(small=True), **{name: SCENES[name] for name in (
               "curved, all loads", "hinges", "inextensible")}}
-LONG = "everything small", "curved, all loads"  # test_adjoint: "small", test_compiled_scenes: "line loads"
+LONG = "everything small", "curved, all loads", "hinges"  # test_adjoint: "small", test_compiled_scenes: the others
 
 
 def same(found, wanted, tolerance=1e-12):
