@@ -12,8 +12,8 @@ import numpy as np
 import torchbeam as tb
 from torchbeam.core.arguments import choice, count
 from torchbeam.dynamics.compiled.coverage import ENGINES
+from torchbeam.dynamics.methods import METHODS as IMPLICIT_METHODS
 from torchbeam.dynamics.simulate import FORMS
-from torchbeam.dynamics.stepper import METHODS as IMPLICIT_METHODS
 from torchbeam.dynamics.torchdiffeq_bridge import METHODS as ODE_METHODS
 
 from .actuators import Actuator

@@ -125,32 +125,42 @@ class BeamVectorEnv(VectorEnv):
         self.streams.seed(seed, mask)
         with self._gradient():
             self.episodes = self._renew(self.episodes, mask, **options)
-            info = self._info(self.episodes, self.episodes.failed, torch.zeros_like(mask), mask, mask)
+            info, masks = self._info(self.episodes, self.episodes.failed, torch.zeros_like(mask), mask, mask)
         self._shown(mask)
-        return self._out(self.episodes.observation), self._out(info)
+        return self._out(self.episodes.observation), self._out({**info, **masks})
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict]:
         """One control interval. Actions (n, a) are clipped to [-1, 1]; a row that is not finite counts as zeros."""
+        observation, reward, terminated, truncated, info, masks = self.stepped(actions)
+        return (self._out(observation), self._out(reward, np.float64), self._out(terminated), self._out(truncated),
+                self._out({**info, **masks}))
+
+    def stepped(self, actions: Any) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any], dict[str, Any]]:
+        """The same, before it becomes an output: tensors, the masks of the information by themselves."""
         self._open()
         before = self._running()
         action, invalid = self._action(actions)
         with self._gradient():
             done = before.done
-            fresh = done if self.autoreset_mode is AutoresetMode.NEXT_STEP else torch.zeros_like(done)
-            if fresh.any():
+            over, fresh = bool(done.any()), done
+            if over and self.autoreset_mode is AutoresetMode.NEXT_STEP:
                 before = self._renew(before, fresh)
+            elif over:
+                fresh = torch.zeros_like(done)
             active = ~done
-            after, reward, failed = self.simulation.advance(before, action, active)
-            info = self._info(after, failed, invalid & active, active, active | fresh)
-            terminated, truncated = after.terminated, after.truncated
+            after, reward, failed = self.simulation.advance(before, action, active if over else None)
+            failed = done if failed is None else failed  # which is False throughout
+            invalid = done if invalid is None else invalid & active
+            info, masks = self._info(after, failed, invalid, active, active | fresh if over else active)
+            observation, terminated, truncated = after.observation, after.terminated, after.truncated
             if self.autoreset_mode is AutoresetMode.SAME_STEP and (done := after.done).any():
                 fresh = done
-                info.update(final_obs=after.observation, _final_obs=fresh, final_info=dict(info), _final_info=fresh)
+                masks.update(final_obs=observation, _final_obs=fresh, final_info={**info, **masks}, _final_info=fresh)
                 after = self._renew(after, fresh)
+                observation = after.observation
         self.episodes = after
         self._shown(fresh)
-        return (self._out(after.observation), self._out(reward, np.float64), self._out(terminated), self._out(truncated),
-                self._out(info))
+        return observation, reward, terminated, truncated, info, masks
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """By "rgb_array" a picture of each sub-env, (height, width, 3) uint8; by "human" a window shows `tiled`, and None."""
@@ -257,22 +267,27 @@ class BeamVectorEnv(VectorEnv):
             self._running()
         return mask
 
-    def _action(self, actions: Any) -> tuple[Tensor, Tensor]:
+    def _action(self, actions: Any) -> tuple[Tensor, Tensor | None]:
+        """Actions within [-1, 1], and which were no numbers, None = all were."""
         try:
             action = torch.as_tensor(actions, dtype=self.dtype, device=self.device)
         except (TypeError, ValueError, RuntimeError):
             raise ValueError(f"actions = {shown(actions)} were given; numbers {self.action_space.shape} are wanted") from None
         if action.shape != self.action_space.shape:
             raise ValueError(f"actions of shape {tuple(action.shape)} were given; {self.action_space.shape} is wanted")
+        clipped = action.clamp(-1, 1)
+        if torch.equal(clipped, action):  # within the bounds, and numbers
+            return clipped, None
         invalid = ~(action.abs() < torch.inf).all(-1)
-        return torch.where(invalid[:, None], 0.0, action.clamp(-1, 1)), invalid
+        return torch.where(invalid[:, None], 0.0, clipped), invalid
 
-    def _info(self, now: Episodes, failed: Tensor, invalid: Tensor, moved: Tensor, begun: Tensor) -> dict[str, Any]:
-        """Values with their masks: where the sub-env moved, and for parameters also where it began."""
+    def _info(self, now: Episodes, failed: Tensor, invalid: Tensor, moved: Tensor, begun: Tensor
+              ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Values and their masks: where the sub-env moved, and for parameters also where it began."""
         info = {**now.measures, "solver_failed": failed, "action_invalid": invalid}
-        info |= {f"_{name}": moved for name in info}
+        masks = {f"_{name}": moved for name in info}
         params = self.simulation.parameters_of(now)
-        return {**info, "params": params, "_params": begun} if params else info
+        return ({**info, "params": params}, {**masks, "_params": begun}) if params else (info, masks)
 
     def _running(self) -> Episodes:
         if self.episodes is None:

@@ -13,7 +13,7 @@ from torch import Tensor
 from torchbeam import Beam, ExplicitStepper, Scene, Section, State, Stepper
 from torchbeam.core.batch_subset import BatchSubset
 from torchbeam.core.leaves import Tree, leaf, own_leaves
-from torchbeam.dynamics.stepper import METHODS as IMPLICIT_METHODS
+from torchbeam.dynamics.methods import METHODS as IMPLICIT_METHODS
 
 HALVINGS = 2  # a failed step is made again in 2 and 4 parts; more would cost the whole batch more than the episode is worth
 EXPLICIT = ("rtol", "atol", "options", "adjoint", "project", "solver")  # what torchdiffeq's methods and the mixed forms take

@@ -11,6 +11,7 @@ from torch import Tensor
 
 import torchbeam as tb
 from torchbeam.core.batch_subset import BatchSubset
+from torchbeam.core.leaves import with_values
 
 from .episodes import Episodes
 from .noise import normal
@@ -49,36 +50,40 @@ class Simulation:
         self.high = torch.as_tensor(high.astype(np.float32), dtype=task.dtype, device=task.device)
         self.low = -self.high
 
-    def advance(self, before: Episodes, action: Tensor, active: Tensor) -> tuple[Episodes, Tensor, Tensor]:
-        """The active (n,) episodes one control interval later: (episodes, reward (n,), failed (n,) bool)."""
-        beam, acting, pending = before.beam, before.acting, before.pending
-        everyone = bool(active.all())
+    def advance(self, before: Episodes, action: Tensor, active: Tensor | None) -> tuple[Episodes, Tensor, Tensor | None]:
+        """The active (n,) episodes (None = all, of which none is over) one control interval later: (episodes, reward (n,),
+        failed (n,) bool, None = none has).
+        """
+        beam, acting, pending, everyone = before.beam, before.acting, before.pending, active is None
         if everyone or active.any():
             queue = torch.cat((pending, action[:, None]), 1) if self.config.delay else action[:, None]
             given = self.task.inputs(queue[:, 0], before)
-            beam = before.plant.advance(beam, self.config.substeps, None if everyone else active, given)
+            beam = before.plant.advance(beam, self.config.substeps, active, given)
             if everyone:
                 acting, pending = queue[:, 0], queue[:, 1:]
             else:
                 acting = torch.where(active[:, None], queue[:, 0], acting)
                 pending = torch.where(active[:, None, None], queue[:, 1:], pending)
-        steps = before.steps + active
-        after = self._told(replace(before, beam=beam, acting=acting, pending=pending, steps=steps))
+        steps = before.steps + (1 if everyone else active)
+        after = self._told(with_values(before, beam=beam, acting=acting, pending=pending, steps=steps))
         observation = self._observation(after)
-        failed = active & (after.failed | observation.isnan().any(-1))  # what is infinite has been clipped
-        good = active & ~failed
-        if not good.all():
-            observation = torch.where(good[:, None], observation, before.observation)
-        over = self.task.task_failed(after)
-        ended = failed if over is None else failed | (good & over)
         reward = -self.task.cost(after) - self.config.control_cost * action.square().sum(-1)
-        reward = torch.where(ended, self.config.failure_reward, reward)
-        if not everyone:
-            reward = torch.where(active, reward, 0.0)
-        terminated, truncated, limit = before.terminated | ended, before.truncated, self.config.max_episode_steps
-        if limit is not None:
-            truncated = truncated | (good & (steps >= limit) & ~terminated)
-        return replace(after, observation=observation, terminated=terminated, truncated=truncated), reward, failed
+        over, limit = self.task.task_failed(after), self.config.max_episode_steps
+        late = None if limit is None else steps >= limit
+        well = not (after.beam.status.any() or observation.detach().sum().isnan())  # what is infinite has been clipped
+        if everyone and well and (over is None or not over.any()):
+            truncated = before.truncated if late is None else late
+            return with_values(after, observation=observation, truncated=truncated), reward, None
+        active = torch.ones_like(before.done) if everyone else active
+        failed = active & (after.failed | observation.isnan().any(-1))
+        good = active & ~failed
+        observation = torch.where(good[:, None], observation, before.observation)
+        ended = failed if over is None else failed | (good & over)
+        reward = torch.where(active, torch.where(ended, self.config.failure_reward, reward), 0.0)
+        terminated, truncated = before.terminated | ended, before.truncated
+        if late is not None:
+            truncated = truncated | (good & late & ~terminated)
+        return with_values(after, observation=observation, terminated=terminated, truncated=truncated), reward, failed
 
     def renew(self, episodes: Episodes | None, mask: Tensor, streams: list[np.random.Generator],
               params: dict[str, Tensor] | None = None, goal: Tensor | None = None) -> Episodes:
@@ -115,8 +120,8 @@ class Simulation:
 
     def _told(self, now: Episodes) -> Episodes:
         """With what the task says of them."""
-        now = replace(now, target=self.task.target(now, self.task.preview))
-        return replace(now, measures=self.task.measures(now))
+        now = with_values(now, target=self.task.target(now, self.task.preview))
+        return with_values(now, measures=self.task.measures(now))
 
     def _observation(self, now: Episodes) -> Tensor:
         seen = self.observer.read(now.beam, now.start, self.task.of(now, self.observer.scale))

@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from .core import BeamVectorEnv
+from .output import converted
 
 MANY = ("num_envs", "autoreset_mode", "output")  # arguments of a vector env alone
 
@@ -41,8 +42,8 @@ class SingleEnv(gymnasium.Env):
         return observation[0], _first(info)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
-        observation, reward, terminated, truncated, info = self.one.step(np.asarray(action)[None])
-        return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
+        observation, reward, terminated, truncated, info, _ = self.one.stepped(np.asarray(action)[None])
+        return converted(observation[0], "numpy"), reward.item(), terminated.item(), truncated.item(), _first(info)
 
     def render(self) -> np.ndarray | None:
         frames = self.one.render()

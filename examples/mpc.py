@@ -22,6 +22,8 @@ from torchbeam.math import quaternions
 torch.set_default_dtype(torch.float64)
 DT, HORIZON, DESCENTS, STEPS, LAST, LIMIT, ANGLE = 0.02, 25, 5, 150, 25, 0.3, math.radians(60)
 Z = torch.tensor([0.0, 0.0, 1.0])
+FAR, FAST = torch.ones(HORIZON), torch.full((HORIZON,), 0.02)  # weights of the tip's distance and speed, squared, at each step
+FAR[-1], FAST[-1] = 11.0, 2.02  # and at the last
 
 
 def arm(elements: int, payload: float) -> tb.Scene:
@@ -78,9 +80,9 @@ class Mpc:
         self.plan, self.seconds = torch.zeros(HORIZON), []
 
     def cost(self, states: tb.State, torques: torch.Tensor) -> torch.Tensor:
-        tip = states.tip
-        far, fast = (tip.position - goal.tip.position).square().sum(-1), tip.velocity.square().sum(-1)
-        return far.sum() + 0.02 * fast.sum() + 10 * far[-1] + 2 * fast[-1] + 0.02 * torques.square().sum()
+        far, fast = states.position[:, -1] - goal.position[-1], states.velocity[:, -1]
+        effort = 0.02 * torch.dot(torques, torques)
+        return torch.dot(FAR, far.square().sum(-1)) + torch.dot(FAST, fast.square().sum(-1)) + effort
 
     def __call__(self, state: tb.State) -> float:
         begin = time.perf_counter()

@@ -46,15 +46,18 @@ def loads(batch=()):
             tb.Gravity(torch.randn(3))]
 
 
-def scene(N=4, batch=(), seed=0, effects=None, damping=None, **options):
-    """A chain bent in space with every load; damping: None, "one" or "six"."""
+def scene(N=4, batch=(), seed=0, effects=None, damping=None, order=1, **options):
+    """A chain bent in space with every load, of N intervals between nodes; damping: None, "one" or "six"."""
     torch.manual_seed(seed)
     steps = torch.tensor([1.0, 0, 0]) + 0.3 * torch.randn(*batch, N, 3)
+    if order == 2:  # midside nodes about half way
+        steps = steps[..., ::2, :].repeat_interleave(2, -2) + 0.1 * (steps - torch.tensor([1.0, 0, 0]))
     nodes = torch.cat((torch.zeros(*batch, 1, 3), steps.cumsum(-2)), -2)
     effects = loads(batch) if effects is None else list(effects)
     if damping:
         effects.append(tb.Damping(0.1 * torch.rand((*batch, 6)) if damping == "six" else 0.1 * torch.rand(batch)))
-    return tb.Scene(tb.Beam.from_nodes(nodes, [section(batch, **options) for _ in range(N)]), effects)
+    sections = [section(batch, **options) for _ in range(N // order)]
+    return tb.Scene(tb.Beam.from_nodes(nodes, sections, order=order), effects)
 
 
 def shape(nodes, batch=(), turn=0.4):

@@ -23,8 +23,8 @@ def section(EA=INF, GA=INF, EI=1.0, GJ=1.0, mass=1.0):
     return tb.Section.from_stiffness(EA=EA, GA=GA, GJ=GJ, EI=EI, mass=mass, inertia=0.01)
 
 
-def cantilever(N, *effects, of=None, L=1.0):
-    return tb.Scene(tb.Beam.straight(L, N, of or section()), effects)
+def cantilever(N, *effects, of=None, L=1.0, order=1):
+    return tb.Scene(tb.Beam.straight(L, N, of or section(), order=order), effects)
 
 
 def along_z(values):
@@ -43,6 +43,42 @@ def tip_errors(solve, want):
 def second_order(errors, at_16):
     assert errors[1] < 1.1 * at_16
     assert_close(orders(errors), torch.full((2,), 2.0), rtol=0, atol=0.1)
+
+
+# Elements of order 2: what the columns of a reference make of the loads and the tip, and the error that eight elements leave.
+FOURTH_ORDER = {
+    "elastica_follower_tip_load": (lambda a, x, y: (tb.TipLoad(force=along_z(a), follower=True), x, y), 5.5e-4,
+                                   ("alpha", "x_tip_over_L", "y_tip_over_L"), {}),
+    "end_moment_rollup": (lambda a, x, y: (tb.TipLoad(moment=along_z(math.pi * a)), x, y), 2.0e-4,
+                          ("lam", "x_tip_over_L", "y_tip_over_L"), dict(EA=1e3, GA=5e2)),
+    "heavy_elastica": (lambda a, u, w: (tb.LineLoad(force=-along_z(a)), 1 - u, -w), 7.4e-5,
+                       ("beta", "u_over_L", "w_over_L"), {}),
+}
+
+
+@pytest.mark.parametrize("name", FOURTH_ORDER)
+def test_quadratic_elements_are_of_fourth_order(reference, name):
+    """Tip error of 4 and of 8 elements of order 2: it falls by 2^3.7 and more (3.72, 3.94, 3.72; 3.93 to 3.99 from 8 to 16),
+    and eight leave a 2.4th (heavy) to a 13th (follower) of the error of sixteen linear ones.
+    """
+    of, at_8, columns, stiffness = FOURTH_ORDER[name]
+    load, x, z = of(*column(reference(name)["values"], *columns).unbind(-1))
+    want = torch.stack((x, z, 0 * x) if name == "end_moment_rollup" else (x, 0 * x, z), -1)
+    errors = torch.tensor([(tb.equilibrium(cantilever(N, load, of=section(**stiffness), order=2)).tip.position - want)
+                           .norm(dim=-1).max() for N in (4, 8)])
+    assert errors[1] < 1.02 * at_8 and orders(errors) > 3.7
+
+
+@pytest.mark.parametrize("slenderness", [1e2, 1e4])
+def test_quadratic_elements_do_not_lock(slenderness):
+    """Quarter circle, radius 1, radial tip force: pi P R^3/(4 EI) of bending. Four elements leave 2.65e-4 whatever the
+    slenderness, sqrt(EA/EI) R; shear and stretch themselves count for 3.5e-4 at 1e2.
+    """
+    S = slenderness**2
+    beam = tb.Beam.arc(1.0, math.pi / 2, 4, section(EA=S, GA=S / 2.5), order=2)
+    tip = tb.equilibrium(tb.Scene(beam, [tb.TipLoad(force=(1e-6, 0, 0))], small=True)).tip.position - beam.nodes[-1]
+    more = math.pi / 4 * 1e-6 * (1 / S + 2.5 / S)
+    assert_close(tip[0], torch.tensor(math.pi / 4 * 1e-6 + more), rtol=2.7e-4, atol=0)
 
 
 @pytest.fixture
@@ -149,18 +185,20 @@ def test_heavy_elastica(reference, kind):
 
 
 def test_bend_45_degrees(reference):
-    """Bathe and Bolourchi's arc of 45 degrees under an out-of-plane force of 300 lb, reference 1e-6 in: 3.1e-2 in at N = 16.
-    The root moment is that of the force about the root, to the solver's tolerance.
+    """Bathe and Bolourchi's arc of 45 degrees under an out-of-plane force of 300 lb, reference 1e-6 in: 3.1e-2 in at N = 16,
+    8.8e-3 by four elements of order 2 (5.7e-4 by eight). The root moment is that of the force about the root, to the solver's
+    tolerance.
     """
     case = reference("bend_45deg")
     (at,), R, E = case["expected"], case["inputs"]["radius_in"], case["inputs"]["E_psi"]
     square = tb.Section.from_stiffness(EA=E, GA=E / 2, GJ=E / 12, EI=E / 12, mass=1.0)  # J = 1/6, no shear factor: as given
 
-    def solve(N, P=at["P_lb"]):
-        beam = tb.Beam.arc(float(R), math.pi / 4, N, square, direction=(0, 1, 0), up=(0, 0, -1))
+    def solve(N, P=at["P_lb"], order=1):
+        beam = tb.Beam.arc(float(R), math.pi / 4, N, square, direction=(0, 1, 0), up=(0, 0, -1), order=order)
         return tb.equilibrium(tb.Scene(beam, [tb.TipLoad(force=(0, 0, P))]))
 
     second_order(tip_errors(lambda N: solve(N).tip.position, torch.tensor(at["tip_position"])), 3.11e-2)
+    assert (solve(4, order=2).tip.position - torch.tensor(at["tip_position"])).norm() < 9e-3
     state = solve(16)
     balance = state.root.moment + torch.linalg.cross(state.tip.position, torch.tensor([0, 0, at["P_lb"]]))
     assert balance.norm() < 1e-8 * state.root.moment.norm()

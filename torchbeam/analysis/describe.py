@@ -12,7 +12,8 @@ from torch import Tensor
 
 from ..core.leaves import constant, map_leaves
 from ..dynamics.compiled.coverage import why_eager
-from ..dynamics.stepper import METHODS, Stepper
+from ..dynamics.methods import METHODS
+from ..dynamics.stepper import Stepper
 from ..linear.modes import modes
 from ..mixed.model import MixedModel
 from ..nodal.coordinates.planar import PLANES
@@ -78,7 +79,7 @@ def describe(scene: Scene) -> Description:
         "supports": tuple(_supports(scene)),
         "frame": _frame(scene),
         "moves in": (_space(scene, plane, planes),),
-        "unknowns": (f"{unknowns}; {space.strain} stresses an element are condensed",),
+        "unknowns": (f"{unknowns}; {space.strain * scene.beam.order} stresses an element are condensed",),
         "forms": tuple(f"{name}: " + (f"no, {refusals[name]}" if count is None else f"{count} states")
                        for name, count in states.items()),
         "engine": _engine(model),
@@ -120,7 +121,9 @@ def _engine(model: Model) -> tuple[str, ...]:
 def _beam(scene: Scene) -> Iterator[str]:
     beam = scene.beam
     length = beam.length.sum(-1)
-    yield f"{beam.count} elements, {_number(length)} m long" + ("" if not beam.curved else ", curved or twisted at rest")
+    order = " of order 2" if beam.order == 2 else ""
+    shape = ", curved or twisted at rest" if beam.curved else ""
+    yield f"{beam.element_count} elements{order}, {_number(length)} m long{shape}"
     known = notes(beam)
     if known:
         yield "; ".join(known)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import torch
@@ -14,6 +14,16 @@ import torch
 def no_derivatives() -> Iterator[None]:
     """No backward graph and no forward tangents."""
     with torch.no_grad(), torch.autograd.forward_ad._set_fwd_grad_enabled(False):
+        yield
+
+
+@contextmanager
+def lasting() -> Iterator[None]:
+    """For values that are kept: in inference mode too they become tensors that can be used in a graph later."""
+    if not torch.is_inference_mode_enabled():
+        yield
+        return
+    with torch.inference_mode(False), torch.no_grad():
         yield
 
 
@@ -35,7 +45,8 @@ class cached(cached_property):
         if found is ABSENT:
             found = held.get(self.keys[True, True], ABSENT)
         if found is ABSENT:
-            found = held[key] = self.func(owner)
+            with lasting():
+                found = held[key] = self.func(owner)
         return found
 
 
@@ -44,4 +55,10 @@ ABSENT = object()
 
 def cache_of(owner: Any, name: str) -> bool:
     """Whether an object's attribute of that name is a cached value: no field has a space in its name."""
-    return " " in name or isinstance(getattr(type(owner), name, None), cached_property)
+    return " " in name or name in caches_of(type(owner))
+
+
+@cache
+def caches_of(kind: type) -> frozenset[str]:
+    """Names of the cached properties of a class."""
+    return frozenset(name for name in dir(kind) if isinstance(getattr(kind, name, None), cached_property))

@@ -27,7 +27,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .derivatives import cache_of, cached
+from .derivatives import cache_of, cached, caches_of
 from .validation import as_tensor
 
 AXES = "axes"  # key of a field's metadata
@@ -178,8 +178,11 @@ def _mapped(function: Callable[..., Any], tree: Tree, others: tuple, made: dict[
 
 def with_values(tree: Any, **values: Any) -> Any:
     """A copy of a tree with these values of fields, which are not checked again, and nothing that it had cached."""
-    new = object.__new__(type(tree))
-    vars(new).update({name: value for name, value in vars(tree).items() if not cache_of(tree, name)} | values)
+    new, caches = object.__new__(type(tree)), caches_of(type(tree))
+    held = vars(tree)
+    if caches:
+        held = {name: value for name, value in held.items() if " " not in name and name not in caches}
+    vars(new).update(held, **values)
     return new
 
 

@@ -18,17 +18,22 @@ The strain rate follows from the strains as q" does from v (Jansen, Whiting and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean
 from ..core.derivatives import cached
 from ..core.leaves import leaf
+from ..core.validation import shown
 from ..nodal import loads as external
+from ..nodal.model import Model
 from ..state.state import State
 from .alpha_kinematics import EndKinematics, EndMotion, EndTangent, GeneralizedAlpha
+from .method import Method, plain
 from .midpoint import MidpointProblem
 from .step_element import EndElement
 
@@ -56,7 +61,7 @@ class AlphaState(State):
 
     def plain(self) -> State:
         """What every method knows of the state."""
-        return State(**{f.name: getattr(self, f.name) for f in fields(State)})
+        return plain(self)
 
 
 class EndUnknowns(NamedTuple):
@@ -130,6 +135,37 @@ class GeneralizedAlphaProblem(MidpointProblem):
         if not model.law.damped:
             return self.start.straining
         return torch.cat(self.element.rates(model.strain(model.kinematics(way.position_end, way.q_end))), -1)
+
+
+class GeneralizedAlphaMethod(Method):
+    """One such step; a state that comes without accelerations starts with the mean rates of a trial step by "midpoint"."""
+
+    PROBLEM = GeneralizedAlphaProblem
+    SOLVES = "generalized_alpha"
+
+    @classmethod
+    def of(cls, name: str, conserve: bool, rho_inf: float | None) -> GeneralizedAlphaMethod:
+        if boolean("conserve", conserve):
+            raise ValueError("conserve was given; generalized_alpha loses energy by design ('midpoint' takes it)")
+        rho = 0.8 if rho_inf is None else rho_inf
+        if isinstance(rho, bool) or not isinstance(rho, (int, float)) or not 0 <= rho <= 1:
+            raise ValueError(f"rho_inf = {shown(rho_inf)} was given; a number from 0 to 1 is wanted")
+        return cls(rho_inf=rho)
+
+    def check(self, model: Model) -> None:
+        unfit = {"a moving frame": model.scene.frame is not None, "a mass off its node": model.inertia.offset.present,
+                 "a load with internal states": model.internal_states > 0}
+        for what, given in unfit.items():
+            if given:
+                raise ValueError(f"{what} was given to generalized_alpha; 'midpoint' takes it")
+
+    def begin(self, state: State, model: Model, dt: Tensor, trial: Callable[[State], State]) -> AlphaState:
+        if isinstance(state, AlphaState):
+            return state
+        after, enter = trial(state), model.space.to_reduced
+        before, end = (MidpointProblem(model, enter(s), dt, dt, {}).element.strain for s in (state, after))
+        rates = model.space.motion(after.velocity - state.velocity, after.spin - state.spin)
+        return AlphaState.between(state, *rates, end - before, dt)
 
 
 torch.serialization.add_safe_globals([AlphaState])

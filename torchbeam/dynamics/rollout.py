@@ -14,9 +14,10 @@ from ..core.functions_of_time import shared
 from ..core.leaves import own_leaves, wants_gradient
 from ..core.memory import SMALL, check_memory
 from ..math.shapes import broadcast_shapes
-from ..scene.effects import Inputs, changing, inputs_at
+from ..scene.effects import Inputs, changing, first_of, inputs_at, inputs_over
 from ..scene.scene import merge_inputs
 from ..state.state import State
+from .held_inputs import GivenInputs, changes_within, given_from
 from .stepper import Ahead, Stepper
 
 AT_ONCE = 256  # steps that native code is asked for, at most
@@ -36,11 +37,14 @@ def rollout(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] |
     steps, given = count("steps", steps), merge_inputs({} if inputs is None else inputs, more)
     t, varies = shared(state.t), changing(given, steps)
 
-    def held(first: int, end: int) -> list[dict[str, Any]]:
-        instants = (t + (k + stepper.method.INSTANT) * stepper.dt for k in range(first, end if varies else first + 1))
-        return [inputs_at(given, at, stepper.dt, interval=k) for k, at in enumerate(instants, first)]
+    def held(first: int, end: int) -> dict[str, Any] | list[GivenInputs]:
+        few = range(first, end if varies else first + 1)
+        if within:
+            return [given_from(given, t + k * stepper.dt, stepper.dt, stepper.dt, k) for k in few]
+        return inputs_over(given, few, lambda k: t + (k + stepper.method.INSTANT) * stepper.dt, int, stepper.dt)
 
-    check_room(stepper, state, held(0, 1)[0], steps, steps)
+    within = changes_within(given, stepper.method)
+    check_room(stepper, state, inputs_at(given, t, stepper.dt), steps, steps)
     lengths = stepper.dt.expand(steps)
     begins = t + torch.arange(steps, dtype=t.dtype, device=t.device) * stepper.dt if t.ndim == 0 else None
     made = [few.states for few in march(stepper, state, lengths, begins, held, [True] * steps)]
@@ -57,7 +61,7 @@ def check_room(stepper: Stepper, state: State, inputs: Inputs, steps: int, wante
     shape = broadcast_shapes(stepper.scene.batch_shape, state.batch_shape, *(x.shape[:-1] for x in inputs.values()))
     own = (x.value.shape[x.value.ndim - x.axes:].numel() for x in own_leaves(state) if x.value is not None)
     size = shape.numel() * sum(own) * state.position.element_size()
-    least, most = (wanted + 2 * math.isqrt(steps)) * size, max(wanted, steps) * size
+    least, most = (wanted + 2 * math.isqrt(steps)) * size, max(wanted, steps * stepper.method.SOLVES_A_STEP) * size
     if most <= SMALL:
         return
     what = f"the states of {steps} steps of {shape.numel()} sample(s)"
@@ -70,10 +74,10 @@ def check_room(stepper: Stepper, state: State, inputs: Inputs, steps: int, wante
         check_memory(f"{what}, with their gradient,", most, f"{told}a smaller batch {'takes ' if not told else ''}less")
 
 
-def march(stepper: Stepper, state: State, dt: Tensor, t: Tensor | None, held: Callable[[int, int], list[Inputs]],
+def march(stepper: Stepper, state: State, dt: Tensor, t: Tensor | None, held: Callable[[int, int], Any],
           wanted: list[bool]) -> Iterator[Ahead]:
     """Steps dt (K) from the times t (K), None = the samples' own; some at a time. held: first, end -> inputs of these steps,
-    or the only ones of all; wanted: whether the state after a step is asked for.
+    see `inputs_over`; wanted: whether the state after a step is asked for.
     """
     done, steps = 0, len(dt)
     size = AT_ONCE if t is not None and stepper.compiled is not None else 1
@@ -83,10 +87,14 @@ def march(stepper: Stepper, state: State, dt: Tensor, t: Tensor | None, held: Ca
         made = None if t is None else stepper.ahead(state, dt[few], t[few], inputs, wanted[few])
         size = 1 if made is None or made.stopped else min(2 * len(made.iterations), AT_ONCE)
         if made is None:
-            last, asked = stepper.advance(state, inputs[0], dt=dt[done], t=None if t is None else t[done]), int(wanted[done])
-            made = Ahead(last.map(lambda x, asked=asked: x[None][:asked]), last, stepper.iterations[None])
-        done, state = done + len(made.iterations), made.last
+            now = inputs[0] if isinstance(inputs, list) else first_of(inputs)
+            last = stepper.advance(state, now, dt=dt[done], t=None if t is None else t[done])
+            states = last.map(lambda x, asked=int(wanted[done]): x[None][:asked])
+            made = Ahead(states, lambda last=last: last, stepper.iterations[None])
+        done += len(made.iterations)
         yield made
+        if done < steps:
+            state = made.last()
 
 
 def joined(*parts: Tensor) -> Tensor:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import torch
@@ -22,16 +23,17 @@ from ..core.validation import as_tensor, concrete, increasing, shown
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..nodal.rates import Rates
-from ..scene.effects import PerInterval, changing, inputs_at
+from ..scene.effects import PerInterval, changing, inputs_at, inputs_over
 from ..scene.scene import Scene, merge_inputs
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
 from ..state.state import State, check_state, rest, with_optional_fields
 from .adaptive import adaptive
 from .events import Events
+from .held_inputs import GivenInputs, changes_within, given_from
+from .methods import METHODS as IMPLICIT_METHODS
 from .mixed_forms import simulate_mixed
 from .rollout import check_room, joined, march
-from .stepper import METHODS as IMPLICIT_METHODS
 from .stepper import Stepper
 from .tolerance import Tolerance
 from .torchdiffeq_bridge import ADVICE, integrate, leaves, status_at
@@ -68,14 +70,22 @@ def simulate(
                               derivatives go forward with the steps: they are right, and need no memory of the past
                  progress=    called with (steps done, steps in all) after each step
                  lumped=, conserve=, tolerance=, iterations=, halvings=, engine=    see `Stepper`
-             "generalized_alpha" with the same but conserve=, and rho_inf=
+                 or, in place of the first three, adaptive steps, each sample's own (see `torchbeam.dynamics.adaptive`):
+                 rtol=, atol=  the largest error of a position over the run is to be at most atol m + rtol times the length of
+                              the beam, that of a rotation rtol + atol/length rad (see `Tolerance`); numbers, or (...)
+                 events=      a function of the state that gives one number (...) a sample, or a list of such: a sample stops
+                              where one crosses zero, and `sol.event` says which, when and how
+                 max_steps=   of a run, 100,000;  first_step=  s, found by a trial otherwise
+             "midpoint4" (fourth order, see `torchbeam.dynamics.midpoint4`) with the same but conserve=
+             "generalized_alpha" with the same but conserve= and adaptive steps, and rho_inf=
              or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=, and begin=
              (...) s, the instant of each sample from which t counts (None = t is that of all); the mixed forms also take
              project=, solver=, see `torchbeam.dynamics.mixed_forms.simulate_mixed`
     form     "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the index-reduced derivation)
     inputs   by name: (..., size) held throughout; a function of t: "midpoint" of the nodal form takes it at mid step,
-             "generalized_alpha" at its end; or, for these two, `PerInterval`: values (..., time - 1, size), each held over one
-             of the intervals of t. One that has no option's name may be given by keyword instead
+             "midpoint4" at that of each solve, "generalized_alpha" at its end; or, for these, `PerInterval`: values (...,
+             time - 1, size), each held over one of the intervals of t. One that has no option's name may be given by keyword
+             instead
     throw    raise RuntimeError where a sample fails; otherwise `sol.status` and a warning say so, and the sample keeps its
              last good state
 
@@ -132,15 +142,19 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     first = inputs_at(inputs, t[0], t)
     start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
     check_room(stepper, start, first, len(plan), len(t), checkpoint)
-    names, instant = tuple(vars(start)), stepper.method.INSTANT
+    names = tuple(vars(start))
 
     def kind(*values: Any) -> State:
         return type(start)(**dict(zip(names, values, strict=True)))
 
-    def held(first: int, end: int) -> list[dict[str, Any]]:
-        """Inputs of the steps of the plan, or the only ones of all."""
+    within = changes_within(inputs, stepper.method)
+
+    def held(first: int, end: int) -> dict[str, Any] | list[GivenInputs]:
+        """Inputs of steps of the plan."""
         few = range(first, end if moved else first + 1)
-        return [inputs_at(inputs, begins[k] + instant * lengths[k], t, interval=plan[k][0]) for k in few]
+        if within:
+            return [given_from(inputs, begins[k], lengths[k], t, plan[k][0]) for k in few]
+        return inputs_over(inputs, few, lambda k: begins[k] + stepper.method.INSTANT * lengths[k], lambda k: plan[k][0], t)
 
     def carry_out(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
         """Fields of the states that are wanted of a part of the plan, of the last, and the iterations of each step."""
@@ -153,7 +167,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
                 if progress is not None:
                     progress(done, len(plan))
         states = made[0].states.map(joined, *(few.states for few in made[1:]))
-        return *vars(states).values(), *vars(made[-1].last).values(), joined(*(few.iterations for few in made))
+        return *vars(states).values(), *vars(made[-1].last()).values(), joined(*(few.iterations for few in made))
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
@@ -168,7 +182,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     trajectory = chunks[0].map(joined, *chunks[1:])
     reason = {code: found for code, failed in stepper.failures.items() if (found := failed.reason()) is not None}
     stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=reason)
-    return Solution(t, trajectory, _energy(stepper.model, trajectory, t, inputs), stats)
+    return Solution(t, trajectory, partial(_energy, stepper.model, trajectory, t, inputs), stats)
 
 
 def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -178,6 +192,9 @@ def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, input
         what = "conserve" if options.get("conserve") else "generalized_alpha"
         raise ValueError(f"rtol or atol was given to {what}, whose error is no series in even powers of the step; 'midpoint' "
                          "without conserve takes them")
+    if method == "midpoint4" and any(callable(value) for value in inputs.values()):
+        raise ValueError("rtol or atol was given to midpoint4 with an input that is a function of t; a load that is one is "
+                         "wanted, or 'midpoint'")
     most, tolerance, events = count("max_steps", max_steps), Tolerance.of(scene, rtol, atol), Events.of(events)
     first = None if first_step is None else step_size("first_step", first_step)
     stepper = Stepper(scene, (concrete(t[-1]) - concrete(t[0])).item() / STEPS, method, **options)
@@ -195,7 +212,7 @@ def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, input
     lengths, level = made.steps.sequence.instants.diff(dim=0), made.proof.level
     stats = Stats(steps=int((made.steps.sequence.counts * 2**level).max()), lengths=lengths, level=level,
                   rejected=made.steps.rejected, error=made.proof.error * tolerance.position, reason=reason)
-    return Solution(t, made.states, _energy(stepper.model, made.states, t, inputs), stats, made.event)
+    return Solution(t, made.states, partial(_energy, stepper.model, made.states, t, inputs), stats, made.event)
 
 
 def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -219,7 +236,7 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
                                         parameters=leaves(rhs(t[0], y0.detach())))
     trajectory = State.stack([rates.state(*at) for at in zip(instants, ys, status_at(ys, status), strict=True)])
     reason = {FAILED: f"{method} failed; {ADVICE}"} if status.any() else {}
-    energy = _energy(rates.model, trajectory, instants, inputs)
+    energy = partial(_energy, rates.model, trajectory, instants, inputs)
     return Solution(t, trajectory, energy, Stats(evaluations=evaluations, reason=reason))
 
 

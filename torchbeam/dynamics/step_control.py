@@ -2,8 +2,8 @@
 
 The error of a step is told by step doubling: a whole step beside two halves, of which the halves go on. The next length
 follows the last two errors (proportional and integral: Gustafsson 1991; Soederlind 2002), the first one the scale of the motion
-(Hairer, Norsett and Wanner 1993, II.4, for second-order equations). Some steps of one length are made at once; those behind one that is
-refused are thrown away. A sample's steps do not depend on its neighbours'.
+(Hairer, Norsett and Wanner 1993, II.4, for second-order equations). Some steps of one length are made at
+once; those behind one that is refused are thrown away. A sample's steps do not depend on its neighbours'.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from .tolerance import Tolerance
 SAFETY = 0.9
 LOCAL = 10.0  # tolerances that a step may be off by: runs by its halves, quarters, ... follow, see `adaptive`
 LARGEST, SMALLEST = 4.0, 0.2  # factors from one length to the next
+LOST = 0.1  # the same where a step has no solution
 LEAST_STEPS = 4  # between two stops
 IN_TIME = 25  # steps over the whole time, at least, where anything is a function of time: a pulse is not to be stepped over
 AT_ONCE = 16  # steps, at most
@@ -118,11 +119,12 @@ class _Run:
     def advance(self) -> None:
         """Some steps more, and lengths of the next."""
         self._compact()
-        left = self.stops[self.ahead] - self.t
         room = self.stops[self.ahead] - self.stops[self.ahead - 1]
+        left = torch.where(self.going, self.stops[self.ahead] - self.t, room)
         wanted = torch.minimum(self.h, room / LEAST_STEPS).clamp(max=self.most_length)
         number = (left / wanted - 1e-6).ceil().clamp(min=1)
         size = torch.minimum(self.size, number.long())
+        size = torch.minimum(size, (self.most - self.tries).clamp(min=1))
         h, K = left / number, int(size[self.going].max())
         k = torch.arange(K, device=h.device).reshape(-1, *(1,) * h.ndim)
         begins = self.t + k.clamp(max=(number.max() - 1).long()) * h
@@ -187,7 +189,7 @@ class _Run:
         made, wrong = made.clamp(min=1e-8), wrong.clamp(min=1e-8)
         factor = SAFETY * made**(-0.8 * k) * self.before**(0.2 * k)
         factor = torch.where(self.refused, factor.clamp(max=1.0), factor).clamp(SMALLEST, LARGEST)
-        smaller = torch.where(torch.isfinite(wrong), SAFETY * wrong**-k, 0.25).clamp(SMALLEST, SAFETY)
+        smaller = torch.where(torch.isfinite(wrong), (SAFETY * wrong**-k).clamp(SMALLEST, SAFETY), LOST)
         self.before = torch.where(taken > 0, made, self.before)
         proposed = torch.where(refused, h * smaller, h * factor)
         shortened = ~refused & (h < 0.9 * self.h)  # by a stop: what comes after it is not bound by that

@@ -14,6 +14,7 @@ from ..core.functions_of_time import at_time, taken
 from ..core.status import SUCCESS
 from ..scene.effects import Inputs, PerInterval
 from ..state.state import State
+from .composed import natively
 from .stepper import Stepper
 
 
@@ -48,8 +49,15 @@ def _natively(stepper: Stepper, state: State, dt: Tensor, t: Tensor, inputs: Inp
         return None
     start = stepper._reduced(state)
     moving, K, shape = active & (start.status == SUCCESS), len(dt), active.shape
-    middle = t + stepper.method.INSTANT * dt if stepper.compiled.takes_time else None
-    found = stepper.solver.natively(start, dt, middle, inputs, moving, last=not stepper.halvings, K=K)
+    alone = stepper.method.alone(stepper.model, dt)
+    if alone is None:
+        return None
+    if len(alone.shares) == 1:
+        middle = t + stepper.method.INSTANT * dt if stepper.compiled.takes_time else None
+        found = stepper.solver.natively(start, dt, middle, inputs, moving, last=not stepper.halvings, K=K)
+    else:
+        held = {name: x.repeat_interleave(len(alone.shares), 0) if x.ndim == dt.ndim + 1 else x for name, x in inputs.items()}
+        found = natively(alone, stepper.solver, start, dt, t, held, moving, last=not stepper.halvings, K=K)
     if found is None:
         return None
     good = (found.status == SUCCESS).reshape(K, *shape)

@@ -1,17 +1,17 @@
-"""Solution of one implicit step: by native code, or by torch operations."""
+"""One implicit solve over a step, or a part of it: by native code, or by torch operations."""
 
 from __future__ import annotations
 
 import math
 from copy import copy
 from dataclasses import replace
-from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 from torch._C import _functorch as functorch
 
+from ..core.derivatives import lasting
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import concrete
 from ..math.shapes import broadcast_shapes
@@ -24,23 +24,26 @@ from ..state.state import State
 from .compiled.coverage import automatic_step, compiled_step, given_up, meaning
 from .compiled.native import NotCompiled
 from .compiled.step import CompiledStep, Steps
-from .generalized_alpha import GeneralizedAlphaProblem
-from .midpoint import MidpointProblem
+from .method import Method, Midpoint
 
-METHODS = {"midpoint": MidpointProblem, "generalized_alpha": GeneralizedAlphaProblem}
 QUICK = 12  # iterations of a step that can still be made in parts: one that takes more is quicker so
-TURN = 1.2  # rad that a node may turn in one step; larger turns have more than one solution, and the wrong one gains energy
+TURN = 1.2  # rad that a node may turn in one solve; larger turns have more than one solution, and the wrong one gains energy
+
+
+class Made(NamedTuple):
+    """What a step has made: the state after it, of a failed sample that before; status and iterations (...)."""
+
+    state: State
+    status: Tensor
+    iterations: Tensor
 
 
 class StepSolver:
-    """Solves steps of a model by a method with its options; engine, tolerance and limit (of iterations): see `Stepper`."""
+    """Solves the problem of a method for a model; engine, tolerance and limit (of iterations): see `Stepper`."""
 
-    def __init__(self, model: Model, method: str, options: dict[str, Any], engine: str, tolerance: float | None, limit: int
-                 ) -> None:
-        self.model, self.method, self.tolerance, self.limit = model, METHODS[method], tolerance, limit
-        self.problem = partial(self.method, **options)
+    def __init__(self, model: Model, method: Method, engine: str, tolerance: float | None, limit: int) -> None:
+        self.model, self.method, self.tolerance, self.limit = model, method, tolerance, limit
         self.engine = engine if engine != "auto" else "compiled" if meaning() == "compiled" else "auto"
-        self._asked = method, {name: value for name, value in options.items() if value is not False}
         self._compiled, self._decided = None, self.engine == "eager"
         if self.engine == "compiled":
             _ = self.compiled  # is refused here, if at all
@@ -52,8 +55,9 @@ class StepSolver:
         """
         if not self._decided and not functorch.peek_interpreter_stack():
             made = compiled_step if self.engine == "compiled" else automatic_step
-            method, options = self._asked
-            self._compiled, self._decided = made(self.model, method, **options), True
+            method, options = self.method.solves
+            with lasting():
+                self._compiled, self._decided = made(self.model, method, **options), True
         return self._compiled
 
     def __getstate__(self) -> dict[str, Any]:
@@ -72,23 +76,21 @@ class StepSolver:
     def by_midpoint(self) -> StepSolver:
         """The same by the midpoint step, eagerly."""
         other = copy(self)
-        other.method = other.problem = MidpointProblem
+        other.method = Midpoint()
         other._compiled, other._decided = None, True
         return other
 
     def solve(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, last: bool
-              ) -> tuple[State, Tensor, Tensor]:
-        """A step of the model, or of a part of its batch: (state after, of a failed sample before; status; iterations). Without
-        `last`, its parts can follow.
-        """
+              ) -> Made:
+        """A solve over dt, with loads as at t, of the model or of a part of its batch. Without `last`, its parts can follow."""
         if self.compiled is not None and model is self.model:
             shape = broadcast_shapes(self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values()))
             found = self.natively(state, dt, t, inputs, moving.expand(shape), last)
             if found is not None:
                 good = moving & (found.status == SUCCESS)
                 after = replace(state, **found.fields, t=torch.where(good, state.t + dt, state.t))
-                return after, found.status, found.iterations
-        problem = self.problem(model, state, dt, t, inputs)
+                return Made(after, found.status, found.iterations)
+        problem = self.method.problem(model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(problem, problem.predictor(), moving, self.tolerance, self._limit(last))
         turned = self.model.space.cosine(x.m).amin(-1) < self._least
         status = torch.where((status == SUCCESS) & turned, DIVERGED, status)
@@ -101,11 +103,11 @@ class StepSolver:
                 problem = replace(problem, start=state.where(good, state.detach()), t=t, inputs=held)
             x, reaction = implicit_gradient(problem, x, good)
         after = problem.finish(x, reaction)
-        return (after if concrete(good).all() else after.where(good, state)), status, iterations
+        return Made(after if concrete(good).all() else after.where(good, state), status, iterations)
 
     def natively(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, last: bool,
                  K: int | None = None, repeat: int = 1) -> Steps | None:
-        """A step of dt with the middle t (...), or K, see `CompiledStep`; None where they are to be made eagerly."""
+        """A solve over dt with the middle t (...), or K, see `CompiledStep`; None where they are to be made eagerly."""
         tolerance = TOLERANCE[state.position.dtype] if self.tolerance is None else float(self.tolerance)
         try:
             return self.compiled(state, dt, t, inputs, moving, tolerance, self._least, self._limit(last), K, repeat=repeat)

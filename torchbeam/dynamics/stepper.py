@@ -3,33 +3,36 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from ..core.arguments import boolean, choice, count, duration, mask, step_size
+from ..core.arguments import choice, count, duration, mask, step_size
 from ..core.arguments import tolerance as check_tolerance
-from ..core.batch_subset import BatchSubset, NotSeparable
+from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
+from ..core.leaves import with_values
 from ..core.status import DIVERGED, SUCCESS
-from ..core.validation import broadcast, concrete, positive, real, shown
+from ..core.validation import broadcast, concrete, positive, real
 from ..nodal.coordinates.planar import Plane
 from ..nodal.discretise import discretise
-from ..nodal.model import Model
-from ..scene.effects import Inputs
+from ..scene.effects import PerInterval, first_of
 from ..scene.scene import Scene
 from ..solvers.newton import LIMIT
 from ..state.start import on_supports
 from ..state.state import State, check_state, of_mesh, rest, with_optional_fields
 from .compiled.coverage import ENGINES
 from .compiled.step import CompiledStep
+from .composed import in_parts, natively, step
 from .failure import Failure
-from .generalized_alpha import AlphaState, GeneralizedAlphaProblem
-from .midpoint import MidpointProblem
-from .step_solver import METHODS, StepSolver
+from .held_inputs import GivenInputs, HeldInputs, together
+from .methods import METHODS
+from .step_solver import StepSolver
 
 
 class Ahead(NamedTuple):
@@ -38,7 +41,7 @@ class Ahead(NamedTuple):
     """
 
     states: State
-    last: State
+    last: Callable[[], State]
     iterations: Tensor
     stopped: bool = False
 
@@ -54,6 +57,8 @@ class Stepper:
                make another Stepper after a change of them, or for a second backward pass by them
     dt         s: a number, or a tensor (0-dim), which may carry gradient
     method     "midpoint": the mean-strain step (second order, unconditionally stable in practice, keeps momentum)
+               "midpoint4": five such steps in one, or, where damping is strong, four: fourth order, see
+               `torchbeam.dynamics.midpoint4`
                "generalized_alpha": balance at the end of the step, high frequencies damped (second order; stress and reaction
                are then those at the end); the state remembers accelerations, `begin` starts them
     rho_inf    of generalized_alpha: what a step leaves of an infinitely fast motion, 1 (nothing is lost) to 0
@@ -79,31 +84,15 @@ class Stepper:
                  conserve: bool = False, rho_inf: float | None = None, engine: str = "auto") -> None:
         choice("method", method, METHODS)
         choice("engine", engine, ENGINES)
-        own = dict(conserve=boolean("conserve", conserve))
-        if method == "generalized_alpha":
-            if conserve:
-                raise ValueError("conserve was given; generalized_alpha loses energy by design ('midpoint' takes it)")
-            own = dict(rho_inf=0.8 if rho_inf is None else rho_inf)
-            if isinstance(rho_inf, bool) or not isinstance(own["rho_inf"], (int, float)) or not 0 <= own["rho_inf"] <= 1:
-                raise ValueError(f"rho_inf = {shown(rho_inf)} was given; a number from 0 to 1 is wanted")
-        elif rho_inf is not None:
-            raise ValueError(f"rho_inf was given; {method!r} has none (generalized_alpha has)")
-        self.method = METHODS[method]
+        self.method = METHODS[method].of(method, conserve, rho_inf)
         self.scene = scene
         self.model = discretise(scene, lumped)
-        if conserve and scene.has_prescribed_motion:
-            raise ValueError("conserve with a frame or support that moves was given; what holds the beam still is wanted")
-        if self.method is GeneralizedAlphaProblem:
-            unfit = {"a moving frame": scene.frame is not None, "a mass off its node": self.model.inertia.offset.present,
-                     "a load with internal states": self.model.internal_states > 0}
-            for what, given in unfit.items():
-                if given:
-                    raise ValueError(f"{what} was given to generalized_alpha; 'midpoint' takes it")
+        self.method.check(self.model)
         self.dt = duration("dt", dt, scene.dtype, scene.device)
         self._changes = scene.changes
         tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
         self.halvings = count("halvings", halvings, least=0)
-        self.solver = StepSolver(self.model, method, own, engine, tolerance, count("iterations", iterations))
+        self.solver = StepSolver(self.model, self.method, engine, tolerance, count("iterations", iterations))
         self.iterations: Tensor | None = None  # (...) of the last step
         self._last: tuple[Any, Any, State] | None = None  # the last state made, how often it was written to, and itself reduced
         self.failures: dict[int, Failure] = {}  # the first of each status
@@ -137,9 +126,11 @@ class Stepper:
         """
         return self.advance(state, inputs, active=active, dt=dt)
 
-    def advance(self, state: State, inputs: dict[str, Any], *, active: Tensor | None = None, dt: float | Tensor | None = None,
+    def advance(self, state: State, inputs: GivenInputs, *, active: Tensor | None = None, dt: float | Tensor | None = None,
                 t: Tensor | None = None) -> State:
-        """The same, with the time t (0-dim) of all samples where it is known; None = the state's."""
+        """The same, with the time t (0-dim) of all samples where it is known; None = the state's. inputs: held over the step,
+        or a function of the share of it that has passed.
+        """
         dt = self._length(dt)
         given, state = self._given(state, inputs, dt)
         if active is None and self.compiled is not None and (t is not None or not self._changes or state.t.ndim == 0):
@@ -150,27 +141,12 @@ class Stepper:
         if active is not None:
             moving = moving & mask("active", active, moving)
         t = t if t is not None else shared(state.t, moving) if self._changes else state.t
-        after, status, self.iterations = self.solver.solve(
-            self.model, state, dt, t + self.method.INSTANT * dt, given, moving, last=not self.halvings)
+        after, status, self.iterations = step(self.solver, self.model, state, dt, t, given, moving, last=not self.halvings)
         lost = moving & (status != SUCCESS)
         failed = lost & (status == DIVERGED) if concrete(lost).any() else lost
         if self.halvings and failed is not lost and concrete(failed).any():
-            few = BatchSubset.worthwhile(failed)
-            model, start, held = self.model, state, given
-            try:
-                if few is not None:
-                    model, start = few.gather((self.model, state))
-                    held = {name: few.take(value, 1) for name, value in given.items()}
-            except NotSeparable:
-                few = None
-            if few is None:
-                again, well, more = self._parts(model, start, dt, t, held, failed)
-                after = again.where(well, after)
-            else:
-                again, well, more = self._parts(model, start, dt, few.take(t, 0), held, few.take(failed, 0))
-                after = few.scatter(after, again)
-                well, more = (few.put(torch.zeros_like(status), x.to(status), 0) for x in (well, more))
-            status = torch.where(well > 0, SUCCESS, status)
+            again, well, more = in_parts(self.solver, self.model, state, dt, t, given, failed, self.halvings)
+            after, status = again.where(well, after), torch.where(well, SUCCESS, status)
             self.iterations = self.iterations + more
         if failed is not lost:
             self._remember(state, dt, t, given, torch.where(moving, status, SUCCESS))
@@ -187,68 +163,56 @@ class Stepper:
             state = self.advance(state, inputs, active=active)
         return state
 
-    def _quickly(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, repeat: int = 1) -> State | None:
+    def _quickly(self, state: State, dt: Tensor, t: Tensor | None, inputs: HeldInputs, repeat: int = 1) -> State | None:
         """The state one step later, or after as many alike, where native code makes it of all samples at once; None where there
         is more to it.
         """
-        if concrete(state.status).any():
+        alone = None if inputs.vary else self.method.alone(self.model, dt)
+        if alone is None or concrete(state.status).any():
             return None
-        t = (state.t if t is None else t) + self.method.INSTANT * dt if self.compiled.takes_time else None
-        found = self.solver.natively(state, dt, t, inputs, None, last=not self.halvings, repeat=repeat)
+        found = natively(alone, self.solver, state, dt, state.t if t is None else t, inputs.given, None, last=not self.halvings,
+                         repeat=repeat)
         if found is None or not found.well:
             return None
         self.iterations, now = found.iterations, state.t
         for _ in range(repeat):
             now = now + dt
         now = now if now.shape == found.status.shape else now.expand(found.status.shape)
-        reduced = replace(state, **found.fields, t=now, status=found.status)
+        reduced = with_values(state, **found.fields, t=now, status=found.status)
         after, space = self.model.space.to_public(reduced), self.model.space
         if after is not reduced and isinstance(space, Plane) and space.reversible and not after.position.requires_grad:
             self._last = weakref.ref(after), _versions(after), reduced
         return after
 
-    def _parts(self, model: Model, start: State, dt: Tensor, t: Tensor, inputs: Inputs, failed: Tensor
-               ) -> tuple[State, Tensor, Tensor]:
-        """The step from time t of samples that have failed in one go, in 2, 4, ... parts: (state after, or before where that
-        fails too; whether it went well; iterations).
-        """
-        after, counted = start, torch.zeros_like(failed, dtype=torch.long)
-        left = failed
-        for level in range(1, self.halvings + 1):
-            parts, trial, good = 2**level, start, left
-            for k in range(parts):
-                now = t + (k + self.method.INSTANT) * dt / parts
-                trial, status, iterations = self.solver.solve(model, trial, dt / parts, now, inputs, good,
-                                                              last=level == self.halvings)
-                counted = counted + torch.where(good, iterations, 0)
-                good = good & (status == SUCCESS)
-                if not concrete(good).any():
-                    break
-            after = trial.where(good, after)
-            left = left & ~good
-            if not concrete(left).any():
-                break
-        return after, failed & ~left, counted
-
-    def ahead(self, state: State, dt: Tensor, t: Tensor, inputs: list[dict[str, Any]], wanted: list[bool]) -> Ahead | None:
+    def ahead(self, state: State, dt: Tensor, t: Tensor, inputs: dict[str, Any] | list[GivenInputs], wanted: list[bool]
+              ) -> Ahead | None:
         """As many of the steps dt (K) from the times t (K) as native code makes at once and all samples make well; None where
-        `advance` has to make the first. inputs: of each step, or those of all as the only one; wanted: whether the state after
-        a step is asked for.
+        `advance` has to make the first. inputs: held, or `PerInterval` of these steps, or what each is given; wanted: whether
+        the state after a step is asked for.
         """
-        if self.compiled is None:
+        alone = None if self.compiled is None else self.method.alone(self.model, dt.detach().amin())
+        if alone is None:
             return None
-        given = [self.scene.tensors(one) for one in inputs]
+        varying = isinstance(inputs, list)
+        steps = [HeldInputs(one).map(self.scene.tensors) for one in inputs] if varying else []
+        given = steps[0](self.method.INSTANT) if varying else self.scene.tensors(first_of(inputs))
         of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-        start = self._reduced(self._begin(state, dt[0], inputs=given[0]))
+        start = self._reduced(self._begin(state, dt[0], inputs=given))
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
-                          *(value.shape[:-1] for one in given for value in one.values()))
-        count = min(len(dt), max(1, ROOM // max(1, shape.numel() * (self.scene.beam.count + 1))))
+                          *(value.shape[:-1] for value in given.values()))
+        n, size = len(alone.shares), shape.numel() * (self.scene.beam.count + 1)
+        count = min(len(dt), max(1, ROOM // max(1, size * n)))
         dt, t = dt[:count], t[:count]
         moving = (start.status == SUCCESS).expand(shape)
-        given = given[0] if len(given) == 1 else {name: torch.stack([one[name].expand(*shape, -1) for one in given[:count]])
-                                                  for name in self.scene.inputs}
-        middle = t + self.method.INSTANT * dt if self.compiled.takes_time else None
-        found = self.solver.natively(start, dt, middle, given, moving, last=not self.halvings, K=count)
+        if varying:
+            given = together(steps[:count], alone.instants(self.method.INSTANT), shape)
+        else:
+            for name, one in inputs.items():
+                if isinstance(one, PerInterval):
+                    value = one.value[..., :count, :]
+                    value = value.expand(*shape, -1, -1).movedim(-2, 0) if shape else value
+                    given[name] = value if n == 1 else value.repeat_interleave(n, 0)
+        found = natively(alone, self.solver, start, dt, t, given, moving, last=not self.halvings, K=count)
         if found is None:
             return None
         if not found.well:
@@ -261,21 +225,22 @@ class Stepper:
         places = [k for k in range(count) if wanted[k]]
 
         def after(k: Any, *lead: int) -> State:
-            fields = {name: x[k] for name, x in found.fields.items()}
+            fields = found.fields if k == slice(0, len(found.status)) else {name: x[k] for name, x in found.fields.items()}
             same = {name: x.expand((*lead, *shape, *x.shape[x.ndim - axes:])) for name, axes in STILL.items()
                     if name not in fields and (x := getattr(start, name, None)) is not None}
             return self.model.space.to_public(replace(start, **fields, **same, t=now[k], status=status.expand((*lead, *shape))))
 
         part = slice(0, count) if len(places) == count else places
-        return Ahead(after(part, len(places)), after(count - 1), found.iterations[:count], not found.well)
+        return Ahead(after(part, len(places)), partial(after, count - 1), found.iterations[:count], not found.well)
 
-    def _given(self, state: State, inputs: dict[str, Any], dt: Tensor) -> tuple[Inputs, State]:
+    def _given(self, state: State, inputs: GivenInputs, dt: Tensor) -> tuple[HeldInputs, State]:
         """Inputs as tensors, and the state to start a step of dt from in the space's coordinates; checked."""
-        given = self.scene.tensors(inputs)
+        given = HeldInputs(inputs).map(self.scene.tensors)
         of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
+        now = given(self.method.INSTANT)
         broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
-                  *(value.shape[:-1] for value in given.values()))
-        return given, self._reduced(self._begin(state, dt, inputs=given))
+                  *(value.shape[:-1] for value in now.values()))
+        return given, self._reduced(self._begin(state, dt, inputs=now))
 
     def _reduced(self, state: State) -> State:
         """A state in the space's coordinates, with all that the scene has, and the batch's axes on every field."""
@@ -293,12 +258,12 @@ class Stepper:
         length = positive("dt", real(dt)) if isinstance(dt, Tensor) else torch.as_tensor(step_size("dt", dt))
         return length.to(self.dt)
 
-    def _remember(self, state: State, dt: Tensor, t: Tensor, inputs: Inputs, status: Tensor) -> None:
+    def _remember(self, state: State, dt: Tensor, t: Tensor, inputs: HeldInputs, status: Tensor) -> None:
         """What has failed for good in this step, to be asked for a reason; nothing that carries gradient."""
         for code in set(concrete(status).flatten().tolist()) - {SUCCESS, *self.failures}:
             begin, dt = t.detach(), dt.detach()
-            held = {name: value.detach() for name, value in inputs.items()}
-            problem = self.solver.problem(self.model, state.detach(), dt, begin + self.method.INSTANT * dt, held)
+            held = {name: value.detach() for name, value in inputs(self.method.INSTANT).items()}
+            problem = self.method.problem(self.model, state.detach(), dt, begin + self.method.INSTANT * dt, held)
             self.failures[code] = Failure(problem, status == code)
 
     def begin(self, state: State, dt: float | Tensor | None = None, **inputs: Any) -> State:
@@ -310,20 +275,16 @@ class Stepper:
         return self._begin(state, dt, **inputs)
 
     def _begin(self, state: State, dt: float | Tensor | None = None, **inputs: Any) -> State:
-        """`state` with what the method remembers beside it, and no more: the mean rates of a trial step by "midpoint"."""
-        if isinstance(state, AlphaState):
-            return state if self.method is GeneralizedAlphaProblem else state.plain()
-        if self.method is not GeneralizedAlphaProblem:
-            return state
+        """`state` with what the method remembers beside it, and no more."""
         dt = self._length(dt)
-        trial = copy(self)
-        trial.method, trial.solver = MidpointProblem, self.solver.by_midpoint()
-        after = trial(state, dt=dt, **inputs)
-        enter = self.model.space.to_reduced
-        before, end = (MidpointProblem(self.model, enter(s), dt, dt, {}).element.strain for s in (state, after))
-        rise = end - before
-        return AlphaState.between(state, *self.model.space.motion(after.velocity - state.velocity, after.spin - state.spin),
-                                  rise, dt)
+
+        def trial(state: State) -> State:
+            other = copy(self)
+            other.solver = self.solver.by_midpoint()
+            other.method = other.solver.method
+            return other(state, dt=dt, **inputs)
+
+        return self.method.begin(state, self.model, dt, trial)
 
     def merge(self, few: BatchSubset, part: Stepper) -> Stepper:
         """This stepper, with the samples `few` of its batch those of `part`: a stepper that was made for them by itself, of the

@@ -9,7 +9,6 @@ from torch import Tensor
 
 from ..math.dense import inverse_unchecked
 from ..math.shapes import broadcast_shapes
-from ..nodal.assembly import ends
 from ..nodal.coordinates.spatial import Space
 from ..nodal.model import Model
 from ..state.state import State
@@ -52,7 +51,8 @@ class Chart:
         space, own, base = self.space, self.own, self.base
         turn = space.logarithm(space.multiply(rotation, space.inverse(own.rotation)))
         turn = turn if space.turns else space.to_frame(own.rotation, turn)
-        strain = space.strains(space.kinematics(*ends(position), *ends(rotation), self.length), self.length) - self.strain
+        kinematics = space.kinematics(*space.chain.poses(position, rotation), self.length)
+        strain = space.strains(kinematics, self.length) - self.strain
         parts = (position[..., base, :] - own.position[..., base, :], turn[..., base, :], strain.flatten(-2))
         lead = broadcast_shapes(*(x.shape[:-1] for x in parts))
         return (self.solve @ torch.cat([x.expand(*lead, -1) for x in parts], -1)[..., None])[..., 0]

@@ -88,9 +88,10 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     without rotary inertia are taken as they are. An infinite stiffness is a very large one here: its own modes, far above
     those of the finite stiffnesses, mean nothing.
 
-    An undamped beam under conservative loads takes a symmetric solver, with more than 96 unknowns subspace iteration, O(N);
-    anything else a dense unsymmetric one, O(N^3). Eigenvalues and shapes are differentiable; where they are repeated (equal
-    bending in two planes) there is no derivative of one by itself, and asking for it raises a RuntimeError.
+    An undamped beam under conservative loads takes a symmetric solver, with more than 96 unknowns and elements of order 1
+    subspace iteration, O(N); anything else a dense unsymmetric one, O(N^3). Eigenvalues and shapes are differentiable; where
+    they are repeated (equal bending in two planes) there is no derivative of one by itself, and asking for it raises a
+    RuntimeError.
 
     Internal states of loads are unknowns of their own, in the dense solver. The motions that they add decay without
     oscillating, often slowly: where loads have such states, what does so comes last, behind what oscillates or grows.
@@ -103,12 +104,12 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     state = equilibrium(scene, t=t, **inputs) if state is None else check_state(state, scene)
     free = model.constraints.count
     if count > free:
-        raise ValueError(f"count = {count} was given; {scene.beam.count} elements have at most {free} modes")
+        raise ValueError(f"count = {count} was given; {scene.beam.element_count} elements have at most {free} modes")
     M, D, K, lags = chains(model, state, instant("t", t, scene.beam.nodes), scene.tensors(inputs))
     derivatives = wants_gradient(*(x for blocks in (M, D, K, lags or ()) for x in blocks))
     symmetric = not D and lags is None and all(load.conservative for load in scene.loads) and not turning(scene)
     pairs = None
-    if symmetric and free > max(DENSE, 4 * count):
+    if symmetric and scene.beam.order == 1 and free > max(DENSE, 4 * count):
         with no_derivatives():
             pairs = slowest_of_chain(_held(model, M, 0.0), _held(model, K, 1.0), count)
             if pairs is not None:

@@ -57,7 +57,7 @@ def augmented(model: Model, M: Tensor, D: Tensor | None, K: Tensor, lagging: Lag
 
 def chains(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
            ) -> tuple[Blocks, Blocks, Blocks, Lags | None]:
-    """The same as block tridiagonal chains of all nodes, see `mass` (D empty without damping or rotation), and what loads with
+    """The same as chains of all nodes, see `mass` (D empty without damping or rotation), and what loads with
     internal states add.
     """
     space = model.space
@@ -108,7 +108,10 @@ def dense(model: Model, *blocks: Tensor) -> Tensor:
     shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
     A = blocks[0].new_zeros(*shape, nodes, w, nodes, w)
     at = torch.arange(nodes, device=A.device)
-    for block, row, column in zip(blocks, (at, at[:-1], at[1:]), (at, at[1:], at[:-1]), strict=False):
+    rows, columns = (at, at[:-1], at[1:]), (at, at[1:], at[:-1])
+    if len(blocks) > 3:  # of elements of three nodes
+        rows, columns = (*rows, at[:-1:2], at[2::2]), (*columns, at[2::2], at[:-1:2])
+    for block, row, column in zip(blocks, rows, columns, strict=False):
         A[..., row, :, column, :] = block.expand(*shape, len(row), w, w).movedim(-3, 0)
     free = model.constraints.moving.flatten().nonzero()[:, 0]
     return A.flatten(-4, -3).flatten(-2).index_select(-1, free).index_select(-2, free)

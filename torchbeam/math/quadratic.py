@@ -8,16 +8,18 @@ third order there, one better than elsewhere.
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 X = 3**-0.5
-VALUES = ((X * (X + 1) / 2, 1 - X * X, X * (X - 1) / 2), (X * (X - 1) / 2, 1 - X * X, X * (X + 1) / 2))
-SLOPES = ((-X - 0.5, 2 * X, -X + 0.5), (X - 0.5, -2 * X, X + 0.5))
+VALUES = torch.tensor(((X * (X + 1) / 2, 1 - X * X, X * (X - 1) / 2), (X * (X - 1) / 2, 1 - X * X, X * (X + 1) / 2)),
+                      dtype=torch.float64)
+SLOPES = torch.tensor(((-X - 0.5, 2 * X, -X + 0.5), (X - 0.5, -2 * X, X + 0.5)), dtype=torch.float64)
 
 
 def at_points(like: Tensor) -> tuple[Tensor, Tensor]:
     """N_i and dN_i/dx (2, 3): Gauss points by places."""
-    return like.new_tensor(VALUES), like.new_tensor(SLOPES)
+    return VALUES.to(like), SLOPES.to(like)
 
 
 def threes(x: Tensor, axes: int = 1) -> tuple[Tensor, ...]:

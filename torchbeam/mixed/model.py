@@ -187,6 +187,8 @@ def _refuse(scene: Scene, form: str) -> None:
     held = [(s.node, s.clamp) for s in scene.supports]
     if held != [(0, True)]:
         raise ValueError(f"supports other than a clamp at node 0 alone were given for form={form!r}; form='nodal' takes them")
+    if beam.order == 2:
+        raise ValueError(f"elements of order 2 were given for form={form!r}, with one strain each; form='nodal' takes them")
     if scene.small:
         raise ValueError(f"small=True was given for form={form!r}, whose rotations are large; form='nodal' takes it")
     if beam.linked_interpolation:

@@ -44,6 +44,14 @@ def at_j(x: Tensor, axes: int = 1) -> Tensor:
     return pad(x, (0, 0) * axes + (1, 0))
 
 
+def coupled(x: Tensor, axes: int = 1) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
+    """Nodes (..., N+1, *) -> their values (..., N, *) at the rows and at the columns of the upper and of the lower part of the
+    chain's matrix.
+    """
+    i, j = ends(x, axes)
+    return (i, j), (j, i)
+
+
 def shared(parts: tuple[Tensor, Tensor], axes: int = 1) -> Tensor:
     """What elements stand for, as seen by each of their nodes (..., N, *), at the nodes (..., N+1, *): half of it each."""
     return at_i(parts[0] / 2, axes) + at_j(parts[1] / 2, axes)

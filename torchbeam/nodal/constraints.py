@@ -67,10 +67,7 @@ class Constraints:
 
     def whole(self, D: Tensor, L: Tensor, U: Tensor, far_U: Tensor, far_L: Tensor) -> tuple[Tensor, ...]:
         """The same of elements of three nodes, see `quadratic_assembly`: of all nodes, those without unknowns too."""
-        free = self.moving.to(D)
-        row, column = free[..., None], free[..., None, :]
-        return (D * row * column + torch.diag_embed(1 - free), L * row[1:] * column[:-1], U * row[:-1] * column[1:],
-                far_U * row[:-1:2] * column[2::2], far_L * row[2::2] * column[:-1:2])
+        return masked(self.moving.to(D), D, L, U, far_U, far_L)
 
     def rows(self, D: Tensor, L: Tensor, U: Tensor, *far: Tensor) -> Tensor:
         """(..., K, w, 3 w): the rows of the supports' nodes, by the moves of the node before, the node and the next; with parts
@@ -98,3 +95,13 @@ class Constraints:
         near = torch.stack([wide[..., i:i + 2 * reach + 1, :].flatten(-2) for i in self.nodes], -2)
         at = torch.stack([balance[..., i, :] for i in self.nodes], -2)
         return self.fixed * (at + (rows @ near[..., None])[..., 0])
+
+
+def masked(free: Tensor, D: Tensor, L: Tensor, U: Tensor, *far: Tensor) -> tuple[Tensor, ...]:
+    """A chain's matrix, `far` its parts (upper, lower) between the ends of elements of three nodes, with a 1 on the diagonal
+    and nothing beside it where `free` (N+1, w) is 0.
+    """
+    row, column = free[..., None], free[..., None, :]
+    sides = (row[:-1:2] * column[2::2], row[2::2] * column[:-1:2])
+    return (D * row * column + torch.diag_embed(1 - free), L * row[1:] * column[:-1], U * row[:-1] * column[1:],
+            *(x * side for x, side in zip(far, sides, strict=False)))

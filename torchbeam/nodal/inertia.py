@@ -33,6 +33,8 @@ from .mass import COUPLING, QUADRATIC_COUPLING, Blocks, HalfConsistentMass, Lump
 from .quadrature import gregory, trapezoidal
 from .rotary import NoRotaryInertia, RotaryInertia
 
+NEGATIVE = 1e-5  # of a beam's largest nodal mass, or inertia about an axis: what rounding may leave of none
+
 
 class Momenta(NamedTuple):
     """At the nodes, frame a: M v_c (..., N+1, p) kg m/s, and about their centres R J Omega (..., N+1, s) kg m^2/s, zero without
@@ -99,7 +101,8 @@ class Inertia(Tree):
 def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tensor, Tensor]:
     """(inertia, section mass about each node per length (..., N+1, 6, 6), length that belongs to each node (..., N+1, 1)).
 
-    Raises ValueError for a mass that is not that of rigid sections: M11 = m I and M12 = -m ~e.
+    Raises ValueError for a mass that is not that of rigid sections: M11 = m I and M12 = -m ~e, or that changes too much within
+    an element of order 2 to be shared among its nodes.
     """
     beam = scene.beam
     h = beam.length[..., None]
@@ -109,6 +112,11 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
     if beam.curved:  # the section's mass, seen from the axes of the element's nodes
         parts = tuple(_turned(part, quat.multiply(quat.conjugate(q), beam.elements)) for q in space.chain.ends(beam.frames))
     mass, tributary_length = space.chain.shared(parts, 2), space.chain.shared((h,) * (beam.order + 1))
+    if beam.order == 2:
+        own = concrete(mass.diagonal(dim1=-2, dim2=-1))
+        if (own < -NEGATIVE * own.abs().amax(-2, keepdim=True)).any():
+            raise ValueError("a mass or inertia that changes more than threefold within an element of order 2 was given; more "
+                             "elements are wanted")
     if beam.linked_interpolation:
         density = m[..., 0]
         mass = mass * (gregory(beam.length, density) / trapezoidal(beam.length, density))[..., None, None]

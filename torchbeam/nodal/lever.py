@@ -18,7 +18,6 @@ from torch.nn.functional import pad
 
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
-from .assembly import ends
 from .coordinates.spatial import Space
 from .mass import Blocks
 
@@ -112,7 +111,8 @@ class Lever(NoLever):
 
     def blocks(self, masses: Blocks, moved: Callable[[], Tensor]) -> Blocks:
         (M, *between), moved = masses, moved()
-        pairs = zip(between, ends(self.A, 2), reversed(ends(moved, 2)), strict=True) if between else ()
+        coupled = self.space.chain.coupled
+        pairs = zip(between, coupled(self.A, 2)[0], coupled(moved, 2)[1], strict=True) if between else ()
         return with_levers(M, self.A, moved), *(with_levers(*pair) for pair in pairs)
 
     def tangent(self, masses: Blocks, moved: Callable[[], Tensor], wrench: Callable[[], Tensor]) -> Blocks:

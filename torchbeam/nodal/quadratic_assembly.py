@@ -18,6 +18,19 @@ from torch.nn.functional import pad
 from ..math.quadratic import SLOPES, at_points, threes
 
 
+def _moved(p: int, s: int) -> Tensor:
+    """T (2, p + 3 s, 3 w) of the two stations."""
+    T = torch.zeros(2, p + 3 * s, 3, p + s, dtype=SLOPES.dtype)
+    at, turn = torch.arange(p), torch.arange(s)
+    for i in range(3):
+        T[:, at, i, at] = SLOPES[:, i:i + 1]
+        T[:, p + i * s + turn, i, p + turn] = 1
+    return T.flatten(-2)
+
+
+MOVED = {3: _moved(3, 3), 2: _moved(2, 1)}  # by p: in space, in a plane
+
+
 class Trio(NamedTuple):
     """Positions and rotations of the three nodes, of each station, (..., 2 N, ...)."""
 
@@ -48,40 +61,36 @@ def slopes(x_1: Tensor, x_2: Tensor, x_3: Tensor) -> Tensor:
 def to_elements(move: Tensor, p: int) -> Tensor:
     """Moves of the nodes (..., 2 N + 1, w) -> (..., 2 N, p + 3 s) of the stations."""
     each = torch.cat(threes(move), -1)[..., None, :, None]  # (..., N, 1, 3 w, 1)
-    return (_moved(move, move.shape[-1], p) @ each)[..., 0].flatten(-3, -2)
+    return (MOVED[p].to(move) @ each)[..., 0].flatten(-3, -2)
 
 
 def to_nodes(load: Tensor, p: int) -> Tensor:
     """[n, m_1, m_2, m_3] (..., 2 N, p + 3 s) of stations -> (..., 2 N + 1, w) summed at nodes: dN_i/dx n and m_i at node i."""
     w = p + (load.shape[-1] - p) // 3
-    each = (load.unflatten(-2, (-1, 2))[..., None, :] @ _moved(load, w, p)).sum(-3)[..., 0, :]
+    each = (load.unflatten(-2, (-1, 2))[..., None, :] @ MOVED[p].to(load)).sum(-3)[..., 0, :]
     return spread(*each.split(w, -1), 1)
 
 
 def to_blocks(Y: Tensor, p: int) -> tuple[Tensor, ...]:
     """(..., 2 N, p + 3 s, p + 3 s) of stations -> the five parts of the chain's matrix."""
     w = p + (Y.shape[-1] - p) // 3
-    T = _moved(Y, w, p)
+    T = MOVED[p].to(Y)
     K = (T.mT @ Y.unflatten(-3, (-1, 2)) @ T).sum(-3)
     (K11, K12, K13), (K21, K22, K23), (K31, K32, K33) = (row.split(w, -1) for row in K.split(w, -2))
     return spread(K11, K22, K33, 2), interleaved(K12, K23, 2), interleaved(K21, K32, 2), K13, K31
+
+
+def coupled(x: Tensor, axes: int = 1) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
+    """Nodes (..., 2 N + 1, *) -> their values at the rows and at the columns of the parts of the matrix but the first."""
+    n, first = x.shape[-1 - axes] - 1, (slice(None),) * (x.ndim - 1 - axes)
+    i, j, far_i, far_j = (x[(*first, part)] for part in (slice(n), slice(1, None), slice(0, n, 2), slice(2, None, 2)))
+    return (i, j, far_i, far_j), (j, i, far_j, far_i)
 
 
 def shared(parts: tuple[Tensor, Tensor, Tensor], axes: int = 1) -> Tensor:
     """What stations stand for, as seen by each of their nodes (..., 2 N, *), at the nodes (..., 2 N + 1, *): N_i of it."""
     values = at_points(parts[0])[0][(..., *(None,) * axes)]  # (2, 3, *)
     return spread(*((values[:, i] * x.unflatten(-1 - axes, (-1, 2))).sum(-1 - axes) for i, x in enumerate(parts)), axes)
-
-
-def _moved(like: Tensor, w: int, p: int) -> Tensor:
-    """T (2, p + 3 s, 3 w) of the two stations."""
-    s = w - p
-    T = like.new_zeros(2, p + 3 * s, 3, w)
-    at, turn = torch.arange(p), torch.arange(s)
-    for i in range(3):
-        T[:, at, i, at] = like.new_tensor([[row[i]] for row in SLOPES])
-        T[:, p + i * s + turn, i, p + turn] = 1
-    return T.flatten(-2)
 
 
 def interleaved(a: Tensor, b: Tensor, axes: int = 1) -> Tensor:

@@ -95,7 +95,7 @@ def strain_operator(kin: Kinematics, length: Tensor) -> Tensor:
 def geometric_stiffness(kin: Kinematics, stress: Tensor, length: Tensor) -> Tensor:
     """Derivative (..., 2 N, 12, 12) of `forces` at fixed stress; unsymmetric, because spins are not coordinates.
 
-    With a = sum alpha_j w_j/2 and a' its derivative by x, dw_i = alpha_i w_i/2 - w_i a, dw_i' = alpha_i w_i'/2 - w_i' a - w_i a',
+    With a = sum alpha_j w_j/2, a' its derivative by x, dw_i = alpha_i w_i/2 - w_i a, dw_i' = alpha_i w_i'/2 - w_i' a - w_i a'
 
         dn   = psi x F
         dm_i = vec(alpha_i (w_i f + w_i' M)/2 - w_i (a f + a' M) - w_i' a M + w_i df + w_i' dM),    dM = psi x M

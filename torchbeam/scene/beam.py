@@ -80,6 +80,12 @@ class Beam(Tree):
     def batch_shape(self) -> torch.Size:
         return broadcast_shapes(*batch_shapes(self))
 
+    def station_axes(self, frames: Tensor) -> Tensor:
+        """Axes of the elements, or of the stations (..., N, 4), of a beam whose nodes have the axes (..., N+1, 4), quaternions:
+        frame B, in which strain and stress are told.
+        """
+        return axes_between(frames, self.order)
+
     def linked(self) -> Beam:
         """This beam, whose elements bend between their nodes as loads at these would bend them: of fourth order in bending
         where displacements are small, at no cost.

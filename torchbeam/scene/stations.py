@@ -114,7 +114,7 @@ def stacked(sections: Sequence[Section]) -> Section:
 
 
 def stations_of(length: Tensor) -> Tensor:
-    """Arc length (..., 2 N) m of the stations of elements of order 2, each of which stands for a length (..., 2 N)."""
+    """Arc length (..., 2 N) m of the stations of elements of order 2, which stand for a length each."""
     each = length.unflatten(-1, (-1, 2))
     whole, x = each.sum(-1, keepdim=True), length.new_tensor([(1 - X) / 2, (1 + X) / 2])
     return (whole.cumsum(-2) - whole + whole * x).flatten(-2)
@@ -134,8 +134,8 @@ def of_elements(section: Sequence[Section] | Callable[[Tensor], Section], length
         found = section(places)
         if not isinstance(found, Section) or found.batch_shape[-1:] != places.shape[-1:]:
             given = f"of batch shape {tuple(found.batch_shape)}" if isinstance(found, Section) else type(found).__name__
-            raise ValueError(f"a function of s that gave a section {given} for {places.shape[-1]} places was given; one Section "
-                             "with a last batch axis of that many is wanted")
+            raise ValueError(f"a function of s that gave a section {given} for {places.shape[-1]} places was given; one "
+                             "Section with a last batch axis of that many is wanted")
         if order == 2:
             return found
         mean = (torch.einsum("...nkij,k->...nij", x.expand(*x.shape[:-3], 4 * N, 6, 6).unflatten(-3, (N, 4)), weights)

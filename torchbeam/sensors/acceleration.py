@@ -14,8 +14,11 @@ from ..core.functions_of_time import shared
 from ..core.validation import as_tensor, axis_last, concrete, finite
 from ..math import quaternions as quat
 from ..math.block_tridiagonal import block_tridiagonal
+from ..nodal.constraints import masked
 from ..nodal.discretise import discretise
 from ..nodal.loads import Nodes, added_mass
+from ..nodal.midside import condensed
+from ..nodal.quadratic_assembly import spread
 from ..nodal.rates import Rates
 from ..scene.scene import Scene
 from ..state.state import State
@@ -102,14 +105,16 @@ class NodeAcceleration(_OfNode):
         at, *between = masses
         if model.adds_mass:
             at = at + added_mass(model, nodes, t, self.rates.inputs)
-        U, L = between or (torch.zeros_like(at[..., 1:, :, :]),) * 2
+        U, L, *far = between or (torch.zeros_like(at[..., 1:, :, :]),) * 2
         free = moving.to(right)
         given = self.given(t, free) if model.scene.has_prescribed_motion else torch.zeros_like(free)
-        row, column = free[..., None], free[..., None, :]
-        right = right - _times(at, L, U, given)
-        D = at * row * column + torch.diag_embed(1 - free)
-        found = block_tridiagonal(D, L * row[1:] * column[:-1], U * row[:-1] * column[1:], right * free)
-        return space.embed(found + given)[..., :3]
+        right = (right - _times(at, L, U, given, *far)) * free
+        matrix = masked(free, at, L, U, *far)
+        if not far:
+            return space.embed(block_tridiagonal(*matrix, right) + given)[..., :3]
+        *ends, midside = condensed(*matrix)
+        right, own = midside.condense(right)
+        return space.embed(midside.restore(block_tridiagonal(*ends, right), own) + given)[..., :3]
 
     def given(self, t: Tensor, free: Tensor) -> Tensor:
         """Prescribed absolute acceleration (..., N+1, w) of the nodes at supports; 0 elsewhere."""
@@ -128,7 +133,12 @@ def _trajectory(t: Tensor) -> bool:
     return bool(concrete(rows == rows[:, :1]).all() and concrete(rows[:, 0] != rows[0, 0]).any())
 
 
-def _times(D: Tensor, L: Tensor, U: Tensor, x: Tensor) -> Tensor:
-    """A block tridiagonal matrix times x (..., N+1, w)."""
+def _times(D: Tensor, L: Tensor, U: Tensor, x: Tensor, *far: Tensor) -> Tensor:
+    """A chain's matrix times x (..., N+1, w), `far` as in `masked`."""
     ahead, behind = ((A @ part[..., None])[..., 0] for A, part in ((U, x[..., 1:, :]), (L, x[..., :-1, :])))
-    return (D @ x[..., None])[..., 0] + pad(ahead, (0, 0, 0, 1)) + pad(behind, (0, 0, 1, 0))
+    found = (D @ x[..., None])[..., 0] + pad(ahead, (0, 0, 0, 1)) + pad(behind, (0, 0, 1, 0))
+    if not far:
+        return found
+    ahead, behind = ((A @ part[..., None])[..., 0] for A, part in zip(far, (x[..., 2::2, :], x[..., :-1:2, :]), strict=True))
+    zero = torch.zeros_like(ahead)
+    return found + spread(ahead, zero, zero) + spread(zero, zero, behind)

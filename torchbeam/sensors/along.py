@@ -10,10 +10,11 @@ from torch import Tensor
 
 from ..core.validation import Value, as_tensor, finite
 from ..math.shapes import broadcast_shapes
-from ..nodal.assembly import ends
 from ..nodal.constitutive_law import without_residual_bending
-from ..nodal.element import kinematics, strain
+from ..nodal.coordinates.quadratic import QuadraticSpace
+from ..nodal.coordinates.spatial import Space
 from ..scene.beam import Beam
+from ..scene.stations import stations_of
 from ..state.state import State
 from .sensor import Sensor
 
@@ -21,11 +22,13 @@ from .sensor import Sensor
 @dataclass(frozen=True, eq=False, repr=False)
 class _Along(Sensor):
     """A sensor of elements. At an arc length it follows the straight line through the values at the middles of the two
-    elements beside it (those of the first or last two, prolonged, near an end): second order, as the elements are.
+    elements beside it (those of the first or last two, prolonged, near an end): second order, as the elements are. In elements
+    of order 2 it follows the line through their own two stations, where the values are best.
 
     station  (...) m, arc length from the root at rest, 0 to the beam's length; may be batched and carry gradient
     beam     the `Beam`
-    element  in place of a station: the index of an element, whose own value (best at its middle) is read
+    element  in place of a station: the index of an element, whose own value (best at its middle) is read; of order 2 the mean
+             of its two
 
     Raises ValueError for both or neither, a station beyond the beam, or an element that does not exist.
     """
@@ -42,14 +45,15 @@ class _Along(Sensor):
         if not isinstance(self.beam, Beam):
             raise ValueError(f"a beam of type {type(self.beam).__name__} was given; the torchbeam.Beam is wanted")
         if self.element is not None:
-            N = self.beam.count
+            N = self.beam.element_count
             if isinstance(self.element, bool) or not isinstance(self.element, int) or not -N <= self.element < N:
                 raise ValueError(f"element = {self.element!r} was given; the beam has the elements 0 to {N - 1}")
         else:
             length = self.beam.length
             station = finite("station", as_tensor(self.station, length.dtype, length.device))
             object.__setattr__(self, "station", station)
-            object.__setattr__(self, "weights", station_weights(station, length))
+            weights = line_weights if self.beam.order == 2 else station_weights
+            object.__setattr__(self, "weights", weights(station, length))
 
     @property
     def name(self) -> str:
@@ -63,16 +67,36 @@ class _Along(Sensor):
 
     def read(self, state: Any) -> Tensor:
         values = self.of_elements(state)
-        return values[..., self.element, :] if self.weights is None else (self.weights[..., None, :] @ values)[..., 0, :]
+        if self.weights is not None:
+            return (self.weights[..., None, :] @ values)[..., 0, :]
+        values = values if self.beam.order == 1 else values.unflatten(-2, (-1, 2)).mean(-2)
+        return values[..., self.element, :]
+
+
+def _within(station: Tensor, length: Tensor) -> None:
+    """ValueError for a station beyond the beam."""
+    end = length.sum(-1)
+    if ((station < 0) | (station > end * (1 + 1e-6))).any():
+        raise ValueError(f"station = {station.detach().flatten().tolist()[:4]} m was given for a beam of "
+                         f"{end.max().item():g} m; places from 0 to that are wanted")
+
+
+def line_weights(station: Tensor, length: Tensor) -> Tensor:
+    """(..., 2 N): what the stations of elements of order 2, standing for a length (..., 2 N) m, count for at places (...)."""
+    _within(station, length)
+    places, N = stations_of(length), length.shape[-1] // 2
+    shape = broadcast_shapes(station.shape, places.shape[:-1])
+    at, places, ends = station.expand(shape)[..., None], places.expand(*shape, 2 * N), length.cumsum(-1).expand(*shape, 2 * N)
+    k = 2 * torch.searchsorted(ends[..., 1::2].detach().contiguous(), at.detach().contiguous()).clamp(0, N - 1)
+    a, b = places.gather(-1, k), places.gather(-1, k + 1)
+    share, one = (at - a) / (b - a), torch.arange(2 * N, device=k.device)
+    return torch.where(one == k, 1 - share, 0.0) + torch.where(one == k + 1, share, 0.0)
 
 
 def station_weights(station: Tensor, length: Tensor) -> Tensor:
     """(..., N): what the elements, of length (..., N) m, count for at stations (...) m: see `_Along`."""
     middle, N = length.cumsum(-1) - length / 2, length.shape[-1]
-    end = length.sum(-1)
-    if ((station < 0) | (station > end * (1 + 1e-6))).any():
-        raise ValueError(f"station = {station.detach().flatten().tolist()[:4]} m was given for a beam of "
-                         f"{end.max().item():g} m; places from 0 to that are wanted")
+    _within(station, length)
     if N == 1:
         return torch.ones_like(station)[..., None]
     shape = broadcast_shapes(station.shape, middle.shape[:-1])
@@ -98,11 +122,12 @@ class _Strains(_Along):
         object.__setattr__(self, "reference", self._strain(self.beam.nodes, self.beam.frames))
 
     def _strain(self, position: Tensor, rotation: Tensor) -> Tensor:
-        length = self.beam.length[..., None]
+        length, p = self.beam.length[..., None], self.beam.order
+        space = QuadraticSpace() if p == 2 else Space()
         if self.element is not None:  # that element alone
-            i = self.element % self.beam.count
-            position, rotation, length = position[..., i:i + 2, :], rotation[..., i:i + 2, :], length[..., i:i + 1, :]
-        return strain(kinematics(*ends(position), *ends(rotation), length), length)
+            i = p * (self.element % self.beam.element_count)
+            position, rotation, length = position[..., i:i + p + 1, :], rotation[..., i:i + p + 1, :], length[..., i:i + p, :]
+        return space.strains(space.kinematics(*space.chain.poses(position, rotation), length), length)
 
     def read(self, state: Any) -> Tensor:
         if self.beam.count + 1 != state.position.shape[-2]:
@@ -112,8 +137,8 @@ class _Strains(_Along):
             return super().read(state)
         at = slice(None) if self.element is None else slice(self.element % self.beam.count, self.element % self.beam.count + 1)
         values = without_residual_bending(self.beam, self._strain(state.position, state.rotation) - self.reference, at)
-        values = values if self.weights is None else self.weights[..., None, :] @ values
-        return self.of(values[..., 0, :])
+        values = values.mean(-2) if self.weights is None else (self.weights[..., None, :] @ values)[..., 0, :]
+        return self.of(values)
 
     def of_elements(self, state: Any) -> Tensor:
         return self.of(state.strain)

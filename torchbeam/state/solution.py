@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from torch import Tensor
 
+from ..core.derivatives import cached
 from ..core.summary import counted, kind, lines, point, span, statuses
 from .instant import Point, Reaction
 
@@ -62,18 +64,26 @@ class Stats:
 class Solution:
     """A trajectory; time is the first axis of everything in it.
 
-    t       (time,) s
-    state   the states, `state[-1]` is the last (restart from it with `initial=`)
-    energy  `Energy`
-    stats   `Stats`
-    event   `Event`, where a sample was to stop at one
+    t         (time,) s
+    state     the states, `state[-1]` is the last (restart from it with `initial=`)
+    energies  `Energy`, or what gives it: who does not ask for it does not pay for it
+    stats     `Stats`
+    event     `Event`, where a sample was to stop at one
     """
 
     t: Tensor
     state: Any
-    energy: Energy
+    energies: Energy | Callable[[], Energy]
     stats: Stats
     event: Event | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.t, self.state, self.energy, self.stats, self.event)
+
+    @cached
+    def energy(self) -> Energy:
+        """Made where it is first asked for."""
+        return self.energies() if callable(self.energies) else self.energies
 
     def __repr__(self) -> str:
         done = [counted(self.stats.steps, "step")] if self.stats.steps is not None else []

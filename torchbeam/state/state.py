@@ -26,8 +26,8 @@ class State(Instant):
     rotation  (..., N+1, 4) unit quaternion w x y z, scalar first, section axes -> frame a; `axes` are the same as matrices
     velocity  (..., N+1, 3) m/s, absolute, frame a
     spin      (..., N+1, 3) rad/s, absolute angular velocity Omega in section axes (frame B)
-    stress    (..., N, 6) [F1 F2 F3 M1 M2 M3] N and N m, frame B: of an equilibrium; after an implicit step its mean over
-              that step
+    stress    (..., N, 6) [F1 F2 F3 M1 M2 M3] N and N m, frame B, or (..., 2 N, 6) (see `Beam`): of an equilibrium; after an
+              implicit step its mean over that step
     reaction  (..., K, 6) load of each support on the beam, by node, force N and moment N m, frame a: of an equilibrium; after
               an implicit step its mean over that step
     work      (...) J, done by the loads and by supports that move since the start
@@ -86,7 +86,8 @@ class State(Instant):
     @property
     def element_axes(self) -> Tensor:
         """(..., N, 3, 3): axes of the elements as columns, frame a, half way between those of their nodes: frame B, in which
-        the stress is given.
+        the stress is given. Of elements of order 2 (..., 2 N, 3, 3), between neighbouring nodes; `Beam.station_axes` has
+        those of the stress.
         """
         return quat.matrix(quat.half_way(self.rotation[..., :-1, :], self.rotation[..., 1:, :]))
 

@@ -41,11 +41,12 @@ class Case(NamedTuple):
         data = json.loads(text)
         return cls(torch.tensor(data["t"], dtype=dtype), torch.tensor(data["tip"], dtype=dtype))
 
-    def scene(self, elements: int, plane: str | None = None, EI: Tensor | float = 1.0, force: Any = (0.0, 1.0, 0.0)) -> Scene:
+    def scene(self, elements: int, plane: str | None = None, EI: Tensor | float = 1.0, force: Any = (0.0, 1.0, 0.0),
+              order: int = 1) -> Scene:
         number = self.t.new_tensor
         section = Section.from_stiffness(EA=number(4e4), GA=number(1.4835e4), GJ=number(0.769),
                                          EI=as_tensor(EI, self.t.dtype), mass=number(0.2), inertia=number(5e-6))
-        return Scene(Beam.straight(number(1.0), elements, section), [TipLoad(force=force)], plane=plane)
+        return Scene(Beam.straight(number(1.0), elements, section, order=order), [TipLoad(force=force)], plane=plane)
 
     def error(self, solution: Solution) -> float:
         """RMS |tip - reference| / RMS |reference - reference(0)| at the solution's instants, which are the reference's."""

@@ -16,7 +16,7 @@ from torchbeam.statics.steady import Configuration, SteadyProblem
 
 DT = torch.tensor(0.1)
 CASES = [dict(damping="one"), dict(damping="six"), dict(), dict(effects=()), dict(rotary=False),
-         dict(coupled=False, damping="six")]
+         dict(coupled=False, damping="six"), dict(order=2, damping="six")]
 
 
 def step_of(case, lumped=False, batch=(3,)):
@@ -57,13 +57,13 @@ def momentum(model, s):
     return p.sum(-2), (torch.linalg.cross(s.position, p) + H).sum(-2)
 
 
-@pytest.mark.parametrize("lumped", [False, True])
-@pytest.mark.parametrize("damping", [None, "one", "six"])
-def test_momentum_balance_of_a_step(damping, lumped):
+@pytest.mark.parametrize("damping, lumped, order", [(damping, lumped, 1) for damping in (None, "one", "six")
+                                                    for lumped in (False, True)] + [("six", False, 2)])
+def test_momentum_balance_of_a_step(damping, lumped, order):
     """From a random state, loads off: P and L change by dt times the root's reaction and its moment about the origin,
     exactly (Newton to 1e-12; sums of size 10 left with 1e-11).
     """
-    of = scene(batch=(3,), effects=(), damping=damping)
+    of = scene(batch=(3,), effects=(), damping=damping, order=order)
     stepper = tb.Stepper(of, 0.05, lumped=lumped, tolerance=1e-12)
     before = state(of)
     after = stepper(before)

@@ -6,12 +6,14 @@ from functools import partial
 from math import prod
 
 from ...solvers.compiled.derivative import bar, vjp
+from ...solvers.compiled.ends import END, share_ends
 from ...solvers.compiled.function import Function
+from ...solvers.compiled.packing import Packing
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
-from .layout import ELEMENTS, MOVES, NODES, ONE, SUPPORTS, TWO, Layout
+from .layout import BETWEEN, ELEMENTS, MOVES, NODES, ONE, OWN, SUPPORTS, TWO, Layout
 from .local_functions import LocalFunctions
-from .local_problem import Kinds
+from .local_problem import EndKind, Kinds
 from .native import NativeProgram
 from .tracing import Tracing
 
@@ -35,10 +37,10 @@ class AdjointProgram(NativeProgram):
         found = {"solution": traced(local.solution, {
             "position": shapes["position"], "rotation": shapes["rotation"], "after_position": shapes["position"],
             "after_rotation": shapes["rotation"]})}
+        nodes, elements = [], []
         for k, kind in enumerate(self.kinds.nodes):
-            whole = traced(partial(local.node, kind), node)
+            nodes.append(whole := traced(partial(local.node, kind), node))
             found[f"node bar {k}"] = _derivative(whole.only(["balance"]), start)
-            found[f"block {k}"] = whole.only(["D"])
             finish = traced(partial(local.finish, kind), node)
             found[f"finish bar {k}"] = _derivative(finish, (*start, "u", "m", "found", "last"), keep=("u", "m"))
             update = traced(partial(local.update, kind), {**node, "move": (w,)})
@@ -54,15 +56,24 @@ class AdjointProgram(NativeProgram):
         ends = [f"{side}.{name}" for side in "ij" for name in start if not name.startswith(("element", "common"))]
         ends += [*local.element_state, *(name for name in wanted if name.startswith(("element", "common")))]
         for k, kind in enumerate(self.kinds.elements):
-            whole = traced(partial(local.element, kind), traced.element)
+            elements.append(whole := traced(partial(local.element, kind), traced.element))
             found[f"element bar {k}"] = _derivative(whole.only(["i.balance", "j.balance", "gap"]), ends)
-            found[f"blocks {k}"] = whole.only(["i.D", "j.D", "U", "L"])
-            found[f"law {k}"] = whole.only(["E", "hB"])
             if local.element_ends:
                 finish = traced(partial(local.finish_element, kind), traced.element)
                 if "kinetic" in finish.outputs:
                     found[f"ended element {k}"] = finish
                 found[f"finish element bar {k}"] = _derivative(finish, [*ends, *(f"{side}.{x}" for side in "ij" for x in "um")])
+        own = Packing(OWN, nodes, ["D"])
+        between = Packing(BETWEEN, elements, ["i.D", "j.D", "U", "L"])
+        nodes = [one.only([OWN]) for one in own.made()]
+        elements = [one.only([BETWEEN, "E", "hB"]) for one in between.made()]
+        elements, ends = share_ends([(one, dict(zip("ij", kind, strict=True)))
+                                     for one, kind in zip(elements, self.kinds.elements, strict=True)],
+                                    (*self.state, "u", "m"), traced.constants["common"])
+        for k, (one, kind) in enumerate(zip(nodes, self.kinds.nodes, strict=True)):
+            end = ends.get(EndKind(kind.hinge, kind.support), ends.get(EndKind()))
+            found[f"block {k}"] = one if end is None else one.joined(end)
+        found |= {f"blocks {k}": one for k, one in enumerate(elements)}
         law = {name: whole.outputs[name].shape for name in ("gap", "E", "hB")}
         stress = traced(local.stress, {**traced.element, **law, "move_i": (w,), "move_j": (w,)})
         found["stress bar"] = vjp(stress, ["gap", "move_i", "move_j"])
@@ -70,9 +81,14 @@ class AdjointProgram(NativeProgram):
         row = {"own.D": (w, w), "left.D": (w, w), "right.D": (w, w), "left.U": (w, w), "right.L": (w, w), "right": (w,),
                "ahead": (w, w), "y": (w,)}
         near = {f"{name}_{at}": (w,) for name in ("free", "push") for at in ("before", "here", "after")}
-        found["row"] = traced(partial(local.transposed_row, False), row)
+        sides = {"left.D": "j.D", "left.U": "U", "right.D": "i.D", "right.L": "L"}
+
+        def packed(function: Function) -> Function:
+            return between.taken(own.taken(function, {"own.D": "D"}), sides)
+
+        found["row"] = packed(traced(partial(local.transposed_row, False), row))
         if self.held:
-            found["held row"] = traced(partial(local.transposed_row, True), row | near)
+            found["held row"] = packed(traced(partial(local.transposed_row, True), row | near))
             found["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
         found["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
         found["balance_bar"] = traced(local.balance_bar, {"move": (w,), "push": (w,), "free": (w,)})
@@ -106,12 +122,13 @@ class AdjointProgram(NativeProgram):
             layout.record("sample", ONE, [(name, 1) for name in ("defect", "defect_bar", "defect_grad")])
         for name in ("asked", "push", "move", "found"):
             layout.record(name, MOVES, [(name, w)])
-        layout.record("law", ELEMENTS, [*self.outputs("law 0"), ("gap_bar", k)])
-        layout.record("at_node", ONE, [("D", w * w)])
-        layout.record("left", TWO, [("D", w * w), ("U", w * w)])
-        layout.record("right", ONE, [("D", w * w), ("L", w * w)])
+        layout.record("law", ELEMENTS, [*self.outputs("blocks 0", "E", "hB"), ("gap_bar", k)])
+        layout.record("at_node", TWO, self.outputs("block 0", OWN))
+        ends = [size for k in range(len(self.kinds.nodes)) for _, size in self.outputs(f"block {k}", END)]
+        layout.record("at_end", TWO, [(END, max(ends, default=0))])
+        layout.record("between", TWO, self.outputs("blocks 0", BETWEEN))
         layout.record("row", NODES, [("ahead", w * w), ("y", w)])
-        layout.record("nothing", ONE, [("zeros", 2 * w * w + k)])
+        layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
         change = layout.record("change", ONE, [("gap_bar", k)])
         for name in self.functions:
             if name.startswith(("node bar", "finish bar", "stress bar", "ended", "scaled bar", "project bar")):

@@ -9,7 +9,9 @@ they come; another takes what its solution asks of them.
 from __future__ import annotations
 
 from ...solvers.compiled.derivative import bar
+from ...solvers.compiled.ends import END
 from .chain_code import ChainCode
+from .layout import BETWEEN
 
 
 class AdjointDriver(ChainCode):
@@ -63,14 +65,13 @@ class AdjointDriver(ChainCode):
                 self._element_ends(e)
         with code.loop(0, nodes) as j:
             self._ends(j)
-        with code.loop(0, N) as e:
-            self._laws(e)
         if self.held:
             with code.loop(0, self.args["supports"]) as k:
                 node = code.load(code.at(self.args["support_nodes"], k))
                 places = {"reaction_bar": self.at("reaction_bar", k), "free": self.at("free", node),
                           "> push": self.at("push", code.add(node, 1))}
                 self._call("push", lambda f: places[f])
+        self._block("0")
         with code.loop(0, nodes) as j:
             self._row(j)
         with code.loop(N, -1, -1) as j:
@@ -178,10 +179,10 @@ class AdjointDriver(ChainCode):
             if f[0] == ">":
                 return self.at("change", 0, f[2:])
             name = f.removesuffix("_bar")
-            if f != name:
-                record = "sample" if name == "work" else "energy" if name in ("kinetic", "rise") else "state_bar"
-                return self.at("state_bar", j, name) if record == "state_bar" else self.at(record, 0, f)
-            return self._of_node(f, j)
+            if f == name:
+                return self._of_node(f, j)
+            whole = {"work": "sample", "kinetic": "energy", "rise": "energy"}
+            return self.at(whole[name], 0, f) if name in whole else self.at("state_bar", j, name)
 
         with self._kind(j) as kinds:
             for k in kinds:
@@ -196,51 +197,53 @@ class AdjointDriver(ChainCode):
     def _of_element(self, field: str, e: str) -> str:
         side, _, name = field.partition(".")
         if side in ("i", "j"):
-            return self._of_node(name, e if side == "i" else self.code.add(e, 1))
+            node = e if side == "i" else self.code.add(e, 1)
+            return self.at("at_end", self._odd(node)) if name == END else self._of_node(name, node)
         for record in ("element", "stress", "law", "element_state"):
             if record in self.layout.records and field in self.layout.records[record].fields:
                 return self.at(record, e, field)
         return self.at("common", 0, field)
 
-    def _laws(self, e: str) -> None:
-        """What the stress's cotangent asks of the nodes' moves."""
+    def _blocks(self, e: str) -> None:
+        """Of an element: what it adds to the matrix, and what its stress's cotangent asks of its nodes' moves."""
         code = self.code
         with self._element_kind(e) as kinds:
             for k in kinds:
-                self._call(f"law {k}", lambda f: self.at("law", e, f[2:]) if f[0] == ">" else self._of_element(f, e))
+                self._call(f"blocks {k}", lambda f: self.at("between", self._odd(e)) if f == f"> {BETWEEN}" else
+                           self.at("law", e, f[2:]) if f[0] == ">" else self._of_element(f, e))
         places = {f"> {bar('gap')}": ("law", e, "gap_bar"), bar("stress"): ("stress_bar", e)}
         self._call("stress bar", lambda f: self.at(*places[f]) if f in places else
                    self.at("change", 0, f[2:]) if f[0] == ">" else self._of_element(f, e))
         for k, name in enumerate(("move_i", "move_j"), 1):
             self._add(self.at("asked", code.add(e, k)), self.at("change", 0, bar(name)), self.layout.records["move"].size)
 
-    def _row(self, j: str) -> None:
-        code = self.code
+    def _block(self, j: str) -> None:
+        """Of node j: what it adds to the matrix, and what is computed there for the elements at it."""
+        odd = self._odd(j)
         with self._kind(j) as kinds:
             for k in kinds:
-                self._call(f"block {k}", lambda f: self.at("at_node", 0, f[2:]) if f[0] == ">" else self._of_node(f, j))
-        last, left, right, behind = self._sides(j)
+                self._call(f"block {k}", lambda f: self.at("at_end" if f == f"> {END}" else "at_node", odd) if f[0] == ">" else
+                           self._of_node(f, j))
+
+    def _row(self, j: str) -> None:
+        code = self.code
+        last, left, right = self._sides(j)
         with code.when(code.new(f"xor i1 {last}, true")):
-            places = {"i.D": ("right", self.at("right"), "D"), "L": ("right", self.at("right"), "L"),
-                      "j.D": ("left", behind, "D"), "U": ("left", behind, "U")}
-            with self._element_kind(j) as kinds:
-                for k in kinds:
-                    self._call(f"blocks {k}", lambda f: self._inside(*places[f[2:]]) if f[0] == ">" else
-                               self._of_element(f, j))
+            self._block(code.add(j, 1))
+            self._blocks(j)
+        sides = {"left": left, "right": right, "own": self.at("at_node", self._odd(j))}
         near = self._near(j) if self.held else {}
         if self.held:
             near |= {f"push_{name}": self.at("push", code.add(j, k)) for k, name in enumerate(("before", "here", "after"))}
 
         def where(field: str) -> str:
-            side, _, name = field.partition(".")
+            side, dot, _ = field.partition(".")
             if field[0] == ">":
                 return self.at("row", j, field[2:])
-            if name and side in ("left", "right"):
-                return self._inside(side, left if side == "left" else right, name)
+            if dot and side in sides:
+                return sides[side]
             if field == "right":
                 return self.at("asked", code.add(j, 1))
-            if side == "own":
-                return self.at("at_node", 0, name)
             return near[field] if field in near else self._row_before(field, j)
 
         self._call_row(j, where)

@@ -215,9 +215,9 @@ def like(shape: Sequence[int], dtype: torch.dtype) -> Tensor:
     return torch.empty((), dtype=dtype, device=CPU).expand(shape)
 
 
-def made_like(x: Tensor) -> Tensor:
-    """Memory for a tensor of the same shape, in a third of the time that it takes by a shape and a dtype."""
-    return torch.empty_like(x, memory_format=torch.contiguous_format)
+def made_like(tensors: Iterable[Tensor]) -> list[Tensor]:
+    """Memory for tensors of the same shapes, in a third of the time that it takes by shape and dtype."""
+    return [torch.empty_like(x, memory_format=torch.contiguous_format) for x in tensors]
 
 
 def _copied(array: Any) -> Any:

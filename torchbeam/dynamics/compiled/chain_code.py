@@ -95,19 +95,16 @@ class ChainCode:
         at = self.at("row", code.choose(first, j, code.sub(j, 1)), field)
         return code.choose(first, self.at("nothing"), at, "ptr")
 
-    def _sides(self, j: str) -> tuple[str, str, str, str]:
-        """Whether node j is the last, and the records that the elements before and behind it leave at it, and where the one
-        behind leaves what is of the next node.
-        """
+    def _sides(self, j: str) -> tuple[str, str, str]:
+        """Whether node j is the last; what the elements before and behind it leave, zeros where there is none."""
         code = self.code
-        last, odd = code.compare("eq", j, self.args["elements"]), code.new(f"and i64 {j}, 1")
-        left = code.choose(code.compare("eq", j, 0), self.at("nothing"), self.at("left", odd), "ptr")
-        right = code.choose(last, self.at("nothing"), self.at("right"), "ptr")
-        return last, left, right, self.at("left", code.sub(1, odd))
+        last, odd, nothing = code.compare("eq", j, self.args["elements"]), self._odd(j), self.at("nothing")
+        left = code.choose(code.compare("eq", j, 0), nothing, self.at("between", code.sub(1, odd)), "ptr")
+        return last, left, code.choose(last, nothing, self.at("between", odd), "ptr")
 
-    def _inside(self, record: str, pointer: str, field: str) -> str:
-        """A field of a record that begins at the pointer."""
-        return self.code.at(pointer, self.layout.records[record].place(field) * self.bytes, "i8")
+    def _odd(self, j: str) -> str:
+        """Which of two records that take turns is node j's."""
+        return self.code.new(f"and i64 {j}, 1")
 
     # Pieces
 

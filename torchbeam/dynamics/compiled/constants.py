@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ...core.derivatives import lasting
 from ...core.leaves import constant, detached, functions, own_leaves, with_values
 from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
@@ -231,16 +232,19 @@ class Constants:
         if torch.is_grad_enabled() and any(x.requires_grad for x in self.sources):
             return value()
         if name not in self._kept:
-            self._kept[name] = value()
+            with lasting():
+                self._kept[name] = value()
         return self._kept[name]
 
     def _tangent(self, dt: Tensor) -> tuple[Tensor, Tensor]:
-        """C of the tangent, and whether it is the law's; that of the last dt (0-dim) is kept."""
-        key = dt.item() if dt.ndim == 0 and dt is concrete(dt) else None
-        found = self._kept.get("tangent")
-        if found is None or key is None or found[0] != key:
-            C = self.model.tangent_stiffness(dt.detach())
-            found = self._kept["tangent"] = key, C, same_law(C, self.model.law.C).to(C)
+        """C of the tangent, and whether it is the law's; those of the last dt are kept."""
+        found, known = self._kept.get("tangent"), dt is concrete(dt)
+        if found is None or not known or not torch.equal(found[0], dt):
+            with lasting():
+                C = self.model.tangent_stiffness(dt.detach())
+                found = dt.detach().clone(), C, same_law(C, self.model.law.C).to(C)
+            if known:
+                self._kept["tangent"] = found
         return found[1:]
 
 

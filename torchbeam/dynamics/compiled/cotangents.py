@@ -59,7 +59,7 @@ class Adjoint:
         if form not in self.calls:
             self.calls[form] = self._backward(fields, start)
         call, whole, stepwise = self.calls[form]
-        whole, stepwise = ({k: made_like(x) for k, x in found.items()} for found in (whole, stepwise))
+        whole, stepwise = (dict(zip(found, made_like(found.values()), strict=True)) for found in (whole, stepwise))
         call.run(inputs=[one.value for one in fields], outputs=[*whole.values()], stepwises=[*stepwise.values()])
         found = {k: x.reshape((*call.batch, *x.shape[1:])) for k, x in whole.items()}
         found |= {k: x.reshape((call.K, *call.batch, *x.shape[2:])) for k, x in stepwise.items()}

@@ -1,15 +1,17 @@
 """Native driver of a step: for each group of samples, a lane each, Newton's method on a chain, step by step.
 
-One iteration is one pass over the chain. Its rows are eliminated as they come: node j, the element behind it, then row j from
-these and from what the element before has left (two records that take turns), so that no block of the matrix is kept. Back
-substitution, and the updates of unknowns that are not over yet. Everything that is computed is in the functions of
+One iteration is one pass over the chain. Its rows are eliminated as they come: node j + 1, the element before it, then row j
+from node j and from the elements on either side (records of two rows, which take turns), so that no block of the matrix is
+kept. Back substitution, and the updates of unknowns that are not over yet. Everything that is computed is in the functions of
 `LocalFunctions`; here is only in which order, and where their fields lie.
 """
 
 from __future__ import annotations
 
+from ...solvers.compiled.ends import END
 from ...solvers.compiled.split import HOISTED
 from .chain_code import ChainCode
+from .layout import BETWEEN, LAW
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
 
@@ -84,36 +86,40 @@ class Driver(ChainCode):
         """Balance and elimination, from the first node to the last."""
         code, N = self.code, self.args["elements"]
         self._fill(self.at("sums"), self.layout.records["sums"].size)
+        self._node("0")
         with code.loop(0, code.add(N, 1)) as j:
-            with self._kind(j) as kinds:
-                for k in kinds:
-                    self._call(f"node {k}", lambda f: self.at("at_node", 0, f[2:]) if f[0] == ">" else
-                               self.at("before node", j) if f == HOISTED else self._of_node(f, j))
-            last, left, right, behind = self._sides(j)
+            last, left, right = self._sides(j)
             with code.when(code.new(f"xor i1 {last}, true")):
+                self._node(code.add(j, 1))
                 with self._element_kind(j) as kinds:
                     for k in kinds:
-                        self._call(f"element {k}", lambda f: self._of_element(f, j, behind))
+                        self._call(f"element {k}", lambda f: self._of_element(f, j))
                 for name in ("force", "moment", "strain", "left_strain"):
                     self._largest(name, "at_element")
             self._row(j, left, right)
             for name in self.layout.records["sums"].fields:
                 self._largest(name, "at_row")
 
-    def _of_element(self, field: str, j: str, behind: str = "") -> str:
+    def _node(self, j: str) -> None:
+        """Balance of node j, and what is computed there for the elements at it; with what is of the next node, by turns."""
+        odd = self._odd(j)
+        with self._kind(j) as kinds:
+            for k in kinds:
+                self._call(f"node {k}", lambda f: self.at("at_end", odd) if f == f"> {END}" else
+                           self.at("at_node", odd) if f[0] == ">" else
+                           self.at("before node", j) if f == HOISTED else self._of_node(f, j))
+
+    def _of_element(self, field: str, j: str) -> str:
         records = self.layout.records
         if field.removeprefix("> ") == HOISTED:
             return self.at("before element", j)
         if field[0] == ">":
-            side, _, name = field[2:].partition(".")
-            if side == "i" or field[2:] == "U":
-                return self.at("right", 0, name or "U")
-            if side == "j" or field[2:] == "L":
-                return self._inside("left", behind, name or "L")
-            return self.at("strain_law", j, side) if side in ("gap", "E") else self.at("at_element", 0, side)
+            places = {BETWEEN: ("between", self._odd(j)), LAW: ("strain_law", j)}
+            return self.at(*places.get(field[2:], ("at_element", 0, field[2:])))
         side, _, name = field.partition(".")
         if side in ("i", "j"):
-            return self._of_node(name, j if side == "i" else self.code.add(j, 1))
+            node = j if side == "i" else self.code.add(j, 1)
+            return self.at("at_end", self._odd(node)) if name == END else self._of_node(name, node)
         for record in ("element", "stress", "element_state"):
             if record in records and field in records[record].fields:
                 return self.at(record, j, field)
@@ -121,16 +127,14 @@ class Driver(ChainCode):
 
     def _row(self, j: str, left: str, right: str) -> None:
         code, near = self.code, self._near(j) if self.held else {}
+        sides = {"left": left, "right": right, "own": self.at("at_node", self._odd(j))}
 
         def where(field: str) -> str:
-            side, _, name = field.partition(".")
+            side, name = field.partition(".")[0], field[2:]
             if field[0] == ">":
-                name = field[2:]
                 return self.at("row", j, name) if name in ("ahead", "y") else self.at("at_row", 0, name)
-            if side in ("left", "right"):
-                return self._inside(side, left if side == "left" else right, name)
-            if side == "own":
-                return self.at("at_node", 0, name)
+            if side in sides:
+                return sides[side]
             return near[field] if field in near else self._row_before(field, j)
 
         def keep() -> None:

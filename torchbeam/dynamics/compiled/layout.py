@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 NODES, ELEMENTS, SUPPORTS, MOVES, ONE, TWO = "nodes", "elements", "supports", "moves", "one", "two"  # rows of a record
+OWN, BETWEEN, LAW = "own", "between", "law"  # packed: what a node gives its row, an element its nodes' rows, and its stress
 
 
 @dataclass

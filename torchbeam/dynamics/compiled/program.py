@@ -10,20 +10,21 @@ from torch import Tensor
 from ...core.derivatives import cache_of
 from ...core.leaves import Tree, map_leaves
 from ...nodal.coordinates.planar import Plane
+from ...solvers.compiled.ends import END, share_ends
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.object_cache import key_of
+from ...solvers.compiled.packing import Packing
 from ...solvers.compiled.split import HOISTED, split
 from .adjoint import AdjointProgram
 from .driver import SUMS, Driver
 from .kept import key_on_disk
-from .layout import ELEMENTS, MOVES, NODES, ONE, SUPPORTS, TWO, Layout
+from .layout import BETWEEN, ELEMENTS, LAW, MOVES, NODES, ONE, OWN, SUPPORTS, TWO, Layout
 from .local_functions import LocalFunctions
-from .local_problem import Kinds
+from .local_problem import EndKind, Kinds
 from .native import NativeProgram
 from .tracing import Tracing
 
 SAMPLE = ("over", "done", "before", "iterations", "status", "moving", "cosine", "good", "found_status", "last_status", "work")
-SIDES = ("balance", "asked", "inertia", "D")
 
 
 class ChainProgram(NativeProgram):
@@ -41,32 +42,54 @@ class ChainProgram(NativeProgram):
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         w, found = self.w, self._of_nodes(traced, local)
-        for k in range(len(self.kinds.nodes)):
-            _split(found, f"node {k}", found[f"node {k}"], (*self.unknown, *self.varying))
-        ends = [f"{side}.{name}" for side in "ij" for name in self.unknown]
-        for k, kind in enumerate(self.kinds.elements):
-            whole = traced(partial(local.element, kind), traced.element | {name: () for name in self.varying})
-            whole = whole.only(name for name in whole.outputs if name != "hB")
-            _split(found, f"element {k}", whole, (*ends, "stress", *self.varying))
-        law = {name: whole.outputs[name].shape for name in ("gap", "E")}
+        nodes = [found[f"node {k}"] for k in range(len(self.kinds.nodes))]
+        own = Packing(OWN, nodes, nodes[0].outputs)
+        elements = [traced(partial(local.element, kind), traced.element | {name: () for name in self.varying})
+                    for kind in self.kinds.elements]
+        whole = elements[0]
+        between = [name for name in whole.outputs if name[:2] in ("i.", "j.") or name in ("U", "L")]
+        between = Packing(BETWEEN, elements, between)
+        law = Packing(LAW, between.made(), ("gap", "E"))
+        elements = [one.only(name for name in one.outputs if name != "hB") for one in law.made()]
+        self._iterated(found, own.made(), elements, traced)
+
         moves = {"move_i": (w,), "move_j": (w,)}
-        found["stress"] = traced(local.stress, {**traced.element, **law, **moves})
-        sides = {"left": ("j", "L"), "right": ("i", "U")}
-        row = {f"own.{name}": out.shape for name, out in found["node 0"].outputs.items()}
-        for side, (end, block) in sides.items():
-            row |= {f"{side}.{name[2:]}": out.shape for name, out in whole.outputs.items() if name.startswith(f"{end}.")}
-            row[f"{side}.{block}"] = (w, w)
+        stress = traced(local.stress, {**traced.element, **{name: whole.outputs[name].shape for name in law.fields}, **moves})
+        found["stress"] = law.taken(stress, {name: name for name in law.fields})
+        row = {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
+        sides = {f"{side}.{name.removeprefix(f'{end}.')}": name
+                 for side, end, block in (("left", "j", "L"), ("right", "i", "U"))
+                 for name in between.fields if name.startswith(f"{end}.") or name == block}
+        row |= {called: whole.outputs[name].shape for called, name in sides.items()}
         row |= {"ahead": (w, w), "y": (w,)}
-        found["row"] = traced(partial(local.row, False), row)
+
+        def packed(function: Function) -> Function:
+            return between.taken(own.taken(function, {f"own.{name}": name for name in own.fields}), sides)
+
+        found["row"] = packed(traced(partial(local.row, False), row))
         found["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
         if self.held:
             free = {f"free_{name}": (w,) for name in ("before", "here", "after")}
-            found["held row"] = traced(partial(local.row, True), row | free)
+            found["held row"] = packed(traced(partial(local.row, True), row | free))
             found["reaction"] = traced(local.reaction, {
                 "rows": (w, 3 * w), **{name: (w,) for name in ("asked", "free", "before", "here", "after")}})
         found["judge"] = traced(local.judge, {name: () for name in (
             *SUMS, "total", "longest", "exact", "tolerance", "before", "over", "done", "status", "iterations")})
         return found
+
+    def _iterated(self, found: dict[str, Function], nodes: list[Function], elements: list[Function], traced: Tracing) -> None:
+        """What each iteration computes of nodes and elements: what is of one of an element's nodes alone is computed there, and
+        before the iterations what does not depend on the unknowns.
+        """
+        sides = [dict(zip("ij", kind, strict=True)) for kind in self.kinds.elements]
+        elements, ends = share_ends([*zip(elements, sides, strict=True)], self.unknown,
+                                    (*traced.constants["common"], *self.varying))
+        for k, (node, kind) in enumerate(zip(nodes, self.kinds.nodes, strict=True)):
+            end = ends.get(EndKind(kind.hinge, kind.support), ends.get(EndKind()))
+            _split(found, f"node {k}", node if end is None else node.joined(end), (*self.unknown, *self.varying))
+        changing = [f"{side}.{name}" for side in "ij" for name in (*self.unknown, END)]
+        for k, one in enumerate(elements):
+            _split(found, f"element {k}", one, (*changing, "stress", *self.varying))
 
     def _layout(self) -> Layout:
         inputs, outputs, w, k = self.constants, self.outputs, self.w, self.k
@@ -81,16 +104,16 @@ class ChainProgram(NativeProgram):
         for name, rows, kinds in zip(("before node", "before element"), (NODES, ELEMENTS), self.kinds, strict=True):
             hoisted = [len(self.functions[f"{name} {i}"].outputs[HOISTED].nodes) for i in range(len(kinds))]
             layout.record(name, rows, [(HOISTED, max(hoisted))])
-        layout.record("at_node", ONE, outputs("node 0"))
+        layout.record("at_node", TWO, outputs("node 0", OWN))
+        ends = [size for k in range(len(self.kinds.nodes)) for _, size in outputs(f"node {k}", END)]
+        layout.record("at_end", TWO, [(END, max(ends, default=0))])
         layout.record("at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain"))
-        both = [(name[2:], size) for name, size in outputs("element 0") if name.startswith("i.") and name[2:] in SIDES]
-        layout.record("left", TWO, [*both, ("L", w * w)])
-        layout.record("right", ONE, [*both, ("U", w * w)])
+        layout.record("between", TWO, outputs("element 0", BETWEEN))
         layout.record("row", NODES, outputs(row, "ahead", "y"))
         layout.record("at_row", ONE, [one for one in outputs(row) if one[0] not in ("ahead", "y")])
-        layout.record("strain_law", ELEMENTS, outputs("element 0", "gap", "E"))
+        layout.record("strain_law", ELEMENTS, outputs("element 0", LAW))
         layout.record("move", MOVES, [("move", w)])
-        layout.record("nothing", ONE, [("zeros", layout.records["left"].size + w * w)])
+        layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w))])
         layout.record("change", ONE, [*outputs("update 0"), ("stress", k)])
         layout.record("judged", ONE, outputs("judge"))
         layout.record("sums", ONE, [(name, 1) for name in SUMS])

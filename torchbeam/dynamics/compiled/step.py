@@ -136,7 +136,7 @@ class CompiledStep:
             return None
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         form = self._form(tensors, K, dims, (tolerance, least, lanes, repeat))
-        made = [made_like(x) for x in form.made]
+        made = made_like(form.made)
         form.call.run(limit, inputs=tensors, outputs=made)
         *made, status, iterations = made
         if wanted:

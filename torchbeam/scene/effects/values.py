@@ -179,6 +179,33 @@ def inputs_at(inputs: dict[str, Any], t: Tensor, like: Tensor, interval: int = 0
     return {name: value(name, v) for name, v in inputs.items()}
 
 
+def inputs_over(inputs: dict[str, Any], steps: range, instant: Callable[[int], Tensor], interval: Callable[[int], int],
+                like: Tensor) -> dict[str, Any]:
+    """Inputs by name over steps, at the instant and in the interval of each: what differs from step to step as `PerInterval`
+    of these steps, where there are several, the others as they are. Intervals rise with the steps, by one or none.
+    """
+    if len(steps) == 1:
+        return inputs_at(inputs, instant(steps[0]), like, interval(steps[0]))
+    places = [interval(k) for k in steps]
+    if places[-1] - places[0] + 1 == len(places):
+        places = slice(places[0], places[-1] + 1)
+
+    def value(name: str, v: Any) -> Any:
+        if isinstance(v, PerInterval):
+            return PerInterval(as_tensor(v.value, like.dtype, like.device)[..., places, :])
+        if not callable(v):
+            return v
+        each = [inputs_at({name: v}, instant(k), like)[name] for k in steps]
+        return PerInterval(torch.stack(torch.broadcast_tensors(*each), -2)) if each[0].ndim else each[0]  # of no size
+
+    return {name: value(name, v) for name, v in inputs.items()}
+
+
+def first_of(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Inputs by name in the first of the steps that they are for."""
+    return {name: v.value[..., 0, :] if isinstance(v, PerInterval) else v for name, v in inputs.items()}
+
+
 def changing(inputs: dict[str, Any], intervals: int) -> bool:
     """Whether inputs by name change over so many intervals. Raises ValueError where one has values for another number."""
     for name, v in inputs.items():

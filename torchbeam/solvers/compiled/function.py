@@ -60,6 +60,14 @@ class Function:
                 there[x] = graph.again(own.ops[x], [there[y] for y in own.args[x]], own.values[x])
         return {name: [there[x] for x in out.nodes] for name, out in self.outputs.items()}
 
+    def joined(self, other: Function) -> Function:
+        """The outputs of both, in one graph: what is equal is computed once."""
+        graph, outputs = Graph(), {}
+        for one in (self, other):
+            nodes = one.into(graph, {})
+            outputs |= {name: Output(out.shape, tuple(nodes[name])) for name, out in one.outputs.items()}
+        return Function(graph, {**self.inputs, **other.inputs}, outputs)
+
     def with_constants(self, values: Mapping[str, Sequence[float]]) -> Function:
         """The function with constants (flat, in the order of memory) in place of some inputs; folded anew."""
         graph = Graph()

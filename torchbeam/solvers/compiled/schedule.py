@@ -17,24 +17,31 @@ class Store(NamedTuple):
 
 
 def schedule(function: Function) -> Iterator[int | Store]:
-    """Nodes, each behind those that it reads, and stores, each right behind what it writes: output by output, depth first, the
-    argument first that needs more registers (Sethi and Ullman 1970). Constants are left out.
+    """Nodes, each behind those that it reads, and stores, each right behind what it writes: that output first for which the
+    fewest nodes are wanting; depth first, the argument first that needs more registers (Sethi and Ullman 1970). Constants are
+    left out.
     """
-    graph, registers = function.graph, {}
+    graph, registers, needed = function.graph, {}, {}
     for node in function.live():
         if graph.ops[node] != "const":
             needs = sorted((registers[x] for x in set(graph.args[node]) if x in registers), reverse=True)
             registers[node] = max((n + k for k, n in enumerate(needs)), default=1)
-    done: set[int] = set()
-    for field, out in function.outputs.items():
-        for component, end in enumerate(out.nodes):
-            todo = [(end, False)]
-            while todo:
-                node, ready = todo.pop()
-                if ready:
-                    yield node
-                elif node in registers and node not in done:
-                    done.add(node)
-                    todo.append((node, True))
-                    todo.extend((x, False) for x in sorted(graph.args[node], key=lambda x: registers.get(x, 0)))
-            yield Store(field, component, end)
+            needed[node] = (graph.ops[node] != "input") << node  # a bit for each node that it depends on
+            for x in graph.args[node]:
+                needed[node] |= needed.get(x, 0)
+    stores = [Store(field, k, node) for field, out in function.outputs.items() for k, node in enumerate(out.nodes)]
+    done, wanting = set(), -1  # a bit for each node that is not done
+    while stores:
+        store = min(stores, key=lambda one: (needed.get(one.node, 0) & wanting).bit_count())
+        stores.remove(store)
+        wanting &= ~needed.get(store.node, 0)
+        todo = [(store.node, False)]
+        while todo:
+            node, ready = todo.pop()
+            if ready:
+                yield node
+            elif node in registers and node not in done:
+                done.add(node)
+                todo.append((node, True))
+                todo.extend((x, False) for x in sorted(graph.args[node], key=lambda x: registers.get(x, 0)))
+        yield store

@@ -20,10 +20,10 @@ def split(function: Function, fixed: Iterable[str]) -> tuple[Function, Function]
     fewer ones are replaced by these.
     """
     fixed = set(fixed)
-    function = _with_reciprocals(function, _settled(function, fixed))
-    graph, live, settled = function.graph, function.live(), _settled(function, fixed)
-    wanted = {x for node in live if node not in settled for x in graph.args[node] if x in settled}
-    wanted |= {x for out in function.outputs.values() for x in out.nodes if x in settled}
+    function = _with_reciprocals(function, settled(function, fixed))
+    graph, live, known = function.graph, function.live(), settled(function, fixed)
+    wanted = {x for node in live if node not in known for x in graph.args[node] if x in known}
+    wanted |= {x for out in function.outputs.values() for x in out.nodes if x in known}
     read = _smallest(graph, wanted)
     handed = sorted(x for x in read if graph.ops[x] != "input")
     before = Function(graph, {name: shape for name, shape in function.inputs.items() if name in fixed},
@@ -31,8 +31,8 @@ def split(function: Function, fixed: Iterable[str]) -> tuple[Function, Function]
     return before, _rest(function, handed)
 
 
-def _settled(function: Function, fixed: set[str]) -> set[int]:
-    """Nodes that depend on fixed inputs, and on these alone."""
+def settled(function: Function, fixed: set[str]) -> set[int]:
+    """Nodes that depend on the inputs `fixed`, and on these alone."""
     graph, found = function.graph, set()
     for node in function.live():
         if graph.ops[node] == "input":
@@ -43,11 +43,11 @@ def _settled(function: Function, fixed: set[str]) -> set[int]:
     return found
 
 
-def _with_reciprocals(function: Function, settled: set[int]) -> Function:
+def _with_reciprocals(function: Function, known: set[int]) -> Function:
     own, graph, there = function.graph, Graph(), {}
     for x in function.live():
         op, value, args = own.ops[x], own.values[x], [there[y] for y in own.args[x]]
-        if op == "div" and x not in settled and own.args[x][1] in settled:
+        if op == "div" and x not in known and own.args[x][1] in known:
             there[x] = graph.make("mul", args[0], graph.make("div", graph.one, args[1]))
         else:
             there[x] = graph.again(op, args, value)

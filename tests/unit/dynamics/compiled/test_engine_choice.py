@@ -7,6 +7,7 @@ import pickle
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import torch
@@ -217,6 +218,33 @@ def test_repeated_steps_are_the_same_as_single_ones():
     assert torch.equal(found.status, wanted.status) and torch.equal(found.t, wanted.t)
     resting = torch.tensor([True, False, True, True, True])
     assert torch.equal(stepper.repeat(start, 2, {"u": torch.ones(5, 3)}, resting).position[1], start.position[1])
+
+
+def test_a_stepper_that_inference_mode_used_first_has_gradients_later():
+    """What is kept was made there: the maps of a plane, C, the engine itself."""
+    u, found = torch.ones(4, 3, requires_grad=True), []
+    for first in (torch.inference_mode, torch.no_grad):
+        scene = tb.Scene(straight(3), [tb.TipLoad(force=tb.Input("u", 3))], plane="xy")
+        stepper = tb.Stepper(scene, 0.01, engine="compiled")
+        with first():
+            state = stepper(stepper(stepper.rest(), u=u[0]), u=u[0])
+            found.append(state.position.clone())
+        states = tb.rollout(stepper, stepper.rest(), 4, u=tb.PerInterval(u))
+        found.append(torch.autograd.grad(states.position.square().sum(), u)[0])
+    assert torch.equal(found[0], found[2])
+    assert torch.equal(found[1], found[3])
+    assert found[1].any()
+
+
+@torch.no_grad()
+def test_a_call_is_made_by_several_threads_at_once():
+    """One stepper, each thread with loads of its own; native code runs outside of Python's lock."""
+    stepper = tb.Stepper(arm(), 0.01, engine="compiled")
+    start, loads = stepper.rest((9,)), torch.randn(4, 9, 3, generator=torch.Generator().manual_seed(1))
+    wanted = [stepper(start, u=u).position for u in loads]
+    with ThreadPoolExecutor(4) as pool:
+        found = [*pool.map(lambda k: stepper(start, u=loads[k % 4]).position, range(40))]
+    assert all(torch.equal(x, wanted[k % 4]) for k, x in enumerate(found))
 
 
 def _tip(stepper, state, queue):

@@ -1,0 +1,112 @@
+"""Method: what a step of an implicit method is made of, and what it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any, ClassVar, NamedTuple
+
+from torch import Tensor
+
+from ..core.arguments import boolean
+from ..nodal.model import Model
+from ..state.state import State
+from .midpoint import MidpointProblem
+
+
+class Composition(NamedTuple):
+    """Solves one after the other: `shares` of the step that each makes, their sum 1; one that is negative goes back in time."""
+
+    shares: tuple[float, ...]
+
+    @property
+    def begins(self) -> tuple[float, ...]:
+        """Where each begins, as a share of the step."""
+        return tuple(sum(self.shares[:k]) for k in range(len(self.shares)))
+
+    def instants(self, part: float) -> tuple[float, ...]:
+        """Where each takes loads and inputs, this part of it having passed, as a share of the step."""
+        return tuple(begin + part * share for begin, share in zip(self.begins, self.shares, strict=True))
+
+
+WHOLE = Composition((1.0,))
+
+
+class Scheme(NamedTuple):
+    """A step as the mean of compositions that all start where it does, with `weights` whose sum is 1."""
+
+    compositions: tuple[Composition, ...] = (WHOLE,)
+    weights: tuple[float, ...] = (1.0,)
+
+
+class Method:
+    """An implicit method, with its options: one solve of `problem` a step, unless it says otherwise.
+
+    SOLVES   the method whose step a solve is
+    ORDER    of accuracy in time;  SOLVES_A_STEP: at most
+    INSTANT  of a solve: where, as a share of it, loads and inputs are taken
+    PART     of a solve's rotation: what the unknown holds
+    """
+
+    PROBLEM: ClassVar[type[MidpointProblem]] = MidpointProblem
+    WHOLE: ClassVar[Scheme] = Scheme()
+    SOLVES: ClassVar[str] = "midpoint"
+    ORDER: ClassVar[int] = 2
+    SOLVES_A_STEP: ClassVar[int] = 1
+
+    def __init__(self, **options: Any) -> None:
+        self.options = options
+        self.INSTANT, self.PART = self.PROBLEM.INSTANT, self.PROBLEM.PART
+
+    @classmethod
+    def of(cls, name: str, conserve: bool, rho_inf: float | None) -> Method:
+        """The method of that name, from a user's options. Raises ValueError for one that it does not have."""
+        raise NotImplementedError
+
+    @property
+    def solves(self) -> tuple[str, dict[str, Any]]:
+        """Name of the method whose step a solve is, and its options: what an engine is asked for."""
+        return self.SOLVES, {name: value for name, value in self.options.items() if value is not False}
+
+    def check(self, model: Model) -> None:
+        """Raises ValueError for a model that the method does not take."""
+
+    def problem(self, *args: Any) -> MidpointProblem:
+        """One solve: model, state, dt, t, inputs."""
+        return self.PROBLEM(*args, **self.options)
+
+    def schemes(self, model: Model, dt: Tensor) -> list[tuple[Scheme, Tensor | None]]:
+        """Schemes of a step of dt, with the samples (...) bool that each makes; None = all."""
+        return [(self.WHOLE, None)]
+
+    def alone(self, model: Model, dt: Tensor) -> Composition | None:
+        """The one composition that a step of dt, or steps of dt (K), are made by, of all samples; None where there are more."""
+        found = self.schemes(model, dt)
+        return found[0][0].compositions[0] if len(found) == 1 and len(found[0][0].compositions) == 1 else None
+
+    def begin(self, state: State, model: Model, dt: Tensor, trial: Callable[[State], State]) -> State:
+        """`state` with what the method remembers beside it, and no more; trial(state): the state a midpoint step later."""
+        return state if type(state) is State else plain(state)
+
+
+class Midpoint(Method):
+    """See `midpoint`."""
+
+    @classmethod
+    def of(cls, name: str, conserve: bool, rho_inf: float | None) -> Midpoint:
+        without_rho(name, rho_inf)
+        return cls(conserve=boolean("conserve", conserve))
+
+    def check(self, model: Model) -> None:
+        if self.options["conserve"] and model.scene.has_prescribed_motion:
+            raise ValueError("conserve with a frame or support that moves was given; what holds the beam still is wanted")
+
+
+def without_rho(name: str, rho_inf: float | None) -> None:
+    if rho_inf is not None:
+        raise ValueError(f"rho_inf was given; {name!r} has none (generalized_alpha has)")
+
+
+def plain(state: State) -> State:
+    """What every method knows of a state."""
+    return State(**{f.name: getattr(state, f.name) for f in fields(State)})

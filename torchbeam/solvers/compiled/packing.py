@@ -1,0 +1,69 @@
+"""Packing: fields that some functions give and others take, handed over without what is zero, equal, or but of another sign."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from .function import Function, Output
+from .graph import Graph
+
+
+class Packing:
+    """Of fields that each of `makers` gives, of the same shapes: one field `name` of `size` numbers, from which all of their
+    components come. Where these are all zeros, so is it.
+    """
+
+    def __init__(self, name: str, makers: Sequence[Function], fields: Iterable[str]) -> None:
+        self.name, self.fields = name, tuple(fields)
+        self.components: dict[str, list[tuple[int, bool] | None]] = {}  # (place, whether it is the negative), None = zero
+        self._nodes: list[list[int]] = []  # of each place, one a maker
+        places: dict[tuple[int, ...], int] = {}
+        for name in self.fields:
+            self.components[name] = []
+            for nodes in zip(*(one.outputs[name].nodes for one in makers), strict=True):
+                if all(x == one.graph.zero for x, one in zip(nodes, makers, strict=True)):
+                    self.components[name].append(None)
+                    continue
+                opposite = tuple(one.graph.make("neg", x) for x, one in zip(nodes, makers, strict=True))
+                negative = opposite in places
+                if not negative and nodes not in places:
+                    negative = makers[0].graph.ops[nodes[0]] == "neg"
+                    places[opposite if negative else nodes] = len(self._nodes)
+                    self._nodes.append([*(opposite if negative else nodes)])
+                self.components[name].append((places[opposite if negative else nodes], negative))
+        self._makers = [*makers]
+
+    @property
+    def size(self) -> int:
+        return len(self._nodes)
+
+    def made(self) -> list[Function]:
+        """The makers, with the one field in the place of the many."""
+        found = []
+        for k, one in enumerate(self._makers):
+            outputs = {name: out for name, out in one.outputs.items() if name not in self.fields}
+            outputs[self.name] = Output((self.size,), tuple(nodes[k] for nodes in self._nodes))
+            found.append(Function(one.graph, one.inputs, outputs))
+        return found
+
+    def taken(self, function: Function, names: Mapping[str, str]) -> Function:
+        """A function that takes fields by `names` (its own name -> that among the packed ones), with the one field in their
+        place; what stands before a dot in its own name (left.D), the field's name has as well (left.NAME).
+        """
+        graph, given, inputs = Graph(), {}, dict(function.inputs)
+        for called, name in names.items():
+            if called in inputs:
+                side, dot, _ = called.rpartition(".")
+                inputs[f"{side}{dot}{self.name}"] = self.size,
+                del inputs[called]
+                given[called] = [self._component(graph, f"{side}{dot}{self.name}", one) for one in self.components[name]]
+        nodes = function.into(graph, given)
+        outputs = {name: Output(out.shape, tuple(nodes[name])) for name, out in function.outputs.items()}
+        return Function(graph, inputs, outputs).only(outputs)
+
+    @staticmethod
+    def _component(graph: Graph, field: str, one: tuple[int, bool] | None) -> int:
+        if one is None:
+            return graph.zero
+        found = graph.input(field, one[0])
+        return graph.make("neg", found) if one[1] else found
