@@ -115,6 +115,7 @@ def test_energy_error_is_second_order():
     assert_close(orders(drifts), torch.full((2,), 2.0), rtol=0, atol=0.05)
 
 
+@pytest.mark.long  # unit/core/test_functions_of_time.py has a short one
 def test_dual_numbers_go_through_a_checkpointed_motion():
     """They need no memory of the past, so that nothing is kept: the derivative is that of `torch.func.jvp` without."""
     t = torch.linspace(0, 0.2, 5)

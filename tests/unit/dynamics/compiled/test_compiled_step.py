@@ -161,6 +161,7 @@ def test_what_a_load_closes_over_is_taken_when_the_stepper_is_made():
     assert found[0] != found[1]
 
 
+@pytest.mark.long  # test_compiled_scenes "line loads" has it too
 @torch.no_grad()
 def test_a_moving_load_along_the_beam_by_place_and_time():
     scene = tb.Scene(straight(2), [tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((s * t, torch.cos(s), 0 * s), -1)),
