@@ -33,7 +33,7 @@ TASK = dict(elements=4, substeps=2, control_interval=0.02, max_episode_steps=50)
 FULL = dict(task=TASK, rounds=16, batch=32, spread=0.15, updates=40, rate=1.5e-2, pd_targets=16, pd_sets=40, held_out=256,
             finer=64, stride=1)
 QUICK = dict(task={**TASK, "elements": 2, "substeps": 1, "max_episode_steps": 30}, rounds=2, batch=8, spread=0.15, updates=5,
-             rate=1.5e-2, pd_targets=4, pd_sets=6, held_out=16, finer=4, stride=3)
+             rate=1.5e-2, pd_targets=4, pd_sets=6, held_out=16, finer=4, stride=6)
 FINER = dict(elements=8, substeps=4)
 TRAINING, HELD_OUT = 1_000_000, 2_000_000  # first seeds, far apart
 

@@ -30,7 +30,7 @@ def episode_return(policy: torch.nn.Module, env: torchbeam_envs.TipReachVectorEn
 @pytest.mark.parametrize("form, solver, steps", [
     pytest.param("block_rate", "sweep", 16, marks=pytest.mark.long), ("block_rate", "sweep", 2),
     pytest.param("block_rate", "dense", 2, marks=pytest.mark.long),
-    ("minimal", "", 2),
+    pytest.param("minimal", "", 2, marks=pytest.mark.long),
 ])
 def test_gradient_reaches_the_policy(form, solver, steps):
     """Directional derivative of a return by the policy's weights, against central differences with h = 1e-5: both agree to

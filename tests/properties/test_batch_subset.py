@@ -57,6 +57,7 @@ SCENES = {
                                  root=tb.RootMotion(lambda t: some(3, size=0.01) * t, lambda t: some(3) * t)),
     "user": lambda P: tb.Scene(beam(), [tip(P), tb.Load(lambda r, R, v, w, t: (-some(3).abs() * v, None))]),
 }
+LONG = "one beam", "dead"  # test_large_batch_and_a_sample_alone, and "loads", have what these have
 
 
 @pytest.fixture
@@ -87,7 +88,7 @@ def close(a, b):
     return ((a - b).abs() <= 4096 * torch.finfo(b.dtype).eps * b.abs().max()).all()
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name == "one beam")) for name in SCENES])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in SCENES])
 def test_motion_in_parts(name, least):
     """Every kind of value that may have a batch axis: smaller batches give the states, status and iterations of the whole
     one, through steps that some samples make again in parts.

@@ -123,7 +123,8 @@ WAYS = {"equilibrium": lambda s: tb.equilibrium(s, t=0.5, **EXACT).tip.position,
         "dopri5": lambda s: tb.simulate(s, [0.0, 0.02], method="dopri5", rtol=1e-8, atol=1e-10).tip.position[-1]}
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", [  # unit/core/test_functions_of_time.py has the others' too
+    pytest.param(way, marks=[pytest.mark.long] * (way != "equilibrium")) for way in WAYS])
 def test_load_functions_carry_gradient(way):
     """A tensor that only the load's function knows gets its gradient: reverse against differences, and forward mode."""
     rate = torch.tensor(2.0)
@@ -147,6 +148,7 @@ def test_gradient_by_an_input(method, end, options):
     assert_close(one, other, rtol=1e-12, atol=0)
 
 
+@pytest.mark.long  # unit/scene/test_supports.py, and the gradient fuzz
 def test_gradient_by_geometry():
     """Length and direction of the beam, at rest and after a few steps, against differences and in forward mode."""
     section = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=(1.0, 2.0), mass=0.2, inertia=1e-3)

@@ -110,11 +110,12 @@ def test_energy_error_is_second_order():
     torch.manual_seed(5)
     effects = [tb.TipLoad(force=torch.randn(3)), tb.LineLoad(force=torch.randn(3)), tb.Gravity(torch.randn(3))]
     of = scene(effects=effects)
-    drifts = energy_drifts(of, torch.linspace(0, 2, 11), (0.04, 0.02, 0.01), tolerance=1e-12)
+    drifts = energy_drifts(of, torch.linspace(0, 1, 6), (0.04, 0.02, 0.01), tolerance=1e-12)
     assert drifts[0] < 5e-5
     assert_close(orders(drifts), torch.full((2,), 2.0), rtol=0, atol=0.05)
 
 
+@pytest.mark.long  # unit/core/test_functions_of_time.py has a short one
 def test_dual_numbers_go_through_a_checkpointed_motion():
     """They need no memory of the past, so that nothing is kept: the derivative is that of `torch.func.jvp` without."""
     t = torch.linspace(0, 0.2, 5)

@@ -45,7 +45,8 @@ def answer(g, position, rotation, how, **options):
 
 @pytest.mark.parametrize("how, small, every", [
     pytest.param("statics", False, True, marks=pytest.mark.long), ("statics", False, False), ("midpoint", False, False),
-    ("generalized_alpha", False, False), ("statics", True, False), ("midpoint", True, False),
+    pytest.param("generalized_alpha", False, False, marks=pytest.mark.long), ("statics", True, False),
+    ("midpoint", True, False),
     pytest.param("generalized_alpha", True, False, marks=pytest.mark.long)])
 def test_gradient_by_geometry_whatever_is_held(how, small, every):
     """Node places and section axes all move with g: forward mode against central differences (their error: 1e-7 where it is

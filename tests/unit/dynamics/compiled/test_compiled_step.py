@@ -17,7 +17,7 @@ GRADIENT = torch.tensor(0.3, requires_grad=True)
 SCENES = {"everything": everything, "everything in a plane": lambda: everything(plane="xz"),
           "everything small": lambda: everything(small=True), **{name: SCENES[name] for name in (
               "curved, all loads", "hinges", "inextensible")}}
-LONG = "everything small", "curved, all loads"  # test_adjoint: "small", test_compiled_scenes: "line loads"
+LONG = "everything small", "curved, all loads", "hinges"  # test_adjoint: "small", test_compiled_scenes: the others
 
 
 def same(found, wanted, tolerance=1e-12):
@@ -151,7 +151,7 @@ def test_functions_bring_axes_of_their_own():
 @torch.no_grad()
 def test_what_a_load_closes_over_is_taken_when_the_stepper_is_made():
     held = [0.3]
-    scene = tb.Scene(straight(2), [tb.Load(lambda r, R, v, w, t: (held[0] * v - r, None))])
+    scene = tb.Scene(straight(1), [tb.Load(lambda r, R, v, w, t: (held[0] * v - r, None))])
     start = moving(scene)
     found = []
     for held[0] in (0.3, 30.0):
@@ -161,6 +161,7 @@ def test_what_a_load_closes_over_is_taken_when_the_stepper_is_made():
     assert found[0] != found[1]
 
 
+@pytest.mark.long  # test_compiled_scenes "line loads" has it too
 @torch.no_grad()
 def test_a_moving_load_along_the_beam_by_place_and_time():
     scene = tb.Scene(straight(2), [tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((s * t, torch.cos(s), 0 * s), -1)),
