@@ -16,9 +16,11 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "compiled_engine.md").read_text()
 
 
-def scene():
-    section = tb.Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=1.0, mass=0.2, inertia=5e-6)
-    return tb.Scene(tb.Beam.straight(1.0, 2, section))
+SECTION = tb.Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=1.0, mass=0.2, inertia=5e-6)
+
+
+def scene(**options):
+    return tb.Scene(tb.Beam.straight(1.0, 2, SECTION, **options))
 
 
 def test_folders_files_and_modules_exist():
@@ -37,12 +39,10 @@ def test_variables_are_read(monkeypatch, tmp_path):
     assert default_folder() == tmp_path / "torchbeam"
 
 
-@pytest.mark.parametrize("options", [dict(method="generalized_alpha"), dict(conserve=True)], ids=str)
-def test_what_is_never_taken_is_refused(options):
-    (name, value), = options.items()
-    assert f'`{name}="{value}"`' in PAGE or f"`{name}={value}`" in PAGE
+def test_what_is_not_taken_is_refused():
+    assert "Elements of order 2" in PAGE
     with pytest.raises(ValueError, match="engine = 'compiled' was given"):
-        tb.Stepper(scene(), 0.01, engine="compiled", **options)
+        tb.Stepper(scene(order=2), 0.01, engine="compiled")
 
 
 def test_forward_mode_is_made_eagerly_with_the_same_result():

@@ -168,7 +168,7 @@ CASES = {
     "unknown form": (simulate(form="magic"), "form = 'magic' was given; 'nodal'"),
     "negative step": (simulate(step=-0.1), "step = -0.1 was given"),
     "zero step": (simulate(step=0), "step = 0 was given"),
-    "unknown option": (simulate(rtol=1e-3), "the option 'rtol' was given; method 'midpoint' has step"),
+    "unknown option": (simulate(options={}), "the option 'options' was given; method 'midpoint' has step"),
     "unknown option of dopri5": (simulate(method="dopri5", step=0.1),
         "the option 'step' was given; method 'dopri5' has rtol"),
     "unknown option of torchdiffeq": (simulate(method="rk4", options={"step": 0.1}),

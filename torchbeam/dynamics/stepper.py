@@ -272,11 +272,11 @@ class Stepper:
         """
         if not self.scene.has_prescribed_motion:
             state = on_supports(with_optional_fields(check_state(state, self.scene), self.scene), self.scene, self.dt)
-        return self._begin(state, dt, **inputs)
+        return self._begin(state, self._length(dt), **inputs)
 
-    def _begin(self, state: State, dt: float | Tensor | None = None, **inputs: Any) -> State:
+    def _begin(self, state: State, dt: Tensor | None = None, **inputs: Any) -> State:
         """`state` with what the method remembers beside it, and no more."""
-        dt = self._length(dt)
+        dt = self.dt if dt is None else dt
 
         def trial(state: State) -> State:
             other = copy(self)
