@@ -44,6 +44,7 @@ from .scene.scene import Scene
 from .scene.section import Section
 from .scene.stations import Stations, Table
 from .scene.supports import Frame, RootMotion, Support
+from .sensors.observe import observe
 from .state.solution import Energy, Solution, Stats
 from .state.state import State, rest
 from .statics.equilibrium import equilibrium
@@ -55,5 +56,5 @@ __all__ = [
     "MixedState", "Modes", "Path", "PerElement", "PerInterval", "PointLoad", "PointMass", "RootMotion", "RootSpring",
     "Samples", "Scene", "Section", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Support", "Table",
     "TipLoad", "advise", "block_rate", "consistent_state", "critical_load", "describe", "equilibrium", "identify",
-    "linearize", "modes", "monte_carlo", "path", "plot", "rayleigh", "rest", "rollout", "sensors", "simulate",
+    "linearize", "modes", "monte_carlo", "observe", "path", "plot", "rayleigh", "rest", "rollout", "sensors", "simulate",
 ]
