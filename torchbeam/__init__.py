@@ -3,7 +3,10 @@
 from . import plot, sensors
 from .analysis.advise import Advice, advise
 from .analysis.describe import Description, describe
-from .analysis.identify import Fit, identify
+from .analysis.identification.fit import Fit
+from .analysis.identification.identify import identify
+from .analysis.identification.measurement import Measurement
+from .analysis.identification.parameter import Parameter
 from .analysis.monte_carlo import Samples, monte_carlo
 from .dynamics.explicit import ExplicitStepper
 from .dynamics.rollout import rollout
@@ -53,8 +56,9 @@ from .statics.path import Path, path
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Description", "Drag",
     "Energy", "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
-    "MixedState", "Modes", "Path", "PerElement", "PerInterval", "PointLoad", "PointMass", "RootMotion", "RootSpring",
-    "Samples", "Scene", "Section", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Support", "Table",
-    "TipLoad", "advise", "block_rate", "consistent_state", "critical_load", "describe", "equilibrium", "identify",
-    "linearize", "modes", "monte_carlo", "observe", "path", "plot", "rayleigh", "rest", "rollout", "sensors", "simulate",
+    "Measurement", "MixedState", "Modes", "Parameter", "Path", "PerElement", "PerInterval", "PointLoad", "PointMass",
+    "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Solution", "Spring", "State", "Stations", "Stats", "Stepper",
+    "Support", "Table", "TipLoad", "advise", "block_rate", "consistent_state", "critical_load", "describe", "equilibrium",
+    "identify", "linearize", "modes", "monte_carlo", "observe", "path", "plot", "rayleigh", "rest", "rollout", "sensors",
+    "simulate",
 ]
