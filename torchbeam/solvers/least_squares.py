@@ -12,10 +12,12 @@ from torch import Tensor
 from .region import Region
 
 CONVERGED, UNFINISHED, STUCK = 0, 1, 2
-FAILED = 4  # the start itself
+FAILED, LEFT = 4, 5  # at the start itself; a start that others were better than
 DAMPING = 1e-3  # at the start, of the diagonal of J^T J
 LARGEST = 1e10
+FALL = 0.3  # of what damps a parameter, from one trial to the next at most: valleys that bend are not left
 AT_ONCE = 64  # samples up to which values and derivatives of a trial are asked for in one call
+FAST = 0.7  # of the squares are left after a step: the next has rough derivatives
 POOR = 0.3  # of the decrease that was predicted: below it derivatives that were carried along are found anew
 
 
@@ -29,8 +31,8 @@ class LeastSquares(Protocol):
     def residuals(self, x: Tensor, which: Tensor) -> Tensor:
         """(N, T) at x (N, p) of the starts `which` (N,)."""
 
-    def linearised(self, x: Tensor, which: Tensor, r: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """Residuals, and J (N, T, p); `r` where these are known."""
+    def linearised(self, x: Tensor, which: Tensor, r: Tensor | None = None, rough: bool = False) -> tuple[Tensor, Tensor]:
+        """Residuals, and J (N, T, p); `r` where these are known. A rough J may be cheaper."""
 
     def prior(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """(N,), gradient and diagonal of the second derivative (N, p), which is not negative."""
@@ -51,33 +53,39 @@ class Found:
 
 
 def search(problem: LeastSquares, x: Tensor, region: Region, iterations: int, tolerance: float,
-           known: tuple[Tensor, Tensor] | None = None, progress: Callable[[int, int, float], None] | None = None) -> Found:
+           known: tuple[Tensor, Tensor] | None = None, follow: int | None = None,
+           progress: Callable[[int, int, float], None] | None = None) -> Found:
     """By the method of Levenberg and Marquardt, each start (S, p) by itself, those that are not done as one batch.
 
-    known     r (S, T) and J (S, T, p) at x;  progress  gets iteration, starts at work, least squares so far
+    known     r (S, T) and J (S, T, p) at x, which is near the end: J is then carried along by Broyden's update (1965), and
+              found anew where a step does less than it promises, and before a start counts as converged
+    follow    so many starts at most, those that are best at first; the others stay where they are, with the status LEFT
+    progress  gets the iteration, how many starts are at work, and the least squares so far
 
-    Few starts have their derivatives at each trial. Those of many are carried along by Broyden's update (1965), and found anew
-    where a step does less than they promise, and before a start counts as converged.
+    Few starts have their derivatives at each trial, in one call of the model; those of many at steps that are taken, by
+    differences of one side while the squares fall fast.
     """
-    return _Search(problem, x, region, tolerance, known).run(iterations, progress)
+    return _Search(problem, x, region, tolerance, known, follow).run(iterations, progress)
 
 
 class _Search:
-    """State of a search: x, r, J of all starts, whether J is that of x (`fresh`), damping, status."""
+    """State of a search: x, r, J of all starts, damping, status; which J are those of x (`fresh`), and not rough (`exact`)."""
 
     def __init__(self, problem: LeastSquares, x: Tensor, region: Region, tolerance: float,
-                 known: tuple[Tensor, Tensor] | None) -> None:
-        self.problem, self.x, self.region, self.tolerance = problem, x, region, tolerance
+                 known: tuple[Tensor, Tensor] | None, follow: int | None) -> None:
+        self.problem, self.x, self.region, self.tolerance, self.carry = problem, x, region, tolerance, known is not None
         self.raised: list[str] = []
         S = len(x)
         self.status = torch.full((S,), UNFINISHED, device=x.device)
+        self.fresh = torch.ones(S, dtype=torch.bool, device=x.device)
+        self.exact = self.fresh.clone()
         if known is None:
-            self.r, self.J = self._at_starts()
+            self.r, self.J = self._at_starts(len(x) if follow is None else min(follow, len(x)))
         else:
             self.r, self.J = (k.clone() for k in known)
         self.phi, self.slope, self.bend = problem.prior(x)
         self.damping = torch.full((S,), DAMPING, dtype=x.dtype, device=x.device)
-        self.fresh = torch.ones(S, dtype=torch.bool, device=x.device)
+        self.size = torch.zeros_like(x)  # (S, p) squares of the columns of J, which damp: none falls at once
         self.blocked = torch.zeros_like(self.fresh)  # steps are small because longer ones fail
         self.history = [x]
 
@@ -85,44 +93,43 @@ class _Search:
         for k in range(iterations):
             active = (self.status == UNFINISHED).nonzero()[:, 0]
             if progress is not None:
-                progress(k, len(active), self.r.square().sum(-1).nan_to_num(nan=torch.inf).amin().item())
+                progress(k, len(active), self.r.square().sum(-1).amin().item())
             if not len(active):
                 break
             self._iterate(active)
             self.history.append(self.x)
-        stale = (~self.fresh).nonzero()[:, 0]
-        if len(stale):
-            self._refresh(stale)
+        self._refresh((~(self.fresh & self.exact) & (self.status < FAILED)).nonzero()[:, 0])
         return Found(self.x, self.r, self.J, self.status, torch.stack(self.history), self.raised)
 
     def _iterate(self, active: Tensor) -> None:
         """One trial of each active start."""
         x, r, J, damping = self.x[active], self.r[active], self.J[active], self.damping[active]
+        fresh, exact = self.fresh[active], self.exact[active]
         self.region.sized(active, r, J)
         region = self.region.of(active)
         gradient = (J.mT @ r[..., None])[..., 0] + self.slope[active]
-        step = self._step(x, gradient, J, self.bend[active], damping, region)
+        size = torch.maximum(J.square().sum(-2) + self.bend[active], FALL * self.size[active])
+        step = self._step(x, gradient, J, self.bend[active], damping[:, None] * size, region)
+        self.size[active] = size
         whole = torch.isfinite(step).all(-1)
         trial = torch.where(whole[:, None], region.cut(x, x + step), x)
-        at_once = len(active) * (2 * x.shape[1] + 1) <= AT_ONCE
+        moved = trial - x
+        at_once = not self.carry and len(active) * (2 * x.shape[1] + 1) <= AT_ONCE
         if at_once:
-            r_trial, J_trial = self._tried(lambda a, b: self.problem.linearised(a, b), trial, active, (r, J))
+            r_trial, J_trial = self._tried(self.problem.linearised, trial, active, (r, J))
             good = torch.isfinite(J_trial).flatten(1).all(-1)
         else:
             (r_trial,) = self._tried(lambda a, b: (self.problem.residuals(a, b),), trial, active, (r,))
-            J_trial, good = _carried(J, r, r_trial, trial - x, region), True
+            J_trial, good = _carried(J, r, r_trial, moved, region) if self.carry else J, True
         phi, slope, bend = self.problem.prior(trial)
         before, after = r.square().sum(-1) + 2 * self.phi[active], r_trial.square().sum(-1) + 2 * phi
         failed = ~(torch.isfinite(after) & good)
         lower = (after <= before) & ~failed & whole
-        fresh, blocked = self.fresh[active], self.blocked[active]
-        blocked = (blocked | failed) & ~(lower & (damping <= 1))
-        settled = self._settled(x, trial, before, after, lower)
-        moved = (trial - x)
+        blocked = (self.blocked[active] | failed) & ~(lower & (damping <= 1))
+        done = whole & self._settled(x, moved, before, after, lower) & (lower | (moved == 0).all(-1) | (damping <= 1))
         promised = -((gradient * moved).sum(-1) * 2 + (J @ moved[..., None])[..., 0].square().sum(-1)
                      + (self.bend[active] * moved.square()).sum(-1))
-        poor = before - after < POOR * promised
-        done = whole & settled & (lower | (moved == 0).all(-1) | (damping <= 1))
+        short = ~(before - after >= POOR * promised)
         take = lower[:, None]
         self.x = self.x.index_put((active,), torch.where(take, trial, x))
         self.r[active] = torch.where(take, r_trial, r)
@@ -130,17 +137,20 @@ class _Search:
         self.phi[active] = torch.where(lower, phi, self.phi[active])
         self.slope[active] = torch.where(take, slope, self.slope[active])
         self.bend[active] = torch.where(take, bend, self.bend[active])
-        again = torch.zeros_like(lower)
-        if not at_once:
-            again = (~fresh & (poor | ~lower | done)) | (fresh & lower & poor & ~done)
-        more = torch.where(lower, damping / 10, torch.where(fresh, damping * 10, damping))
-        done = done & (at_once | fresh)
+        sure = (fresh & exact) | torch.full_like(fresh, at_once)  # derivatives by which a start may fail or end
+        self.fresh[active] = (fresh & ~lower) | at_once | (done & sure)
+        self.exact[active] = exact | at_once
+        done, again = done & sure, (done | ~lower) & ~sure
+        more = torch.where(lower, damping / 10, torch.where(again, damping, damping * 10))
         stuck = (done & blocked) | (~done & (more > LARGEST))
         self.damping[active], self.blocked[active] = more, blocked
-        self.fresh[active] = (fresh & ~lower) | at_once | done
         self.status[active] = torch.where(stuck, STUCK, torch.where(done, CONVERGED, UNFINISHED))
-        if again.any():
-            self._refresh(active[again])
+        if self.carry:
+            self._refresh(active[again | (lower & short & ~done)])
+        elif not at_once:
+            fast = lower & (after < FAST * before)
+            self._refresh(active[fast & ~done], rough=True)
+            self._refresh(active[(again | (lower & ~fast)) & ~(done | stuck)])
 
     def _step(self, x: Tensor, gradient: Tensor, J: Tensor, bend: Tensor, damping: Tensor, region: Region) -> Tensor:
         """Damped step (N, p), of those parameters that no bound holds."""
@@ -149,66 +159,74 @@ class _Search:
         free = ~held
         A = A * (free[:, None] & free[..., None]) + torch.diag_embed(held.to(A))
         eps, tiny = torch.finfo(x.dtype).eps, torch.finfo(x.dtype).tiny
-        damped = A + torch.diag_embed((damping[:, None] + eps) * A.diagonal(dim1=-2, dim2=-1) + tiny)
+        damped = A + torch.diag_embed(damping + eps * A.diagonal(dim1=-2, dim2=-1) + tiny)
         return -torch.linalg.solve_ex(damped, (gradient * free)[..., None])[0][..., 0]
 
-    def _settled(self, x: Tensor, trial: Tensor, before: Tensor, after: Tensor, lower: Tensor) -> Tensor:
+    def _settled(self, x: Tensor, moved: Tensor, before: Tensor, after: Tensor, lower: Tensor) -> Tensor:
         """Whether the step is small, or what it gains."""
         size = torch.where(self.region.additive, 1.0, x.abs() + self.tolerance)
-        small = ((trial - x).abs() <= self.tolerance * size).all(-1)
+        small = (moved.abs() <= self.tolerance * size).all(-1)
         return small | ((before - after <= self.tolerance**2 * before) & lower)
 
-    def _refresh(self, which: Tensor) -> None:
+    def _refresh(self, which: Tensor, rough: bool = False) -> None:
         """Derivatives anew."""
-        _, J = self._tried(lambda a, b: self.problem.linearised(a, b, self.r[b]), self.x[which], which,
+        if not len(which):
+            return
+        _, J = self._tried(lambda a, b: self.problem.linearised(a, b, self.r[b], rough), self.x[which], which,
                            (self.r[which], self.J[which]))
         good = torch.isfinite(J).flatten(1).all(-1)
         self.J[which] = torch.where(good[:, None, None], J, self.J[which])
-        self.fresh[which] = True
+        self.fresh[which], self.exact[which] = True, not rough
 
-    def _at_starts(self) -> tuple[Tensor, Tensor]:
-        """r and J at the starts; of those that fail zeros, with the status FAILED. Where all fail, the first error."""
-        S = len(self.x)
-        every = torch.arange(S, device=self.x.device)
-        try:
-            r, J = self.problem.linearised(self.x, every)
-        except OtherShape:
-            raise
-        except Exception as error:
-            if S == 1:
-                raise
-            r, J = self._some_starts(every, error)
-        good = torch.isfinite(r).all(-1) & torch.isfinite(J).flatten(1).all(-1) & torch.isfinite(self.problem.prior(self.x)[0])
+    def _at_starts(self, follow: int) -> tuple[Tensor, Tensor]:
+        """r and J at the starts that are followed; of those that fail infinite misfits, with the status FAILED. Where all fail,
+        the first error.
+        """
+        S, (x, p) = len(self.x), (self.x, self.x.shape[1])
+        every, phi = torch.arange(S, device=x.device), self.problem.prior(x)[0]
+        if follow < S:
+            (r,) = self._some_starts(lambda a, b: (self.problem.residuals(a, b),), every)
+            total = torch.where(torch.isfinite(r).all(-1), r.square().sum(-1) + 2 * phi, torch.inf).nan_to_num(nan=torch.inf)
+            some = total.argsort()[:follow].sort().values
+            self.status = torch.where(torch.isin(every, some), UNFINISHED, LEFT)
+            J = torch.zeros(S, r.shape[1], p, dtype=r.dtype, device=r.device)
+            J[some] = self._some_starts(lambda a, b: self.problem.linearised(a, b, r[b])[1:], some)[0]
+        else:
+            r, J = self._some_starts(self.problem.linearised, every)
+        good = torch.isfinite(r).all(-1) & torch.isfinite(J).flatten(1).all(-1) & torch.isfinite(phi)
         if not good.any():
-            raise ValueError(f"a start ({0} of {S}) at which the model is not finite was given; another is wanted")
+            raise ValueError(f"a start (0 of {S}) at which the model is not finite was given; another is wanted")
         self.status = torch.where(good, self.status, FAILED)
         return torch.where(good[:, None], r, torch.inf), torch.where(good[:, None, None], J, 0)
 
-    def _some_starts(self, every: Tensor, error: Exception) -> tuple[Tensor, Tensor]:
-        """At the starts at which the model does not raise; the error where there is none."""
-        found: dict[int, tuple[Tensor, Tensor]] = {}
+    def _some_starts(self, evaluate: Callable, which: Tensor) -> tuple[Tensor, ...]:
+        """What the starts give; NaN of those at which the model raises; the error where it does at all."""
+        found: dict[int, tuple[Tensor, ...]] = {}
+        errors: list[Exception] = []
 
-        def look(which: Tensor) -> None:
+        def look(some: Tensor) -> None:
             try:
-                r, J = self.problem.linearised(self.x[which], which)
+                given = evaluate(self.x[some], some)
             except OtherShape:
                 raise
-            except Exception as said:  # whatever a user's model raises
+            except Exception as error:  # whatever a user's model raises
                 if len(which) == 1:
-                    self.raised.append(str(said) or type(said).__name__)
+                    raise
+                if len(some) == 1:
+                    errors.append(error)
                     return
-                for half in which.tensor_split(2):
+                for half in some.tensor_split(2):
                     look(half)
             else:
-                found.update({k: (r[i], J[i]) for i, k in enumerate(which.tolist())})
+                found.update({k: tuple(part[i] for part in given) for i, k in enumerate(some.tolist())})
 
-        for half in every.tensor_split(2):
-            look(half)
+        look(which)
         if not found:
-            raise error
-        like = next(iter(found.values()))
-        none = tuple(torch.full_like(v, torch.nan) for v in like)
-        return tuple(torch.stack([found.get(k, none)[i] for k in every.tolist()]) for i in (0, 1))
+            raise errors[0]
+        self.raised += [str(error) or type(error).__name__ for error in errors]
+        none = tuple(torch.full_like(v, torch.nan) for v in next(iter(found.values())))
+        rows = [found.get(k, none) for k in which.tolist()]
+        return tuple(torch.stack(part) for part in zip(*rows, strict=True))
 
     def _tried(self, evaluate: Callable, x: Tensor, which: Tensor, like: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
         """What a trial gives; NaN of a start at which the model raises, and what it said goes into `raised`."""

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ...core import files
 from ...core.arguments import choice, number
-from ...solvers.least_squares import CONVERGED, FAILED, STUCK, UNFINISHED
+from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED
 from . import student
 from .bootstrap import Bootstrap, bootstrap
 from .problem import Problem
@@ -22,7 +22,7 @@ from .transform import Transform
 
 UNIDENTIFIABLE = 3
 REASON = {CONVERGED: "converged", UNFINISHED: "more iterations are wanted", STUCK: "no step makes the misfit smaller",
-          UNIDENTIFIABLE: "not identifiable", FAILED: "the model fails there"}
+          UNIDENTIFIABLE: "not identifiable", FAILED: "the model fails there", LEFT: "not followed"}
 INTERVALS = ("laplace", "profile", "bootstrap")
 FORMAT = 1  # of saved fits
 LOST = ("problem", "transform", "readings")  # of the fields, those that are not saved as they are
@@ -40,7 +40,8 @@ class Fit:
     y           (...) the model there, offsets and drifts included, as the data were given
     misfit      RMS of y - data (over sigma, where given)
     status      0 = converged, 1 = more iterations are wanted, 2 = no step makes the misfit smaller, 3 = not identifiable:
-                the data do not say where parameters are, and theta is no estimate of these; 4 = the start failed
+                the data do not say where parameters are, and theta is no estimate of these; 4 = the model fails there; 5 = not
+                followed, as other starts were better at first (of `statuses` alone)
     unidentifiable  a sentence for each parameter that ran away, 1e9 times its start, and for each direction in which the
                 parameters can change by their own size while the misfit stays; empty where all are determined. `open` (p,)
                 bool says which parameters these are about

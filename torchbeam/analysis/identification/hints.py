@@ -25,7 +25,7 @@ def unit_hints(readings: Sequence[Readings]) -> tuple[str, ...]:
                 continue
             what, ratio = f"{label!r}" if label else "the data", size / own
             if UNIT / NEAR < ratio < UNIT * NEAR:
-                said.append(f"{what}: the RMS of the data, {size:.3g}, is {ratio:.3g} times the model's at the start, {own:.3g};"
+                said.append(f"{what}: the RMS of the data, {size:.3g}, is {ratio:.3g} times the model's at the start {own:.3g};"
                             " is a unit off by 1000 (mm for m, MPa for Pa, g for kg)?")
             elif UNIT / NEAR < 1 / ratio < UNIT * NEAR:
                 said.append(f"{what}: the RMS of the model at the start, {own:.3g}, is {1 / ratio:.3g} times the data's, "

@@ -15,7 +15,7 @@ from ...core.arguments import boolean, choice, count
 from ...core.arguments import tolerance as check_tolerance
 from ...core.validation import Value
 from ...solvers.lbfgs import descend
-from ...solvers.least_squares import FAILED, Found, search
+from ...solvers.least_squares import FAILED, LEFT, Found, search
 from ...solvers.region import Region
 from .fit import REASON, UNIDENTIFIABLE, Fit
 from .hints import bound_hints, fit_hints, unit_hints
@@ -33,7 +33,7 @@ SAME = 1e-3  # of a column of J
 
 def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: bool = False,
              bounds: tuple[Value, Value] | None = None, sigma: Value | None = None, names: Sequence[str] | None = None,
-             starts: int = 1, spread: float = 3.0, seed: int = 0, derivatives: str = "auto",
+             starts: int = 1, spread: float = 3.0, follow: int = 32, seed: int = 0, derivatives: str = "auto",
              relative_step: float | None = None, iterations: int = 50, tolerance: float = 1e-6, progress: bool = False) -> Fit:
     """Parameters theta for which model(theta) is nearest to the data, in the sum of squares over sigma.
 
@@ -46,6 +46,7 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     start        (p,), or (starts, p) to be followed all at once, as one batch: the best end counts; or name -> `Parameter`,
                  number or tensor. Parameters are all experiments', but for those that are each one's own
     starts       so many, drawn about the one that was given, within a factor of `spread`; between bounds where there are two
+    follow       of these, so many that fit best are followed; the others are evaluated once
     log          search in log theta (theta is positive): for stiffness, mass and damping
     bounds       (least, largest) of theta, (p,) each: a step that leaves them is cut, and goes along them
     sigma        (...) standard deviation of the data: weights them, and scales the covariance
@@ -93,7 +94,8 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
             if derivatives == "adjoint":
                 found = _by_adjoint(problem, x, region, limit, tolerance)
             else:
-                found = search(problem, x, region, limit, tolerance, progress=report)
+                most = count("follow", follow) if starts > 1 else None
+                found = search(problem, x, region, limit, tolerance, follow=most, progress=report)
         return _fit(problem, found, region, data, derivatives if derivatives == "adjoint" else way, tolerance)
 
 
@@ -133,7 +135,11 @@ def _by_adjoint(problem: Problem, x: Tensor, region: Region, iterations: int, to
         return problem.residuals(at, which).square().sum() + 2 * problem.objective_prior(at).sum()
 
     x, status, history, raised = descend(objective, x, region, iterations, tolerance)
-    r, J = problem.linearised(x, torch.arange(len(x), device=x.device))
+    every = torch.arange(len(x), device=x.device)
+    try:
+        r, J = problem.linearised(x, every)
+    except Exception:  # next to where the search ended, maybe: forward mode looks at that alone
+        r, J = replace(problem, method="forward").linearised(x, every)
     return Found(x, r, J, status, history, raised)
 
 
@@ -177,12 +183,12 @@ def _fit(problem: Problem, found: Found, region: Region, data: Any, derivatives:
     for k in range(len(x)):
         J_size = torch.nan_to_num(torch.cat((J[k], torch.diag(bend[k].sqrt()))) * at_unit[k])
         said, which = undetermined(parameters.names, theta[k], parameters.start[k], away[k], J_size, least_seen[k])
-        good = torch.isfinite(squares[k])
+        good = torch.isfinite(squares[k]) & (found.status[k] < FAILED)
         shown.append(said if good else ())
         open_.append(which & good)
     blind = torch.tensor([bool(said) for said in shown], device=x.device)
     statuses = torch.where(blind, UNIDENTIFIABLE, found.status)
-    total = torch.where(torch.isfinite(squares), squares + 2 * phi, torch.inf)
+    total = torch.where(torch.isfinite(squares) & (found.status != LEFT), squares + 2 * phi, torch.inf)
     best = int(total.argmin())
     freedom = torch.inf if problem.sigma_given else float(max(numbers - p, 1))
     scale = 1.0 if problem.sigma_given else squares[best] / freedom

@@ -122,14 +122,15 @@ class Problem:
         """r (N, T) of coordinates (N, p) of the starts `which` (N,)."""
         return self.weighted(x[:, :self.parameters.model]) + self._besides(x, which)
 
-    def linearised(self, x: Tensor, which: Tensor, r: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """r (N, T) and J (N, T, p); r where it is known already."""
+    def linearised(self, x: Tensor, which: Tensor, r: Tensor | None = None, rough: bool = False) -> tuple[Tensor, Tensor]:
+        """r (N, T) and J (N, T, p); r where it is known already. A rough J is of differences of one side."""
         m, besides = self.parameters.model, self._besides(x, which)
         if self.method == "forward":
             y, J = forward(self.weighted, x[:, :m])
         else:
             bounds = (b[..., :m] for b in self.parameters.bounds(x))
-            y, J = difference(self.weighted, x[:, :m], self.steps(x)[:, :m], *bounds, None if r is None else r - besides)
+            y, J = difference(self.weighted, x[:, :m], self.steps(x)[:, :m], *bounds, None if r is None else r - besides,
+                              central=not rough)
         if len(self.basis):
             J = torch.cat((J, self.basis.mT.expand(len(x), -1, -1)), -1)
         return y + besides, J
