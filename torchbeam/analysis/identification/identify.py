@@ -194,7 +194,11 @@ def _fit(problem: Problem, found: Found, region: Region, data: Any, derivatives:
     scale = 1.0 if problem.sigma_given else squares[best] / freedom
     x_covariance = scale * _inverse(J[best].mT @ J[best] + torch.diag(bend[best]))
     slope = T.slope(x[best])
-    readings, y = _readings(problem, x[best])
+    known = torch.full(problem.known.shape, torch.nan, dtype=x.dtype, device=x.device)
+    told = ~open_[best]
+    seen = J[best][:, told]
+    known[problem.known] = ((seen @ x_covariance[told][:, told]) * seen).sum(-1).clamp(min=0).sqrt() / problem.weight
+    readings, y = _readings(problem, x[best], known)
     first, _ = _readings(problem, parameters.x[best])
     hints = (*unit_hints(first), *fit_hints(readings, squares[best].item(), numbers - p, problem.sigma_given),
              *bound_hints(parameters.names, x[best], *parameters.bounds(x[best])))
@@ -213,7 +217,7 @@ def _fit(problem: Problem, found: Found, region: Region, data: Any, derivatives:
                problem)
 
 
-def _readings(problem: Problem, x: Tensor) -> tuple[tuple[Readings, ...], list[list[Tensor]]]:
+def _readings(problem: Problem, x: Tensor, deviation: Tensor | None = None) -> tuple[tuple[Readings, ...], list[list[Tensor]]]:
     """Data beside the model at coordinates (p,), offsets and drifts included, by experiment and measurement."""
     parameters = problem.parameters
     theta = parameters.transform.theta(x)
@@ -225,8 +229,9 @@ def _readings(problem: Problem, x: Tensor) -> tuple[tuple[Readings, ...], list[l
             names, basis = m.nuisance()
             y = values[first:first + m.values.numel()].reshape(m.values.shape)
             y = y + (own[:len(names)] @ basis.reshape(len(names), y.numel())).reshape(y.shape)
+            off = None if deviation is None else deviation[first:first + m.values.numel()].reshape(m.values.shape)
             own, first = own[len(names):], first + m.values.numel()
-            found.append(Readings(e.name, m.labels, m.times, m.values, y, m.sigma))
+            found.append(Readings(e.name, m.labels, m.times, m.values, y, m.sigma, off))
             parts.append(y)
         all_.append(parts)
     return tuple(found), all_

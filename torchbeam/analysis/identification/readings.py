@@ -12,8 +12,8 @@ from torch import Tensor
 class Readings:
     """Data and model of one measurement.
 
-    experiment, labels  names;  times (times,) s or None;  data, y, sigma  of the data's shape, y with offsets and drifts; sigma
-    None where it was not given
+    experiment, labels  names;  times (times,) s or None;  data, y, deviation, sigma  of the data's shape: y with offsets and
+    drifts, the deviation that y has from that of the parameters (NaN where data are missing); sigma None where it was not given
     """
 
     experiment: str | None
@@ -22,10 +22,19 @@ class Readings:
     data: Tensor
     y: Tensor
     sigma: Tensor | None
+    deviation: Tensor | None = None
 
     def channels(self) -> Iterator[tuple[str, Tensor, Tensor]]:
         """Name, data (times,) and model of each channel."""
-        few = [v.reshape(*v.shape[:1], -1) if v.ndim else v.reshape(1, 1) for v in (self.data, self.y)]
-        for k in range(few[0].shape[1]):
-            label = self.labels[k] if k < len(self.labels) else str(k)
-            yield " ".join(filter(None, (self.experiment, label))), few[0][:, k], few[1][:, k]
+        yield from zip(self.names, self.columns(self.data), self.columns(self.y), strict=True)
+
+    @property
+    def names(self) -> list[str]:
+        """Of the channels."""
+        return [" ".join(filter(None, (self.experiment, self.labels[k] if k < len(self.labels) else str(k))))
+                for k in range(len(self.columns(self.data)))]
+
+    @staticmethod
+    def columns(values: Tensor) -> tuple[Tensor, ...]:
+        """(times,) of each channel."""
+        return (values.reshape(len(values), -1) if values.ndim else values.reshape(1, 1)).unbind(-1)
