@@ -1,10 +1,10 @@
 """Bending stiffness and root compliance of a wing from a measured static curve, and what that curve cannot tell.
 
-The data are measurements: the tip of the Pazy wing without skin (semispan 0.55 m) under weights of 0.2 to 2 kg, as Avin et al.
-(AIAA Journal 60(3), 2022, doi:10.2514/1.J060621) publish it (torchbeam/data/pazy_static_bending.json). At 2 kg the tip is 39 %
-of the span down. The model is a cantilever of one EI under its own weight, in a root that may give way by c (rad per N m), and
-all loads are one batch of equilibria. The zero of the displacements is itself a reading, so that an error of it, the same in all
-ten, is a third unknown. Four fits, with and without c and the offset:
+The data are measurements: the tip of the Pazy wing without skin (semispan 0.55 m) under weights of 0.2 to 2 kg, as Avin et
+al. (AIAA Journal 60(3), 2022, doi:10.2514/1.J060621) publish it (torchbeam/data/pazy_static_bending.json). At 2 kg the tip is
+39 % of the span down. The model is a cantilever of one EI under its own weight, in a root that may give way by c (rad per N
+m), and all loads are one batch of equilibria. The zero of the displacements is a reading too, so that its error, the same in
+all ten, is a third unknown. Four fits, with and without c and the offset:
 
 - a clamped beam alone misses the readings by 1.3 mm (RMS), and not at random: the residuals are a slope. Its interval for EI,
   +- 1 %, is worthless: it takes the model as right. So is that of the other fits whose residuals are no noise

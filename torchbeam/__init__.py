@@ -14,6 +14,7 @@ from .dynamics.simulate import simulate
 from .dynamics.stepper import Stepper
 from .linear.critical import Critical, critical_load
 from .linear.linear_model import Linear
+from .linear.mode_pairing import PairedModes, modal_assurance, pair_modes
 from .linear.modes import Modes, modes
 from .linear.state_space import linearize
 from .mixed.block import BlockRate, block_rate
@@ -56,9 +57,9 @@ from .statics.path import Path, path
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Description", "Drag",
     "Energy", "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
-    "Measurement", "MixedState", "Modes", "Parameter", "Path", "PerElement", "PerInterval", "PointLoad", "PointMass",
-    "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Solution", "Spring", "State", "Stations", "Stats", "Stepper",
-    "Support", "Table", "TipLoad", "advise", "block_rate", "consistent_state", "critical_load", "describe", "equilibrium",
-    "identify", "linearize", "modes", "monte_carlo", "observe", "path", "plot", "rayleigh", "rest", "rollout", "sensors",
-    "simulate",
+    "Measurement", "MixedState", "Modes", "PairedModes", "Parameter", "Path", "PerElement", "PerInterval", "PointLoad",
+    "PointMass", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Solution", "Spring", "State", "Stations", "Stats",
+    "Stepper", "Support", "Table", "TipLoad", "advise", "block_rate", "consistent_state", "critical_load", "describe",
+    "equilibrium", "identify", "linearize", "modal_assurance", "modes", "monte_carlo", "observe", "pair_modes", "path", "plot",
+    "rayleigh", "rest", "rollout", "sensors", "simulate",
 ]
