@@ -42,6 +42,12 @@ class Region:
         some.start, some.size, some.least, some.largest = (v[which] for v in (self.start, self.size, self.least, self.largest))
         return some
 
+    def against(self, target: Tensor) -> Region:
+        """The same for other targets."""
+        other = object.__new__(Region)
+        vars(other).update(vars(self), target=target)
+        return other
+
     def cut(self, x: Tensor, trial: Tensor) -> Tensor:
         """The trial, or where it leaves the region the nearest there."""
         size = torch.where(self.size == 0, torch.inf, self.size)

@@ -153,6 +153,18 @@ def test_a_status_is_a_trial_that_failed():
         tb.identify(model, CLEAN, {"a": 1.0, "b": 0.1})
 
 
+def test_sigma_that_only_weighs():
+    """absolute_sigma=False: any factor of sigma gives the same fit, covariance and intervals, those of the misfit."""
+    sigma, start = 0.05 * (1 + T), {"a": 1.0, "b": 1.0}
+    fits = [tb.identify(wave, CLEAN + NOISE, start, sigma=c * sigma, absolute_sigma=False) for c in (1.0, 7.0)]
+    assert_close(fits[0].interval(), fits[1].interval(), rtol=1e-6, atol=0)
+    absolute = tb.identify(wave, CLEAN + NOISE, start, sigma=sigma)
+    assert_close(fits[0].theta, absolute.theta, rtol=1e-6, atol=0)
+    factor = absolute.misfit.square() * 40 / 38
+    assert_close(fits[0].covariance, factor * absolute.covariance, rtol=1e-5, atol=0)
+    assert fits[0].freedom == 38 and absolute.freedom == math.inf
+
+
 def test_starts_are_drawn():
     """Within the factor, the first as given; of many, those that fit best are followed, and the others looked at once; finished
     starts are not evaluated again.

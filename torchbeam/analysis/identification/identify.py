@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,15 +14,13 @@ from ...core.arguments import boolean, choice, count
 from ...core.arguments import tolerance as check_tolerance
 from ...core.validation import Value
 from ...solvers.lbfgs import descend
-from ...solvers.least_squares import FAILED, LEFT, Found, search
+from ...solvers.least_squares import Found, search
 from ...solvers.region import Region
-from .fit import REASON, UNIDENTIFIABLE, Fit
-from .hints import bound_hints, fit_hints, unit_hints
+from .fit import Fit
 from .measurement import Measurement
 from .parameters import Parameters
 from .problem import Model, Problem, experiments_of
-from .readings import Readings
-from .undetermined import undetermined
+from .result import fit_of
 
 DERIVATIVES = ("auto", "forward", "difference", "adjoint")
 STEP = 1e-4  # of differences
@@ -32,9 +29,10 @@ SAME = 1e-3  # of a column of J
 
 
 def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: bool = False,
-             bounds: tuple[Value, Value] | None = None, sigma: Value | None = None, names: Sequence[str] | None = None,
-             starts: int = 1, spread: float = 3.0, follow: int = 32, seed: int = 0, derivatives: str = "auto",
-             relative_step: float | None = None, iterations: int = 50, tolerance: float = 1e-6, progress: bool = False) -> Fit:
+             bounds: tuple[Value, Value] | None = None, sigma: Value | None = None, absolute_sigma: bool = True,
+             names: Sequence[str] | None = None, starts: int = 1, spread: float = 3.0, follow: int = 32, seed: int = 0,
+             derivatives: str = "auto", relative_step: float | None = None, iterations: int = 50, tolerance: float = 1e-6,
+             progress: bool = False) -> Fit:
     """Parameters theta for which model(theta) is nearest to the data, in the sum of squares over sigma.
 
     model        theta -> y, batched: sample i of y depends on sample i of theta alone. theta is (N, p), or name -> (N, *shape)
@@ -50,6 +48,7 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     log          search in log theta (theta is positive): for stiffness, mass and damping
     bounds       (least, largest) of theta, (p,) each: a step that leaves them is cut, and goes along them
     sigma        (...) standard deviation of the data: weights them, and scales the covariance
+    absolute_sigma  False: sigma (of measurements too) weighs the data, but the size of the noise is that of the misfit
     derivatives  "difference": central differences of `relative_step` (1e-4), a batch of 2 p times the starts, which run on the
                  compiled engine. "forward": forward mode, the p directions as a batch, by eager steps. "adjoint": the gradient
                  of the squares by reverse mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond
@@ -83,7 +82,8 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     parameters = Parameters.of(start, log, bounds, names, [e.name for e in experiments if e.name is not None], like)
     if bounds is not None and derivatives == "adjoint":
         raise ValueError("bounds were given with derivatives = 'adjoint', which takes none; 'difference' and 'forward' do")
-    problem = replace(Problem.of(experiments, parameters.more_starts(starts, spread, seed)), relative_step=step)
+    parameters = parameters.more_starts(starts, spread, seed)
+    problem = replace(Problem.of(experiments, parameters, boolean("absolute_sigma", absolute_sigma)), relative_step=step)
     parameters = problem.parameters
     x = parameters.x
     region = Region(x, parameters.size, parameters.transform.additive, *parameters.bounds(x), problem.target)
@@ -96,7 +96,7 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
             else:
                 most = count("follow", follow) if starts > 1 else None
                 found = search(problem, x, region, limit, tolerance, follow=most, progress=report)
-        return _fit(problem, found, region, data, derivatives if derivatives == "adjoint" else way, tolerance)
+        return fit_of(problem, found, region, data, derivatives if derivatives == "adjoint" else way, tolerance)
 
 
 def _each(data: Any) -> list[Any]:
@@ -164,92 +164,3 @@ def _line(wanted: bool, starts: int) -> Iterator[Callable[[int, int, float], Non
             bar.update(starts - active - bar.n)
             bar.refresh()
         yield report
-
-
-def _fit(problem: Problem, found: Found, region: Region, data: Any, derivatives: str, tolerance: float) -> Fit:
-    """The fit of the best of the starts."""
-    parameters, T = problem.parameters, problem.parameters.transform
-    x, r, J = found.x, found.r, found.J
-    phi, _, bend = problem.prior(x)
-    squares, p, numbers = r.square().sum(-1), x.shape[1], r.shape[1]
-    theta, history = T.theta(x), T.theta(found.history)
-    region.sized(torch.arange(len(x), device=x.device), torch.where(torch.isfinite(r), r, 0), J)
-    at_unit = torch.where(T.additive, 1.0, torch.maximum(x.abs(), region.size))
-    rounding = torch.finfo(x.dtype).eps / (problem.relative_step if problem.method == "difference" else 1)
-    target = problem.target
-    least_seen = torch.maximum(tolerance * torch.linalg.vector_norm(r, dim=-1),
-                               rounding * torch.linalg.vector_norm(r + target, dim=-1))
-    away, shown, open_ = region.away(x), [], []
-    for k in range(len(x)):
-        J_size = torch.nan_to_num(torch.cat((J[k], torch.diag(bend[k].sqrt()))) * at_unit[k])
-        said, which = undetermined(parameters.names, theta[k], parameters.start[k], away[k], J_size, least_seen[k])
-        good = torch.isfinite(squares[k]) & (found.status[k] < FAILED)
-        shown.append(said if good else ())
-        open_.append(which & good)
-    blind = torch.tensor([bool(said) for said in shown], device=x.device)
-    statuses = torch.where(blind, UNIDENTIFIABLE, found.status)
-    total = torch.where(torch.isfinite(squares) & (found.status != LEFT), squares + 2 * phi, torch.inf)
-    best = int(total.argmin())
-    freedom = torch.inf if problem.sigma_given else float(max(numbers - p, 1))
-    scale = 1.0 if problem.sigma_given else squares[best] / freedom
-    x_covariance = scale * _inverse(J[best].mT @ J[best] + torch.diag(bend[best]))
-    slope = T.slope(x[best])
-    known = torch.full(problem.known.shape, torch.nan, dtype=x.dtype, device=x.device)
-    told = ~open_[best]
-    seen = J[best][:, told]
-    known[problem.known] = ((seen @ x_covariance[told][:, told]) * seen).sum(-1).clamp(min=0).sqrt() / problem.weight
-    readings, y = _readings(problem, x[best], known)
-    first, _ = _readings(problem, parameters.x[best])
-    hints = (*unit_hints(first), *fit_hints(readings, squares[best].item(), numbers - p, problem.sigma_given),
-             *bound_hints(parameters.names, x[best], *parameters.bounds(x[best])))
-    if unit_hints(first):
-        warnings.warn(hints[0], UserWarning, stacklevel=4)
-    status, misfits = int(statuses[best]), (squares / numbers).sqrt()
-    failed = int((statuses == FAILED).sum())
-    message = "; ".join((REASON[status], *shown[best], *hints, *(
-        [f"the model failed at {failed} of {len(x)} starts"] if failed else []), *(
-        [f"at {len(found.raised)} trials the model raised, last {found.raised[-1]!r}"] if found.raised else [])))
-    shapes = {e.name if e.experiment is None else f"{e.experiment}.{e.name}": (e.first, tuple(e.shape))
-              for e in parameters.entries}
-    return Fit(theta[best], parameters.names, slope[:, None] * x_covariance * slope, _as_given(y, data), misfits[best], status,
-               len(found.history) - 1, history, theta, misfits, statuses, shown[best], message, hints, open_[best], freedom,
-               derivatives, shapes, x[best], x_covariance, torch.stack((parameters.least, parameters.largest), -1), T, readings,
-               problem)
-
-
-def _readings(problem: Problem, x: Tensor, deviation: Tensor | None = None) -> tuple[tuple[Readings, ...], list[list[Tensor]]]:
-    """Data beside the model at coordinates (p,), offsets and drifts included, by experiment and measurement."""
-    parameters = problem.parameters
-    theta = parameters.transform.theta(x)
-    values = problem.values(theta[None])[0]
-    own, found, all_, first = theta[parameters.model:], [], [], 0
-    for e in problem.experiments:
-        parts = []
-        for m in e.measurements:
-            names, basis = m.nuisance()
-            y = values[first:first + m.values.numel()].reshape(m.values.shape)
-            y = y + (own[:len(names)] @ basis.reshape(len(names), y.numel())).reshape(y.shape)
-            off = None if deviation is None else deviation[first:first + m.values.numel()].reshape(m.values.shape)
-            own, first = own[len(names):], first + m.values.numel()
-            found.append(Readings(e.name, m.labels, m.times, m.values, y, m.sigma, off))
-            parts.append(y)
-        all_.append(parts)
-    return tuple(found), all_
-
-
-def _as_given(y: list[list[Tensor]], data: Any) -> Any:
-    """The model's values in the form of the data."""
-    def one(parts: list[Tensor], given: Any) -> Any:
-        several = isinstance(given, (list, tuple)) and any(isinstance(d, Measurement) for d in given)
-        return tuple(parts) if several else parts[0]
-
-    if isinstance(data, Mapping):
-        return {name: one(parts, data[name]) for name, parts in zip(data, y, strict=True)}
-    return one(y[0], data)
-
-
-def _inverse(A: Tensor) -> Tensor:
-    """Of a symmetric matrix without negative eigenvalues; where it is singular to rounding, its largest meaningful one."""
-    size = A.diagonal().clamp(min=torch.finfo(A.dtype).tiny).rsqrt()
-    values, vectors = torch.linalg.eigh(size[:, None] * A * size)
-    return size[:, None] * (vectors / values.clamp(min=torch.finfo(A.dtype).eps * values.amax()) @ vectors.mT) * size

@@ -60,7 +60,7 @@ class Problem:
     """Least squares of all experiments: r(x) = (y + nuisance - data) / sigma, and minus the logarithm of priors.
 
     known       (all numbers,) bool: which were measured;  weight (T,) of those
-    target      (1 or S, T): weighted data, one set for all starts or each its own
+    target      (1 or S, T): weighted data, one set for all starts or each its own;  sigma_given: it is that of the noise
     basis       (q, T) weighted: how linear parameters of measurements enter
     method      "forward" or "difference", of relative_step
     """
@@ -76,7 +76,7 @@ class Problem:
     relative_step: float = 1e-4
 
     @classmethod
-    def of(cls, experiments: Sequence[Experiment], parameters: Parameters) -> Problem:
+    def of(cls, experiments: Sequence[Experiment], parameters: Parameters, absolute_sigma: bool = True) -> Problem:
         """From experiments and the parameters of their models; those of their measurements are added."""
         every = [(e, m) for e in experiments for m in e.measurements]
         given = {m.sigma is not None for _, m in every}
@@ -96,8 +96,10 @@ class Problem:
         numbers, p = int(known.sum()), len(parameters.names)
         if numbers < p:
             raise ValueError(f"{numbers} data were given for {p} parameters; at least as many are wanted")
-        if parameters.priors and given == {False}:
-            raise ValueError("priors were given with data without sigma, against which they are weighed; sigma is wanted")
+        scaled = given == {True} and absolute_sigma
+        if parameters.priors and not scaled:
+            raise ValueError("priors were given with data without an absolute sigma, against which they are weighed; one is "
+                             "wanted")
         known_names = {e.name for e in parameters.entries}
         for _, m in every:
             if wrong := [n for n in m.parameters if n not in known_names]:
@@ -105,7 +107,7 @@ class Problem:
                                  f"{', '.join(sorted(known_names)) or 'none by name'}")
         weight = weight[known]
         return cls(tuple(experiments), parameters, known, weight, (values[known] * weight)[None],
-                   torch.cat(rows)[:, known] * weight, given == {True})
+                   torch.cat(rows)[:, known] * weight, scaled)
 
     def values(self, theta: Tensor) -> Tensor:
         """Readings (N, all numbers), measured or not, without offsets and drifts."""
@@ -169,6 +171,14 @@ class Problem:
         for entry in self.parameters.priors:
             total = total - _log_prob(entry, theta[:, entry.place]).sum(-1)
         return total
+
+    def with_data(self, values: Sequence[Tensor]) -> Problem:
+        """The same for other values of each measurement, missing where those of this one are."""
+        measured = iter(values)
+        experiments = tuple(replace(e, measurements=tuple(replace(m, values=next(measured)) for m in e.measurements))
+                            for e in self.experiments)
+        target = torch.cat([v.flatten() for v in values])[self.known] * self.weight
+        return replace(self, experiments=experiments, target=target[None])
 
     def with_targets(self, target: Tensor) -> Problem:
         """The same with other data, (S, T) weighted, for each start."""

@@ -1,0 +1,233 @@
+"""Coverage: how often stated intervals of identified parameters hold the truth."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.distributions import Normal
+
+from ..analysis.identification.fit import Fit
+from ..analysis.identification.identify import identify
+from ..analysis.identification.measurement import Measurement
+from ..analysis.identification.parameter import Parameter
+from ..analysis.identification.result import fit_of
+from ..cli import study, threads
+from ..core.results import measured_on, sentence, write
+from ..core.results import table as markdown_table
+from ..dynamics.simulate import simulate
+from ..scene import effects as fx
+from ..scene.beam import Beam
+from ..scene.scene import Scene
+from ..scene.section import Section
+from ..sensors import NodeVelocity, Stack
+from ..sensors.observe import observe
+from ..solvers.least_squares import Found, search
+from ..solvers.region import Region
+from ..state.solution import Solution
+from ..statics.equilibrium import equilibrium
+
+TRUE = {"EI": 1.0, "tau": 2e-3, "clamp": 40.0, "tip": 0.05}
+LENGTH, MASS, SPAN = 0.5, 0.25, 0.3  # m, kg/m, s
+NOISE, SAG = 0.05, 2e-4  # of the RMS of a channel; m
+CLOCK = 2e-3  # deviation of the clock's relative error
+READINGS = 100
+REPEATS, RESAMPLES = 200, 400
+LEVEL = 0.95
+COARSE, FINE = (6, 1e-3), (24, 2.5e-4)  # elements, step
+ABOUT = (
+    "A strip of 0.5 m with a tip mass in an elastic clamp, struck at the tip; two accelerometers ({readings} readings each "
+    "over {span:g} s at irregular times, 5 % noise, unknown offsets) and the sag (0.2 mm). EI, damping, clamp and tip mass are "
+    "identified many times, from starts within a factor of 1.5, and it is counted how often the stated {level:g} % "
+    "interval holds the truth: {repeats} repeats know that to {binomial:.1f} % (one deviation). Own mesh: the data are those "
+    "of the model ({coarse[0]} elements, steps of {coarse_ms:g} ms); else of {fine[0]} elements and steps of {fine_ms:g} ms. "
+    "Clock: the sampling rate is off by {clock:g} % (one deviation), another amount in each repeat; it is a parameter with "
+    "that prior, or left out. Warned: how many fits said that misfit or residuals are no noise."
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """Data and model of a row: mesh of the data, deviation of the clock, whether the clock is a parameter, sigma is known."""
+
+    name: str
+    mesh: tuple[int, float] = FINE
+    clock: float = 0.0
+    known_clock: bool = False
+    absolute_sigma: bool = True
+    method: str = "laplace"
+    repeats: int = REPEATS
+
+
+CASES = (
+    Case("noise, own mesh", COARSE),
+    Case("noise, own mesh, sigma from the misfit", COARSE, absolute_sigma=False),
+    Case("noise, finer mesh"),
+    Case("noise, finer mesh", method="profile", repeats=100),
+    Case("noise, finer mesh", method="bootstrap", repeats=100),
+    Case("noise, finer mesh, clock a parameter", clock=CLOCK, known_clock=True),
+    Case("noise, finer mesh, clock left out", clock=CLOCK),
+    Case("noise, finer mesh, clock left out, sigma from the misfit", clock=CLOCK, absolute_sigma=False),
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One parameter of one case: share of repeats whose interval held the truth; RMS and mean of the error of its logarithm
+    (the clock: of itself) over the stated deviation; repeats that converged, and that were warned of.
+    """
+
+    case: str
+    method: str
+    parameter: str
+    coverage: float
+    error: float
+    bias: float
+    repeats: int
+    converged: int
+    warned: int
+
+
+def scene(theta: dict[str, Tensor], elements: int, struck: bool) -> Scene:
+    """Strips of parameters (n,) in the plane of their motion."""
+    section = Section.from_stiffness(EA=2e6, GA=4e5, GJ=1.0, EI=theta["EI"], mass=MASS, inertia=5e-6)
+    stiff = torch.full_like(theta["clamp"], 1e6)
+    effects: list[Any] = [fx.Gravity((0.0, 0.0, -9.81)), fx.Damping(theta["tau"]), fx.PointMass(theta["tip"]),
+                          fx.RootSpring(torch.stack((stiff, stiff, stiff, stiff, theta["clamp"], stiff), -1))]
+    if struck:
+        effects.append(fx.TipLoad(force=lambda t: (0.0, 0.0, 4 * torch.sin(torch.pi * t.clamp(0, 0.03) / 0.03) ** 2)))
+    return Scene(Beam.straight(LENGTH, elements, section).linked(), effects, plane="xz")
+
+
+def motion(theta: dict[str, Tensor], elements: int, step: float) -> Solution:
+    """From the sag on, for a little longer than the record: clocks may be late."""
+    sagging = equilibrium(scene(theta, elements, False), throw=False)
+    t = torch.linspace(0, 1.02 * SPAN, 154, dtype=torch.float64)
+    return simulate(scene(theta, elements, True), t, initial=sagging, step=step)
+
+
+def sag(theta: dict[str, Tensor], elements: int) -> tuple[Tensor, Tensor]:
+    """Deflection (n,) m of the tip at rest, and status."""
+    state = equilibrium(scene(theta, elements, False), throw=False)
+    return state.tip.position[:, 2], state.status
+
+
+def accelerometers(elements: int) -> Stack:
+    return Stack([NodeVelocity(k)["z"] for k in (elements // 2, elements)])
+
+
+@dataclass
+class Laboratory:
+    """Where a case's data come from: the motion and the sag of the truth by its mesh, read at irregular times, with a gap."""
+
+    case: Case
+    random: torch.Generator
+
+    def __post_init__(self) -> None:
+        truth = {name: torch.tensor([value], dtype=torch.float64) for name, value in TRUE.items()}
+        self.motion, self.sag = motion(truth, *self.case.mesh), sag(truth, self.case.mesh[0])[0][0]
+        self.sensors = accelerometers(self.case.mesh[0])
+        places = torch.arange(READINGS) + 0.9 * torch.rand(READINGS, generator=self.random, dtype=torch.float64)
+        self.times = SPAN / READINGS * places
+        self.sigma = NOISE * self.read(0.0).square().mean(0).sqrt()
+
+    def read(self, clock: float) -> Tensor:
+        """(times, 2) m/s^2 with a clock that is off."""
+        return observe(self.motion, self.sensors, self.times * (1 + clock), rate=True)[:, 0]
+
+    def normal(self, *shape: int) -> Tensor:
+        return torch.randn(shape, generator=self.random, dtype=torch.float64)
+
+    def record(self) -> tuple[dict[str, Measurement], float]:
+        """Measurements of one repeat, and the error of its clock."""
+        clock = self.case.clock * self.normal().item()
+        values = self.read(clock) + 0.3 * self.normal(2) + self.sigma * self.normal(READINGS, 2)
+        values[40:50, 0] = torch.nan
+        record = Measurement(values, self.sigma, self.times, accelerometers(COARSE[0]), rate=True, offset=True,
+                             clock="clock" if self.case.known_clock else 0.0, name="accelerometer")
+        return {"strike": record, "sag": Measurement(self.sag + SAG * self.normal(), SAG, name="sag")}, clock
+
+
+def identified(case: Case, records: Sequence[dict[str, Measurement]], random: torch.Generator) -> Iterator[Fit]:
+    """A fit of each record, from starts within a factor of 1.5, all of them followed as one batch."""
+    log = {name: Parameter(torch.tensor(value, dtype=torch.float64), "log") for name, value in TRUE.items()}
+    if case.known_clock:
+        log["clock"] = Parameter(torch.zeros((), dtype=torch.float64), prior=Normal(0.0, CLOCK), scale=CLOCK)
+    models = {"strike": lambda theta: motion(theta, *COARSE), "sag": lambda theta: sag(theta, COARSE[0])}
+    one = identify(models, records[0], log, absolute_sigma=case.absolute_sigma).problem
+    problems = [one.with_data([m.values for m in record.values()]) for record in records]
+    together = one.with_targets(torch.cat([p.target for p in problems]))
+    parameters = one.parameters
+    factor = 1.5 ** (2 * torch.rand(len(records), len(TRUE), generator=random, dtype=torch.float64) - 1)
+    x = parameters.x.repeat(len(records), 1)
+    x[:, :len(TRUE)] += factor.log()
+    region = Region(x, parameters.size, parameters.transform.additive, *parameters.bounds(x), together.target)
+    with torch.no_grad():
+        found = search(together, x, region, 50, 1e-6)
+        for k, (problem, record) in enumerate(zip(problems, records, strict=True)):
+            some = slice(k, k + 1)
+            alone = Found(found.x[some], found.r[some], found.J[some], found.status[some], found.history[:, some])
+            yield fit_of(problem, alone, region.of(torch.tensor([k])).against(problem.target), record, "difference", 1e-6)
+
+
+def measure(case: Case, seed: int = 0) -> list[Row]:
+    """Rows of one case."""
+    random = torch.Generator().manual_seed(seed)
+    laboratory = Laboratory(case, random)
+    records, clocks = zip(*(laboratory.record() for _ in range(case.repeats)), strict=True)
+    names = [*TRUE, *(["clock"] if case.known_clock else [])]
+    inside, errors, warned = [], [], 0
+    for repeat, fit in enumerate(identified(case, records, random)):
+        print(f"{case.name}, {case.method}: {repeat + 1} of {case.repeats}", end="\r", file=sys.stderr)
+        warned += any("misfit is" in hint or "residuals" in hint for hint in fit.hints)
+        if fit.status != 0:
+            continue
+        options = {"repeats": RESAMPLES, "seed": repeat} if case.method == "bootstrap" else {}
+        interval = fit.interval(LEVEL, case.method, **options)[:len(names)]
+        truth = torch.tensor([*TRUE.values(), clocks[repeat]][:len(names)], dtype=torch.float64)
+        inside.append((interval[:, 0] <= truth) & (truth <= interval[:, 1]))
+        exact = fit.theta.clone()
+        exact[:len(names)] = truth
+        errors.append(((fit.x - fit.transform.x(exact)) / fit.x_covariance.diagonal().sqrt())[:len(names)])
+    print(file=sys.stderr)
+    held, error = torch.stack(inside).double().mean(0), torch.stack(errors)
+    return [Row(case.name, case.method, name, held[k].item(), error[:, k].square().mean().sqrt().item(),
+                error[:, k].mean().item(), case.repeats, len(inside), warned) for k, name in enumerate(names)]
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """A line for each case."""
+    names = [*TRUE, "clock"]
+    lines = []
+    for key in dict.fromkeys((r.case, r.method) for r in rows):
+        some = {r.parameter: r for r in rows if (r.case, r.method) == key}
+        one = next(iter(some.values()))
+        lines.append((*key, *(f"{100 * some[n].coverage:.1f}" if n in some else "" for n in names),
+                      f"{max(abs(r.bias) for r in some.values()):.2f}", f"{one.converged} of {one.repeats}", f"{one.warned}"))
+    head = ("data and model", "interval", *(f"{n}: %" for n in names), "largest bias, deviations", "converged", "warned")
+    return markdown_table(head, lines, words=2)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """How often stated intervals of identified parameters hold the truth."""
+    given, out = study(argv, "coverage", "Repeated identification of synthetic data: noise, a finer mesh, a wrong clock.",
+                       quick="four repeats of two cases")
+    cases = [replace(case, repeats=4) for case in CASES[:2]] if given.quick else CASES
+    with threads(1):
+        rows = []
+        for k, case in enumerate(cases):
+            rows += measure(case, k)
+            print(markdown(rows[-len(TRUE) - case.known_clock:]), file=sys.stderr)
+        heading = measured_on()
+    about = ABOUT.format(readings=READINGS, span=SPAN, repeats=rows[0].repeats, level=100 * LEVEL, coarse=COARSE, fine=FINE,
+                         coarse_ms=1e3 * COARSE[1], fine_ms=1e3 * FINE[1], clock=100 * CLOCK,
+                         binomial=100 * (LEVEL * (1 - LEVEL) / rows[0].repeats) ** 0.5)
+    text = "\n\n".join((about, markdown(rows), sentence(heading)))
+    print(text)
+    write(out, "coverage", text, {**heading, "about": about, "rows": [asdict(r) for r in rows]},
+          tuple(asdict(rows[0])), (tuple(asdict(r).values()) for r in rows))
+    return 0
