@@ -3,10 +3,12 @@
 from . import plot, sensors
 from .analysis.advise import Advice, advise
 from .analysis.describe import Description, describe
+from .analysis.identification.fields import FieldFit, identify_fields
 from .analysis.identification.fit import Fit
 from .analysis.identification.identify import identify
 from .analysis.identification.measurement import Measurement
 from .analysis.identification.parameter import Parameter
+from .analysis.identification.smoothness import Smoothness
 from .analysis.monte_carlo import Samples, monte_carlo
 from .dynamics.explicit import ExplicitStepper
 from .dynamics.rollout import rollout
@@ -56,10 +58,10 @@ from .statics.path import Path, path
 
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Description", "Drag",
-    "Energy", "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
-    "Measurement", "MixedState", "Modes", "PairedModes", "Parameter", "Path", "PerElement", "PerInterval", "PointLoad",
-    "PointMass", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Solution", "Spring", "State", "Stations", "Stats",
-    "Stepper", "Support", "Table", "TipLoad", "advise", "block_rate", "consistent_state", "critical_load", "describe",
-    "equilibrium", "identify", "linearize", "modal_assurance", "modes", "monte_carlo", "observe", "pair_modes", "path", "plot",
-    "rayleigh", "rest", "rollout", "sensors", "simulate",
+    "Energy", "ExplicitStepper", "FieldFit", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load",
+    "MassDamping", "Measurement", "MixedState", "Modes", "PairedModes", "Parameter", "Path", "PerElement", "PerInterval",
+    "PointLoad", "PointMass", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Smoothness", "Solution", "Spring",
+    "State", "Stations", "Stats", "Stepper", "Support", "Table", "TipLoad", "advise", "block_rate", "consistent_state",
+    "critical_load", "describe", "equilibrium", "identify", "identify_fields", "linearize", "modal_assurance", "modes",
+    "monte_carlo", "observe", "pair_modes", "path", "plot", "rayleigh", "rest", "rollout", "sensors", "simulate",
 ]

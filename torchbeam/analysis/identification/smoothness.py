@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ...core.arguments import boolean
 from ...core.validation import Value, as_tensor, increasing
 
 
@@ -16,6 +17,8 @@ class Smoothness:
 
     order  of the derivative: 1, a field is about constant; 2, about a straight line; 0, about its start. A field of order 1 or
            2 needs data that tell its mean, or line
+    sharp  large derivatives are rare but not excluded: Student's t with one degree of freedom in place of the normal law, by
+           reweighting (Lange, Little and Taylor 1989, JASA 84, 881). For dents and steps, which a normal law smears
     at     (n,) places of the numbers, increasing (arc length, time); None = evenly spaced. Only their proportions count
 
     The penalty is weight / 2 times the integral of the squared derivative over places from 0 to 1, of theta or, where a
@@ -24,10 +27,12 @@ class Smoothness:
 
     order: int = 1
     at: Value | None = None
+    sharp: bool = False
 
     def __post_init__(self) -> None:
         if isinstance(self.order, bool) or self.order not in (0, 1, 2):
             raise ValueError(f"order = {self.order!r} was given; 0, 1 or 2 is wanted")
+        boolean("sharp", self.sharp)
 
     def rows(self, like: Tensor) -> Tensor:
         """(n - order, n) for a field `like` (n,). Raises ValueError for too few numbers, or other places."""
@@ -49,3 +54,10 @@ class Smoothness:
         width = torch.full_like(at, 1 / n) if len(at) < 2 else torch.cat((
             at[1:2] - at[:1], (at[2:] - at[:-2]) / 2, at[-1:] - at[-2:-1]))
         return found * width.sqrt()[:, None]
+
+    @staticmethod
+    def factors(squares: Tensor) -> Tensor:
+        """(rows,) by which rows count where they are `sharp`, from their squares over the prior's variance: (n + 1) / (n + d^2)
+        of Student's t with n = 1, so that those of the prior's own size count as they are.
+        """
+        return 2 / (1 + squares)
