@@ -106,8 +106,8 @@ def paired(theta: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
 weight = tb.identify_fields(paired, [tb.Measurement(FREQUENCY, 5e-4 * FREQUENCY), tb.Measurement(SHAPES, 0.01)],
                             {"mass": tb.Parameter(torch.full((7,), 0.2), "log")}, {"mass": tb.Smoothness(2)})
 MASS = ((weight["mass"] - lines(PLACES)) / weight.deviation("mass")).abs().max().item()
-print(f"mass: {weight}\n    largest error {100 * (weight['mass'] / lines(PLACES) - 1).abs().max():.0f} %, {MASS:.1f} deviations (next to "
-      "the clamp, where mass has no say)")
+worst = (weight["mass"] / lines(PLACES) - 1).abs().max().item()
+print(f"mass: {weight}\n    largest error {100 * worst:.0f} %, {MASS:.1f} deviations, next to the clamp, where mass has no say")
 
 # force by interval --------------------------------------------------------------------------------------------------------
 T = torch.linspace(0, 0.08, 81)
