@@ -132,7 +132,9 @@ class _Search:
         promised = -((gradient * moved).sum(-1) * 2 + (J @ moved[..., None])[..., 0].square().sum(-1)
                      + (self.bend[active] * moved.square()).sum(-1))
         short = ~(before - after >= POOR * promised)
-        settled = self._settled(x, moved, before, after, lower) | (promised <= self.negligible)
+        settled = self._settled(x, moved, before, after, lower)
+        if self.negligible:
+            settled = settled | (promised.abs() <= self.negligible)
         done = whole & settled & (lower | (moved == 0).all(-1) | (damping <= 1))
         take = lower[:, None]
         self.x = self.x.index_put((active,), torch.where(take, trial, x))
