@@ -1,26 +1,27 @@
-"""Result of a search as a `Fit`: the best start, its covariance, what is not told, hints."""
+"""What a search has found: the best start, its covariance, what is not told, hints."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ...solvers.least_squares import FAILED, LEFT, Found
+from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED, Found
 from ...solvers.region import Region
-from .fit import REASON, UNIDENTIFIABLE, Fit
 from .hints import bound_hints, fit_hints, unit_hints
-from .measurement import Measurement
 from .problem import Problem
 from .readings import Readings
 from .undetermined import undetermined
 
+UNIDENTIFIABLE = 3
+REASON = {CONVERGED: "converged", UNFINISHED: "more iterations are wanted", STUCK: "no step makes the misfit smaller",
+          UNIDENTIFIABLE: "not identifiable", FAILED: "the model fails there", LEFT: "not followed"}
 
-def fit_of(problem: Problem, found: Found, region: Region, data: Any, derivatives: str, tolerance: float) -> Fit:
-    """The fit of the best of the starts; `data` as they were given, whose form `Fit.y` has."""
+
+def conclusions(problem: Problem, found: Found, region: Region, derivatives: str, tolerance: float) -> dict[str, Any]:
+    """Fields of a `Fit`, of the best of the starts."""
     parameters, T = problem.parameters, problem.parameters.transform
     x, r, J = found.x, found.r, found.J
     phi, _, bend = problem.prior(x)
@@ -64,10 +65,12 @@ def fit_of(problem: Problem, found: Found, region: Region, data: Any, derivative
         [f"at {len(found.raised)} trials the model raised, last {found.raised[-1]!r}"] if found.raised else [])))
     shapes = {e.name if e.experiment is None else f"{e.experiment}.{e.name}": (e.first, tuple(e.shape))
               for e in parameters.entries}
-    return Fit(theta[best], parameters.names, slope[:, None] * x_covariance * slope, _as_given(y, data), misfits[best], status,
-               len(found.history) - 1, history, theta, misfits, statuses, shown[best], message, hints, open_[best], freedom,
-               derivatives, shapes, x[best], x_covariance, torch.stack((parameters.least, parameters.largest), -1), T, readings,
-               problem)
+    return dict(theta=theta[best], names=parameters.names, covariance=slope[:, None] * x_covariance * slope,
+                y=_as_given(y, problem), misfit=misfits[best], status=status, iterations=len(found.history) - 1,
+                history=history, starts=theta, misfits=misfits, statuses=statuses, unidentifiable=shown[best],
+                message=message, hints=hints, open=open_[best], freedom=freedom, derivatives=derivatives, shapes=shapes,
+                x=x[best], x_covariance=x_covariance, bounds=torch.stack((parameters.least, parameters.largest), -1),
+                transform=T, readings=readings, problem=problem)
 
 
 def _readings(problem: Problem, x: Tensor, deviation: Tensor | None = None) -> tuple[tuple[Readings, ...], list[list[Tensor]]]:
@@ -90,15 +93,11 @@ def _readings(problem: Problem, x: Tensor, deviation: Tensor | None = None) -> t
     return tuple(found), all_
 
 
-def _as_given(y: list[list[Tensor]], data: Any) -> Any:
-    """The model's values in the form of the data."""
-    def one(parts: list[Tensor], given: Any) -> Any:
-        several = isinstance(given, (list, tuple)) and any(isinstance(d, Measurement) for d in given)
-        return tuple(parts) if several else parts[0]
-
-    if isinstance(data, Mapping):
-        return {name: one(parts, data[name]) for name, parts in zip(data, y, strict=True)}
-    return one(y[0], data)
+def _as_given(y: list[list[Tensor]], problem: Problem) -> Any:
+    """The model's values in the form in which the data were given."""
+    parts = [own[0] if e.single else tuple(own) for e, own in zip(problem.experiments, y, strict=True)]
+    names = [e.name for e in problem.experiments]
+    return parts[0] if names == [None] else dict(zip(names, parts, strict=True))
 
 
 def _inverse(A: Tensor) -> Tensor:
