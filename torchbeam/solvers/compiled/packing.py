@@ -53,7 +53,7 @@ class Packing:
         graph, given, inputs = Graph(), {}, dict(function.inputs)
         for called, name in names.items():
             if called in inputs:
-                side, dot, _ = called.rpartition(".")
+                side, dot, _ = called.partition(".")
                 inputs[f"{side}{dot}{self.name}"] = self.size,
                 del inputs[called]
                 given[called] = [self._component(graph, f"{side}{dot}{self.name}", one) for one in self.components[name]]
