@@ -37,11 +37,11 @@ class AdjointProgram(NativeProgram):
         found = {"solution": traced(local.solution, {
             "position": shapes["position"], "rotation": shapes["rotation"], "after_position": shapes["position"],
             "after_rotation": shapes["rotation"]})}
-        nodes, elements = [], []
+        nodes, elements, finishes = [], [], []
         for k, kind in enumerate(self.kinds.nodes):
             nodes.append(whole := traced(partial(local.node, kind), node))
             found[f"node bar {k}"] = _derivative(whole.only(["balance"]), start)
-            finish = traced(partial(local.finish, kind), node)
+            finishes.append(finish := traced(partial(local.finish, kind), node))
             found[f"finish bar {k}"] = _derivative(finish, (*start, "u", "m", "found", "last"), keep=("u", "m"))
             update = traced(partial(local.update, kind), {**node, "move": (w,)})
             if "move" in update.inputs:  # a clamp that moves goes its own way
@@ -51,8 +51,7 @@ class AdjointProgram(NativeProgram):
             scaled = traced(local.scaled, {**{name: shapes[name] for name in ENDED}, "scale": ()})
             found |= {"project": project.only(["scale"]), "project bar": vjp(project, ["defect", "kinetic", "rise"]),
                       "scaled bar": vjp(scaled, [*ENDED, "scale"])}
-            for k, kind in enumerate(self.kinds.nodes):
-                found[f"ended {k}"] = traced(partial(local.finish, kind), node).only([*ENDED, *ENERGIES])
+            found |= {f"ended {k}": finish.only([*ENDED, *ENERGIES]) for k, finish in enumerate(finishes)}
         ends = [f"{side}.{name}" for side in "ij" for name in start if not name.startswith(("element", "common"))]
         ends += [*local.element_state, *(name for name in wanted if name.startswith(("element", "common")))]
         for k, kind in enumerate(self.kinds.elements):
