@@ -6,14 +6,14 @@ from functools import partial
 from math import prod
 
 from ...solvers.compiled.derivative import bar, vjp
-from ...solvers.compiled.ends import END, share_ends
+from ...solvers.compiled.ends import END
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.packing import Packing
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
 from .layout import BETWEEN, ELEMENTS, MOVES, NODES, ONE, OWN, SUPPORTS, TWO, Layout
 from .local_functions import LocalFunctions
-from .local_problem import EndKind, Kinds
+from .local_problem import Kinds
 from .native import NativeProgram
 from .tracing import Tracing
 
@@ -66,12 +66,8 @@ class AdjointProgram(NativeProgram):
         between = Packing(BETWEEN, elements, ["i.D", "j.D", "U", "L"])
         nodes = [one.only([OWN]) for one in own.made()]
         elements = [one.only([BETWEEN, "E", "hB"]) for one in between.made()]
-        elements, ends = share_ends([(one, dict(zip("ij", kind, strict=True)))
-                                     for one, kind in zip(elements, self.kinds.elements, strict=True)],
-                                    (*self.state, "u", "m"), traced.constants["common"])
-        for k, (one, kind) in enumerate(zip(nodes, self.kinds.nodes, strict=True)):
-            end = ends.get(EndKind(kind.hinge, kind.support), ends.get(EndKind()))
-            found[f"block {k}"] = one if end is None else one.joined(end)
+        nodes, elements = self.with_ends(nodes, elements, (*self.state, "u", "m"), traced.constants["common"])
+        found |= {f"block {k}": one for k, one in enumerate(nodes)}
         found |= {f"blocks {k}": one for k, one in enumerate(elements)}
         law = {name: whole.outputs[name].shape for name in ("gap", "E", "hB")}
         stress = traced(local.stress, {**traced.element, **law, "move_i": (w,), "move_j": (w,)})
@@ -123,8 +119,7 @@ class AdjointProgram(NativeProgram):
             layout.record(name, MOVES, [(name, w)])
         layout.record("law", ELEMENTS, [*self.outputs("blocks 0", "E", "hB"), ("gap_bar", k)])
         layout.record("at_node", TWO, self.outputs("block 0", OWN))
-        ends = [size for k in range(len(self.kinds.nodes)) for _, size in self.outputs(f"block {k}", END)]
-        layout.record("at_end", TWO, [(END, max(ends, default=0))])
+        layout.record("at_end", TWO, self.largest("block", len(self.kinds.nodes), END))
         layout.record("between", TWO, self.outputs("blocks 0", BETWEEN))
         layout.record("row", NODES, [("ahead", w * w), ("y", w)])
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
