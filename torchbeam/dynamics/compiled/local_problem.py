@@ -40,6 +40,13 @@ class SupportKind(NamedTuple):
     clamp: bool
 
 
+class EndKind(NamedTuple):
+    """What holds a node of an element, see `NodeKind`."""
+
+    hinge: tuple[float, ...] | None = None
+    support: SupportKind | None = None
+
+
 class NodeKind(NamedTuple):
     """What a node has beside what all have: numbers of the loads in `common.loads` that act there; the axis of its hinge, a
     mask in frame a, None = no hinge; its support, None = none, or nothing moves.
@@ -49,12 +56,10 @@ class NodeKind(NamedTuple):
     hinge: tuple[float, ...] | None = None
     support: SupportKind | None = None
 
-
-class EndKind(NamedTuple):
-    """What holds a node of an element, see `NodeKind`."""
-
-    hinge: tuple[float, ...] | None = None
-    support: SupportKind | None = None
+    @property
+    def end(self) -> EndKind:
+        """What elements know of it."""
+        return EndKind(self.hinge, self.support)
 
 
 ElementKind = tuple[EndKind, ...]  # of its nodes, in order
@@ -70,7 +75,7 @@ class Kinds(NamedTuple):
     @classmethod
     def of(cls, nodes: list[NodeKind], order: int) -> Kinds:
         """From those of all nodes; order: of the elements."""
-        held = [EndKind(one.hinge, one.support) for one in nodes]
+        held = [one.end for one in nodes]
         return cls(tuple(nodes), tuple(tuple(held[i:i + order + 1]) for i in range(0, len(held) - 1, order)))
 
     def distinct(self) -> Kinds:

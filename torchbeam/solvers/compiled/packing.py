@@ -48,7 +48,7 @@ class Packing:
 
     def taken(self, function: Function, names: Mapping[str, str]) -> Function:
         """A function that takes fields by `names` (its own name -> that among the packed ones), with the one field in their
-        place; what stands before a dot in its own name (left.D), the field's name has as well (left.NAME).
+        place; what stands before the first dot in its own name (left.D), the field's name has as well (left.NAME).
         """
         graph, given, inputs = Graph(), {}, dict(function.inputs)
         for called, name in names.items():

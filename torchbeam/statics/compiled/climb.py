@@ -16,7 +16,7 @@ from ...dynamics.compiled.call import Call, Chain, Field
 from ...dynamics.compiled.constants import Constants
 from ...dynamics.compiled.cotangents import constant_fields
 from ...dynamics.compiled.coverage import MISSING, by_function, given_up, meaning
-from ...dynamics.compiled.local_problem import EndKind, Kinds, node_kinds
+from ...dynamics.compiled.local_problem import Kinds, node_kinds
 from ...dynamics.compiled.native import NotCompiled
 from ...dynamics.compiled.program import program_of
 from ...math.shapes import broadcast_shapes
@@ -129,8 +129,7 @@ def _kinds(model: Model, constants: Constants) -> Kinds:
     for support, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True):
         displaced = support.displacement is not None, support.turn is not None
         kinds[support.node] = kinds[support.node]._replace(fixed=tuple(fixed.tolist()), displaced=displaced)
-    beam = model.scene.beam
-    return Kinds(tuple(kinds), ((EndKind(),) * (beam.order + 1),) * beam.element_count)  # which know no supports
+    return Kinds.of(kinds, model.scene.beam.order)
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:

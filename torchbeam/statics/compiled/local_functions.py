@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ...core.status import SUCCESS
 from ...dynamics.compiled.local_functions import LocalFunctions
-from ...dynamics.compiled.local_problem import ElementKind, Fields
+from ...dynamics.compiled.local_problem import ElementKind, EndKind, Fields
 from ...dynamics.midpoint import MidpointProblem
 from ...scene.prescribed_motion import moved
 from .. import load_steps
@@ -34,6 +34,7 @@ class SteadyKind(NamedTuple):
     displaced: tuple[bool, bool] = (False, False)
 
     support = None  # nothing moves while the load rises
+    end = EndKind()  # elements know nothing of their nodes' supports
 
 
 @dataclass(frozen=True)
