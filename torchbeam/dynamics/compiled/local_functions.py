@@ -20,7 +20,7 @@ from ...core.status import BROKEN, DIVERGED, SUCCESS
 from ...math.block_tridiagonal import eliminated
 from ...nodal.balance import ChainTangent, dstress, mixed, pushed_by, restrained_forces, scaled
 from ...nodal.constraints import masked
-from ...nodal.midside import Midside, condensed
+from ...nodal.midside import condensed, following
 from ...nodal.model import Model
 from ...solvers.newton import converged
 from ...state.state import State
@@ -156,8 +156,7 @@ class LocalFunctions(LocalProblems):
 
     def restore(self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor) -> Fields:
         """The move (w) of a midside node from those of its element's ends."""
-        middle = Midside(*(x[None] for x in (by_i, by_i, by_j, by_i, by_j)))
-        return {"move": middle.restore(torch.stack((before, after)), own[None])[1]}
+        return {"move": following(own, by_i, by_j, before, after)}
 
     # Functions of the chain's rows
 

@@ -66,6 +66,12 @@ ElementKind = tuple[EndKind, ...]  # of its nodes, in order
 SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are called, by its order
 
 
+def without_side(field: str) -> str:
+    """What a field of one of an element's nodes is called at the node."""
+    side, _, name = field.partition(".")
+    return name if side in SIDES[max(SIDES)] else field
+
+
 class Kinds(NamedTuple):
     """Of all nodes and of all elements; or those that there are."""
 
