@@ -32,7 +32,7 @@ class AdjointProgram(NativeProgram):
         super().__init__(local, kinds, held, key)
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        wanted, w, shapes, node = self.wanted, self.w, self.shapes, traced.node
+        wanted, w, shapes, node = sorted(self.wanted), self.w, self.shapes, traced.node
         start = (*self.state, *wanted)
         found = {"solution": traced(local.solution, {
             "position": shapes["position"], "rotation": shapes["rotation"], "after_position": shapes["position"],
