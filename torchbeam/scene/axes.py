@@ -86,14 +86,6 @@ def parabolas(nodes: Tensor) -> tuple[Tensor, Tensor]:
 
 def advance(turn: Tensor) -> Tensor:
     """The integral of exp(x ~turn) e1 over x from 0 to 1, (..., 3): e1 + b turn x e1 + c turn x (turn x e1), with
-    b = (1 - cos t)/t^2 and c = (t - sin t)/t^3 at t = |turn|.
+    b = (1 - cos t)/t^2 and c = (t - sin t)/t^3 at t = |turn|: the map that takes the rate of a rotation vector to its spin.
     """
-    t2 = (turn * turn).sum(-1, keepdim=True)
-    small = t2 < 1e-4
-    t = torch.where(small, torch.ones_like(t2), t2).sqrt()
-    half = torch.sin(t / 2) / t
-    b = torch.where(small, 0.5 - t2 / 24 + t2 * t2 / 720, 2 * half * half)
-    c = torch.where(small, 1 / 6 - t2 / 120 + t2 * t2 / 5040, (t - torch.sin(t)) / t**3)
-    e1 = pad(torch.ones_like(t2), (0, 2))
-    across = torch.linalg.cross(turn, e1)
-    return e1 + b * across + c * torch.linalg.cross(turn, across)
+    return quat.spin_of_vector(turn, pad(torch.ones_like(turn[..., :1]), (0, 2)))
