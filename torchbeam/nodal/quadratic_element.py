@@ -51,7 +51,7 @@ class Kinematics(NamedTuple):
 def kinematics(r_1: Tensor, r_2: Tensor, r_3: Tensor, q_1: Tensor, q_2: Tensor, q_3: Tensor, length: Tensor) -> Kinematics:
     """Positions (..., 3) m and rotations (..., 4) of the three nodes, length (..., 1) m."""
     values, slopes = (x.repeat(r_1.shape[-2] // 2, 1)[..., None] for x in at_points(r_1))  # (2 N, 3, 1)
-    r, q = torch.stack((r_1, r_2, r_3), -2), torch.stack((nearer(q_1, q_2), q_2, nearer(q_3, q_2)), -2)
+    r, q = torch.stack((r_1, r_2, r_3), -2), quat.aligned(q_1, q_2, q_3)
     Q = (values.mT @ q)[..., 0, :]
     inverse = quat.conjugate(Q) / (Q * Q).sum(-1, keepdim=True)
     w = quat.multiply(q, inverse[..., None, :])
@@ -59,11 +59,6 @@ def kinematics(r_1: Tensor, r_2: Tensor, r_3: Tensor, q_1: Tensor, q_2: Tensor, 
     z = v.sum(-2)
     return Kinematics(quat.matrix(quat.normalize(Q)), (slopes.mT @ r)[..., 0, :] / length, z, w,
                       v - quat.multiply(w, z[..., None, :]))
-
-
-def nearer(q: Tensor, to: Tensor) -> Tensor:
-    """Of q and -q, the same rotation, the one that is nearer."""
-    return torch.where((q * to).sum(-1, keepdim=True) < 0, -q, q)
 
 
 def strain(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:

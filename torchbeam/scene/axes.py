@@ -55,14 +55,7 @@ def axes_between(frames: Tensor, order: int) -> Tensor:
     """Axes of the elements, half way between those of their nodes; of order 2 at the stations, see `quadratic_element`."""
     if order == 1:
         return quat.half_way(frames[..., :-1, :], frames[..., 1:, :])
-    each = aligned(torch.stack(threes(frames), -2))
-    return quat.normalize(at_points(frames)[0] @ each).flatten(-3, -2)
-
-
-def aligned(q: Tensor) -> Tensor:
-    """The same rotations (..., n, 4), each by that of its two quaternions which is nearer to the one before."""
-    turns = torch.where((q[..., 1:, :] * q[..., :-1, :]).sum(-1, keepdim=True) < 0, -1.0, 1.0).to(q)
-    return torch.cat((q[..., :1, :], turns.cumprod(-2) * q[..., 1:, :]), -2)
+    return quat.normalize(at_points(frames)[0] @ quat.aligned(*threes(frames))).flatten(-3, -2)
 
 
 def parabolas(nodes: Tensor) -> tuple[Tensor, Tensor]:
