@@ -68,8 +68,8 @@ SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are 
 
 def without_side(field: str) -> str:
     """What a field of one of an element's nodes is called at the node."""
-    side, _, name = field.partition(".")
-    return name if side in SIDES[max(SIDES)] else field
+    side, dot, name = field.partition(".")
+    return name if dot and side in SIDES[max(SIDES)] else field
 
 
 class Kinds(NamedTuple):
