@@ -92,7 +92,8 @@ QUADRATIC = {f"{name}, order 2": scene for name, scene in {
     "everything small": lambda: everything(straight(2, order=2), small=True),
     "curved, all loads": lambda: nodal_cases.scene(damping="six", order=2),
     "curved, small": lambda: replace(nodal_cases.scene(effects=[tb.Damping(0.01)], order=2), small=True),
-    "inextensible": lambda: tb.Scene(straight(of=section(EA=torch.inf, GA=torch.inf), order=2), [tb.TipLoad(force=(0, 1.0, 0))]),
+    "inextensible": lambda: tb.Scene(straight(of=section(EA=torch.inf, GA=torch.inf), order=2), [
+        tb.TipLoad(force=(0, 1.0, 0))]),
     "free": lambda: tb.Scene(straight(2, order=2), [tb.TipLoad(force=(0, 1.0, 0.2))], supports=()),
     "supports": lambda: tb.Scene(straight(order=2), [tb.Gravity((0, 0, -9.81))], supports=[
         tb.Support(1, rotation=""), tb.Support(4, position="yz", rotation=""), tb.Support(5, position="z", rotation="")]),

@@ -208,7 +208,8 @@ class MidpointProblem(Tree):
         sizes = *sizes, size_of_strain(element.felt, self.eigenstrain)
         return Residual(model.constraints, nodes, element.gap, *sizes), way, element, inertia
 
-    def tangent(self, x: MidpointUnknowns, way: StepKinematics, element: ElementBalance, inertia: InertiaForces) -> ChainTangent:
+    def tangent(self, x: MidpointUnknowns, way: StepKinematics, element: ElementBalance, inertia: InertiaForces
+                ) -> ChainTangent:
         """By the nodes' moves, see `TANGENT`."""
         nodes, blocks = self.node_tangent(way, inertia)
         tangent = self.element.tangent(element, x.stress, lambda: self.model.space.chain.ends(nodes.half, 2))

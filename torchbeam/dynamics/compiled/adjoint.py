@@ -54,6 +54,7 @@ class AdjointProgram(NativeProgram):
                       "scaled bar": vjp(scaled, [*ENDED, "scale"])}
             found |= {f"ended {k}": finish.only([*ENDED, *ENERGIES]) for k, finish in enumerate(finishes)}
         ends = [f"{side}.{name}" for side in self.sides for name in start if not name.startswith(("element", "common"))]
+        ended = [f"{side}.{name}" for side in self.sides for name in ("u", "m")]
         ends += [*local.element_state, *(name for name in wanted if name.startswith(("element", "common")))]
         for k, kind in enumerate(self.kinds.elements):
             elements.append(whole := traced(partial(local.element, kind), traced.element))
@@ -62,7 +63,7 @@ class AdjointProgram(NativeProgram):
                 finish = traced(partial(local.finish_element, kind), traced.element)
                 if "kinetic" in finish.outputs:
                     found[f"ended element {k}"] = finish
-                found[f"finish element bar {k}"] = _derivative(finish, [*ends, *(f"{side}.{x}" for side in self.sides for x in "um")])
+                found[f"finish element bar {k}"] = _derivative(finish, [*ends, *ended])
         own = Packing(OWN, nodes, ["D"])
         blocks = [*(f"{side}.D" for side in self.sides), *(name for name in midsides.BLOCKS if name in whole.outputs)]
         between = Packing(BETWEEN if self.order == 1 else INNER, elements, blocks)

@@ -80,11 +80,7 @@ class AdjointDriver(ChainCode):
             places = {"next": self._move_of(node, self.order), "> move": self._move_of(node)}
             self._call("back", lambda f: self.at("move", places[f]) if f in places else self.at("row", v, f))
             self._balance_bar(node)
-        for e, node in self._midsides():
-            places = {"before": ("found", self._move_of(node, -1)), "after": ("found", self._move_of(node, 1)),
-                      "> move": ("move", self._move_of(node))}
-            self._call("restore", lambda f: self.at(*places[f]) if f in places else self.at("middle", e))
-            self._balance_bar(node)
+        self._restore("found", self._balance_bar)
         with code.loop(0, N) as e:
             self._element(e)
         with code.loop(0, nodes) as j:
@@ -180,8 +176,6 @@ class AdjointDriver(ChainCode):
 
     def _ends(self, j: str) -> None:
         """Of a node: what its end's cotangents ask of the start and of the move."""
-        code = self.code
-
         def where(f: str) -> str:
             if f[0] == ">":
                 return self.at("change", 0, f[2:])

@@ -13,7 +13,6 @@ from torch import Tensor
 
 from ...nodal.model import Model
 from .chain_code import ENTRY, POINTERS
-from .layout import ONE
 from .local_problem import Kinds
 from .native import NativeProgram
 

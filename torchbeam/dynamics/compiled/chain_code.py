@@ -108,9 +108,7 @@ class ChainCode:
         return self._odd(e if side == "i" else self.code.add(e, 1)) if side in SIDES[1] else 2
 
     def _move_of(self, node: str, ahead: int = 0) -> str:
-        """Of the nodes' moves: which is that of a node, or of one so far ahead; on either side of the chain are some that do not
-        move.
-        """
+        """Which of the nodes' moves is that of a node, or of one so far ahead; on either side of the chain some do not move."""
         return self.code.add(node, self.order + ahead)
 
     def _near(self, v: str) -> dict[str, str]:
@@ -154,11 +152,18 @@ class ChainCode:
             self._call(f"held {name}", where)
             after()
 
-    def _midsides(self) -> Iterator[tuple[str, str]]:
-        """(element, its midside node), of elements that have one."""
-        if self.order == 2:
-            with self.code.loop(0, self.args["elements"]) as e:
-                yield e, self._node_of(e, "m")
+    def _restore(self, record: str, then: Callable[[str], None] = lambda node: None) -> None:
+        """Moves of midside nodes, if there are any, from what a record has for their elements' ends; `then`: what is to be done
+        with each.
+        """
+        if self.order == 1:
+            return
+        with self.code.loop(0, self.args["elements"]) as e:
+            node = self._node_of(e, "m")
+            places = {"before": (record, self._move_of(node, -1)), "after": (record, self._move_of(node, 1)),
+                      "> move": ("move", self._move_of(node))}
+            self._call("restore", lambda f: self.at(*places.get(f, ("middle", e))))
+            then(node)
 
     def _kind(self, j: str) -> AbstractContextManager[Iterator[int]]:
         """The kinds of nodes one after the other; what is written for each runs where node j is of it."""

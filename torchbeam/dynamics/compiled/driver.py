@@ -160,9 +160,7 @@ class Driver(ChainCode):
             node = self._end(v)
             places = {"next": self._move_of(node, self.order), "> move": self._move_of(node)}
             self._call("back", lambda f: self.at("move", places[f], "move") if f in places else self.at("row", v, f))
-        for e, node in self._midsides():
-            moves = {"before": self._move_of(node, -1), "after": self._move_of(node, 1), "> move": self._move_of(node)}
-            self._call("restore", lambda f: self.at("move", moves[f]) if f in moves else self.at("middle", e))
+        self._restore("move")
         over = self.at("sample", 0, "over")
         if self.held:
             with code.loop(0, self.args["supports"]) as k:

@@ -6,7 +6,7 @@ element of any order is one between two nodes.
 
 Fields have no axes of the batch: of a node's `node.k`, `common.k` and `support.k` (the tensors of `NodeConstants`, `Common` and
 `SupportConstants`, in order), position, rotation, velocity, spin and internal states at the start, u and m; of an element's
-`element.k` and the stress, with an axis of its stations, and the same of its nodes, behind `i.` and `j.`, or `i.`, `m.` and `j.`.
+`element.k` and the stress, with an axis of its stations, and the same of its nodes, behind `i.` and `j.`, or `i.`, `m.`, `j.`.
 """
 
 from __future__ import annotations
@@ -145,7 +145,8 @@ class LocalFunctions(LocalProblems):
         D, L, U, middle = condensed(D, L, U, *far)
         ends, own = middle.condense(-asked)
         for k, side in enumerate("ij"):
-            found |= {f"{side}.{name}": element[f"{side}.{name}"] for name in ("balance", "inertia") if f"{side}.{name}" in element}
+            same = f"{side}.balance", f"{side}.inertia"
+            found |= {name: element[name] for name in same if name in element}
             found |= {f"{side}.D": D[k], f"{side}.asked": -ends[k], f"by_{side}": (middle.by_i, middle.by_j)[k][0]}
         return found | {"U": U[0], "L": L[0], "own": own[0]}
 

@@ -1,5 +1,5 @@
-"""Local problem: the house's own step, `MidpointProblem`, on a chain that is one node alone, or one element and its nodes without
-mass. An element knows what mass its nodes share; a node its inertia and its loads.
+"""Local problem: the house's own step, `MidpointProblem`, on a chain that is one node alone, or one element and its nodes,
+without mass. An element knows what mass its nodes share; a node its inertia and its loads.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ class LoadDriver(Driver):
         """The first step, by the moves that all of the load would bring about; where that is all of the load for all samples,
         Newton's method has its first balance.
         """
-        code, N = self.code, self.args["elements"]
+        code = self.code
         self._hoisted()
         self._border()
         if self.held:
