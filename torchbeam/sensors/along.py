@@ -11,8 +11,7 @@ from torch import Tensor
 from ..core.validation import Value, as_tensor, finite
 from ..math.shapes import broadcast_shapes
 from ..nodal.constitutive_law import without_residual_bending
-from ..nodal.coordinates.quadratic import QuadraticSpace
-from ..nodal.coordinates.spatial import Space
+from ..nodal.coordinates.selection import in_space
 from ..scene.beam import Beam
 from ..scene.stations import stations_of
 from ..state.state import State
@@ -123,7 +122,7 @@ class _Strains(_Along):
 
     def _strain(self, position: Tensor, rotation: Tensor) -> Tensor:
         length, p = self.beam.length[..., None], self.beam.order
-        space = QuadraticSpace() if p == 2 else Space()
+        space = in_space(self.beam)
         if self.element is not None:  # that element alone
             i = p * (self.element % self.beam.element_count)
             position, rotation, length = position[..., i:i + p + 1, :], rotation[..., i:i + p + 1, :], length[..., i:i + p, :]
