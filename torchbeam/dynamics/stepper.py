@@ -190,9 +190,11 @@ class Stepper:
         `advance` has to make the first. inputs: held, or `PerInterval` of these steps, or what each is given; wanted: whether
         the state after a step is asked for.
         """
-        alone = None if self.compiled is None else self.method.alone(self.model, dt.detach().amin())
+        length = dt.detach()
+        alone = None if self.compiled is None else self.method.alone(self.model, length.amin())  # what is strong damping to any
         if alone is None:
             return None
+        self.method.schemes(self.model, length.amax())  # refuses what is too long
         varying = isinstance(inputs, list)
         steps = [HeldInputs(one).map(self.scene.tensors) for one in inputs] if varying else []
         given = steps[0](self.method.INSTANT) if varying else self.scene.tensors(first_of(inputs))
