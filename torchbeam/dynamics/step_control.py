@@ -20,7 +20,7 @@ from ..core.status import SUCCESS, TOO_MANY, UNDERFLOW
 from ..core.validation import concrete
 from ..state.state import State
 from .events import Events
-from .step_sequence import StepSequence
+from .step_sequence import StepSequence, picked
 from .step_series import inputs_over, part_of, series, without_parts
 from .stepper import Stepper
 from .tolerance import Tolerance
@@ -168,7 +168,7 @@ class _Run:
         record.numbers.append((self.counts + k + 1)[used])
         some = taken > 0
         at = (taken - 1).clamp(min=0)
-        last = _pick(ends, at)
+        last = picked(ends, at)
         self.state = last.where(some, self.state)
         self.values = self.events.picked(values, at, some, self.values)
         self.t = torch.where(some, instants.gather(0, at[None])[0], self.t)
@@ -234,12 +234,3 @@ class _Run:
 def _leading(mask: Tensor) -> Tensor:
     """How many (...) of the first of a mask (K, ...) hold without a gap."""
     return mask.long().cumprod(0).sum(0)
-
-
-def _pick(states: State, at: Tensor) -> State:
-    """Of states (K, ...) that with the number `at` (...), each sample's own."""
-    def taken(x: Tensor) -> Tensor:
-        own = at.reshape(1, *at.shape, *(1,) * (x.ndim - at.ndim - 1)).expand(1, *x.shape[1:])
-        return x.gather(0, own)[0]
-
-    return states.map(taken)

@@ -100,6 +100,15 @@ class StepSequence(Tree):
         return joined.map(lambda x: x.reshape(*shape, *x.shape[1:]))
 
 
+def picked(states: State, at: Tensor) -> State:
+    """Of states (n, ...) that with the number `at` (...), each sample's own."""
+    def taken(x: Tensor) -> Tensor:
+        own = at.reshape(1, *at.shape, *(1,) * (x.ndim - at.ndim - 1)).expand(1, *x.shape[1:])
+        return x.gather(0, own)[0]
+
+    return states.map(taken)
+
+
 def _rows(states: State, wanted: Tensor, at: Tensor) -> tuple[State, Tensor]:
     """Those of the states (K, ...) that are wanted (n, ...), in one axis; `at` (n, ...): which of them. Second: their places
     among n and samples.
