@@ -21,7 +21,7 @@ from ..core.validation import concrete
 from ..state.state import State
 from .events import Events
 from .step_sequence import StepSequence, picked
-from .step_series import inputs_over, part_of, series, without_parts
+from .step_series import inputs_by_sample, part_of, series, without_parts
 from .stepper import Stepper
 from .tolerance import Tolerance
 
@@ -208,11 +208,7 @@ class _Run:
 
     def _series(self, state: State, dt: Tensor, t: Tensor) -> State:
         """See `series`; samples that are not going stay."""
-        inputs = self.inputs
-        if inputs:
-            middle = t + self.stepper.method.INSTANT * dt
-            interval = torch.bucketize(middle, self.stops, right=True).sub(1).clamp(0, len(self.stops) - 2)
-            inputs = inputs_over(inputs, middle, interval, self.stops)
+        inputs = inputs_by_sample(self.inputs, t + self.stepper.method.INSTANT * dt, self.stops)
         active = (self.going & (self.state.status == SUCCESS)).expand(dt.shape[1:])
         return series(self.stepper, state, dt, t, inputs, active)
 
