@@ -15,6 +15,7 @@ from ..core.status import SUCCESS
 from ..scene.effects import Inputs, PerInterval
 from ..state.state import State
 from .composed import natively
+from .failure import Failures
 from .stepper import Stepper
 
 
@@ -97,7 +98,7 @@ def part_of(few: BatchSubset, stepper: Stepper, inputs: dict[str, Any]) -> tuple
     part.model = few.gather(stepper.model)
     part.scene = part.model.scene
     part.solver = stepper.solver.of(part.model)
-    part.iterations, part.failures, part._last = None, {}, None
+    part.iterations, part.failures, part._last = None, Failures(), None
 
     def taken_of(v: Any) -> Any:
         if isinstance(v, PerInterval):
@@ -110,7 +111,7 @@ def part_of(few: BatchSubset, stepper: Stepper, inputs: dict[str, Any]) -> tuple
 def without_parts(stepper: Stepper) -> Stepper:
     """The stepper that makes no failed step in parts."""
     other = copy(stepper)
-    other.halvings, other.failures = 0, {}
+    other.halvings, other.failures = 0, Failures()
     return other
 
 
