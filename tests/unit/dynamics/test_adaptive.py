@@ -16,7 +16,8 @@ from torchbeam.dynamics.step_sequence import StepSequence
 from torchbeam.dynamics.stepper import Stepper
 from torchbeam.math import quaternions as quat
 from torchbeam.scene.prescribed_motion import PrescribedMotion
-from torchbeam.studies.error_control import Draw, distance, families
+from torchbeam.studies.error_control import distance
+from torchbeam.studies.random_scenes import Draw, families
 
 T = torch.linspace(0, 0.12, 4)
 
