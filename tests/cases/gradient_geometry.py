@@ -151,7 +151,8 @@ def twisted(d):
 def twisted_by_table(d):
     length, placing = d.number("length", 0.9, 1.2), _placing(d)
     s, twist = d.tensor("table s", torch.tensor([-0.2, 0.7, 1.5]), size=0.1), d.tensor("table twist", d.uniform(3))
-    return lambda x, section: tb.Beam.straight(length(x), d.count, section, twist=tb.Table(s(x), twist(x)), order=d.order, **placing(x))
+    return lambda x, section: tb.Beam.straight(length(x), d.count, section, twist=tb.Table(s(x), twist(x)), order=d.order,
+                                               **placing(x))
 
 
 @ingredient("beam", "arc")

@@ -53,7 +53,9 @@ def distance(spec: Spec) -> tuple[float, float]:
 
 
 class EngineFuzz:
-    """Random scenes that native code is to take, of elements of either order: rows (Spec, distance of values, of gradients), refused by sentence."""
+    """Random scenes that native code is to take, of elements of either order: rows (Spec, distance of values, of gradients),
+    refused by sentence.
+    """
 
     def __init__(self, seed: int) -> None:
         self.source, self.rows, self.refused = Fuzz(seed), [], collections.Counter()
