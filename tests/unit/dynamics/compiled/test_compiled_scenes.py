@@ -140,15 +140,16 @@ def held_midsides(by):
     displaced = wave(by, "displaced", 0.05)
     each = [section(EI=3 * by("EI", 2, 2)[k]) for k in range(2)]
     return dict(beam=tb.Beam.straight(by("length"), 2, each, order=2), effects=[
-        tb.TipLoad(force=3 * by("pull", 3)), tb.Damping(0.01 * by("tau")), tb.LineLoad(force=tb.PerElement(by("force", 2, 2, 3)))],
-        supports=[tb.Support(node, rotation="xz", displacement=displaced) for node in (1, 3)])
+        tb.TipLoad(force=3 * by("pull", 3)), tb.Damping(0.01 * by("tau")),
+        tb.LineLoad(force=tb.PerElement(by("force", 2, 2, 3)))], supports=[tb.Support(node, rotation="xz", displacement=displaced) for node in (1, 3)])
 
 
 def quadratic_in_a_plane(by):
     """Elements of order 2 with a centre of mass off the node between the ends of one."""
     return dict(beam=tb.Beam.straight(by("length"), 2, section(EI=3 * by("EI"), mass=0.5 * by("mass")), order=2), effects=[
         tb.Damping(0.01 * by("tau")), tb.TipLoad(force=tb.Input("u", 3), follower=True), tb.Drag(1000.0, 0.02, added_mass=1.0),
-        tb.PointMass(0.3, offset=by("offset", 3) * torch.tensor((0.02, 0.05, 0)), node=1), tb.Actuation(curvature=by("bent", 3) * torch.tensor((0, 0, 1.0))),
+        tb.PointMass(0.3, offset=by("offset", 3) * torch.tensor((0.02, 0.05, 0)), node=1),
+        tb.Actuation(curvature=by("bent", 3) * torch.tensor((0, 0, 1.0))),
         tb.MassDamping(0.3), tb.Spring(3, 50 * by("stiffness"), (0.3, 0.1, 0), length=0.1)], plane="xy")
 
 
