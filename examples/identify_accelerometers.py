@@ -6,8 +6,8 @@ two gaps, with 3 % noise and offsets of their own; a ruler gives the sag to 0.2 
 of 0.25 ms, the model has 8 elements and steps of 0.5 ms. EI, the damping time, the clamp's stiffness and the tip mass are
 searched from 20 starts within a factor of 5 of a first guess, as one batch, on the compiled engine.
 
-Wherever a start says that it converged, all four are within three standard deviations of the truth. Run as a script, it also draws the fit, the correlations and
-the profile of the clamp's stiffness into out/.
+Wherever a start says that it converged, all four are within three standard deviations of the truth. Run as a script, it also
+draws the fit, the correlations and the profile of the clamp's stiffness into out/.
 """
 
 import time

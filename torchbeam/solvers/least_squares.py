@@ -41,7 +41,7 @@ class LeastSquares(Protocol):
 @dataclass
 class Found:
     """Where each start ends: x (S, p), residuals r (S, T), J (S, T, p), status (S,); history (iterations + 1, S, p); what the
-    model raised at trials; evaluations of the model, in samples.
+    model raised at trials; `first` the residuals (S, T) at the starts, where they are known.
     """
 
     x: Tensor
@@ -50,6 +50,7 @@ class Found:
     status: Tensor
     history: Tensor
     raised: list[str] = field(default_factory=list)
+    first: Tensor | None = None
 
 
 def search(problem: LeastSquares, x: Tensor, region: Region, iterations: int, tolerance: float,
@@ -89,7 +90,7 @@ class _Search:
         self.damping = torch.full((S,), DAMPING, dtype=x.dtype, device=x.device)
         self.size = torch.zeros_like(x)  # (S, p) squares of the columns of J, which damp: none falls at once
         self.blocked = torch.zeros_like(self.fresh)  # steps are small because longer ones fail
-        self.history = [x]
+        self.history, self.first = [x], self.r.clone()
 
     def run(self, iterations: int, progress: Callable[[int, int, float], None] | None) -> Found:
         for k in range(iterations):
@@ -102,7 +103,7 @@ class _Search:
             self.history.append(self.x)
         if not self.carry:
             self._refresh((~(self.fresh & self.exact) & (self.status < FAILED)).nonzero()[:, 0])
-        return Found(self.x, self.r, self.J, self.status, torch.stack(self.history), self.raised)
+        return Found(self.x, self.r, self.J, self.status, torch.stack(self.history), self.raised, self.first)
 
     def _iterate(self, active: Tensor) -> None:
         """One trial of each active start."""

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from multiprocessing import get_context
 from typing import Any
 
 import torch
@@ -71,8 +74,8 @@ CASES = (
     Case("noise, finer mesh, refined", refined=True),
     Case("noise, finer mesh, wrong clock, refined, clock a parameter", clock=CLOCK, known_clock=True, refined=True),
     Case("noise, finer mesh, wrong clock, refined, clock left out", clock=CLOCK, refined=True, repeats=100),
-    Case("noise, own mesh", COARSE, method="profile", repeats=100),
-    Case("noise, own mesh", COARSE, method="bootstrap", repeats=100),
+    Case("noise, own mesh", COARSE, method="profile", repeats=50),
+    Case("noise, own mesh", COARSE, method="bootstrap", repeats=50),
 )
 
 
@@ -179,6 +182,7 @@ def identified(case: Case, records: Sequence[dict[str, Measurement]], random: to
 
 def measure(case: Case, seed: int = 0) -> list[Row]:
     """Rows of one case."""
+    torch.set_num_threads(1)
     random = torch.Generator().manual_seed(seed)
     laboratory = Laboratory(case, random)
     records, clocks = zip(*(laboratory.record() for _ in range(case.repeats)), strict=True)
@@ -221,9 +225,11 @@ def main(argv: Sequence[str] | None = None) -> int:
                        quick="four repeats of two cases")
     cases = [replace(case, repeats=4) for case in CASES[:2]] if given.quick else CASES
     with threads(1):
-        heading, rows = measured_on(), list[Row]()
-        for k, case in enumerate(cases):
-            rows += measure(case, k)
+        heading = measured_on()
+    rows: list[Row] = []
+    with ProcessPoolExecutor(min(len(cases), os.cpu_count() or 1), get_context("spawn")) as pool:
+        for found in pool.map(measure, cases, range(len(cases))):
+            rows += found
             text = "\n\n".join((about(), markdown(rows), sentence(heading)))
             write(out, "coverage", text, {**heading, "about": about(), "rows": [asdict(r) for r in rows]},
                   tuple(asdict(rows[0])), (tuple(asdict(r).values()) for r in rows))

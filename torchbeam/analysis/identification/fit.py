@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,7 @@ class Fit:
     history     (iterations + 1, starts, p) the parameters on the way
     starts      (starts, p) where each start ended;  misfits (starts,) with what misfit, statuses (starts,)
     readings    data beside the model's values, of each measurement
+    jacobian    (data, p) derivatives of the readings that were measured, over sigma, by the coordinates of the search
     """
 
     theta: Tensor
@@ -76,6 +77,7 @@ class Fit:
     bounds: Tensor = field(default_factory=lambda: torch.zeros(0, 2))
     transform: Transform | None = None
     readings: tuple[Readings, ...] = ()
+    jacobian: Tensor = field(default_factory=lambda: torch.zeros(0, 0))
     problem: Problem | None = None
 
     @classmethod
@@ -146,7 +148,7 @@ class Fit:
 
         Raises ValueError where the finer model fails, or the steps do not become smaller: the models differ too much.
         """
-        return Fit.of(*refined(self._problem("refined fit"), model, self.x, self._scale), self.derivatives, 1e-6)
+        return Fit.of(*refined(self._problem("refined fit"), model, self.x, self.jacobian, self._scale), self.derivatives, 1e-6)
 
     def summary(self, level: float = 0.95) -> str:
         """A table for the reader: parameters with their intervals, the misfit, what is not told, and hints."""
@@ -201,9 +203,6 @@ class Fit:
         low, high = interval.unbind(-1)
         found = torch.stack((torch.maximum(low, least), torch.minimum(high, largest)), -1)
         return torch.where(self.open[:, None] | ~torch.isfinite(found).all(-1, keepdim=True) & found.isnan(), all_, found)
-
-    def without_model(self) -> Fit:
-        return replace(self, problem=None)
 
 
 def _tail(level: float) -> float:
