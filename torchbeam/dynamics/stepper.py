@@ -35,6 +35,16 @@ from .methods import METHODS
 from .step_solver import StepSolver
 
 
+class Known(NamedTuple):
+    """The last state that native code has made, of samples that all go well: itself, how often its fields had been written to,
+    and itself in the space's coordinates, None = it is.
+    """
+
+    state: Callable[[], State | None]
+    versions: tuple[int, ...]
+    reduced: State | None
+
+
 class Ahead(NamedTuple):
     """Steps that were made at once: the states that were asked for (time, ...), the last, iterations (steps, ...); whether the
     next one is for `advance`.
@@ -94,7 +104,7 @@ class Stepper:
         self.halvings = count("halvings", halvings, least=0)
         self.solver = StepSolver(self.model, self.method, engine, tolerance, count("iterations", iterations))
         self.iterations: Tensor | None = None  # (...) of the last step
-        self._last: tuple[Any, Any, State] | None = None  # the last state made, how often it was written to, and itself reduced
+        self._last: Known | None = None
         self.failures: dict[int, Failure] = {}  # the first of each status
 
     def __getstate__(self) -> dict[str, Any]:
@@ -132,9 +142,9 @@ class Stepper:
         or a function of the share of it that has passed.
         """
         dt = self._length(dt)
-        given, state = self._given(state, inputs, dt)
+        given, state, well = self._given(state, inputs, dt)
         if active is None and self.compiled is not None and (t is not None or not self._changes or state.t.ndim == 0):
-            found = self._quickly(state, dt, t, given)
+            found = self._quickly(state, well, dt, t, given)
             if found is not None:
                 return found
         moving = state.status == SUCCESS
@@ -155,33 +165,34 @@ class Stepper:
     def repeat(self, state: State, count: int, inputs: dict[str, Any], active: Tensor | None = None) -> State:
         """The state `count` steps later, with the inputs held: as so many calls."""
         if count > 1 and active is None and self.compiled is not None and not self._changes:
-            given, start = self._given(state, inputs, self.dt)
-            found = self._quickly(start, self.dt, None, given, count)
+            given, start, well = self._given(state, inputs, self.dt)
+            found = self._quickly(start, well, self.dt, None, given, count)
             if found is not None:
                 return found
         for _ in range(count):
             state = self.advance(state, inputs, active=active)
         return state
 
-    def _quickly(self, state: State, dt: Tensor, t: Tensor | None, inputs: HeldInputs, repeat: int = 1) -> State | None:
+    def _quickly(self, state: State, well: bool, dt: Tensor, t: Tensor | None, inputs: HeldInputs, repeat: int = 1
+                 ) -> State | None:
         """The state one step later, or after as many alike, where native code makes it of all samples at once; None where there
-        is more to it.
+        is more to it. well: whether it is known that none has failed.
         """
         alone = None if inputs.vary else self.method.alone(self.model, dt)
-        if alone is None or concrete(state.status).any():
+        if alone is None or not (well or not concrete(state.status).any()):
             return None
         found = natively(alone, self.solver, state, dt, state.t if t is None else t, inputs.given, None, last=not self.halvings,
                          repeat=repeat)
         if found is None or not found.well:
             return None
-        self.iterations, now = found.iterations, state.t
-        for _ in range(repeat):
-            now = now + dt
+        self.iterations, now = found.iterations, torch.add(state.t, dt, alpha=repeat)
         now = now if now.shape == found.status.shape else now.expand(found.status.shape)
         reduced = with_values(state, **found.fields, t=now, status=found.status)
         after, space = self.model.space.to_public(reduced), self.model.space
-        if after is not reduced and isinstance(space, Plane) and space.reversible and not after.position.requires_grad:
-            self._last = weakref.ref(after), _versions(after), reduced
+        same = after is reduced
+        kept = same or (isinstance(space, Plane) and space.reversible and not after.position.requires_grad)
+        versions = _versions(after) if kept else None
+        self._last = None if versions is None else Known(weakref.ref(after), versions, None if same else reduced)
         return after
 
     def ahead(self, state: State, dt: Tensor, t: Tensor, inputs: dict[str, Any] | list[GivenInputs], wanted: list[bool]
@@ -233,21 +244,30 @@ class Stepper:
         part = slice(0, count) if len(places) == count else places
         return Ahead(after(part, len(places)), partial(after, count - 1), found.iterations[:count], not found.well)
 
-    def _given(self, state: State, inputs: GivenInputs, dt: Tensor) -> tuple[HeldInputs, State]:
-        """Inputs as tensors, and the state to start a step of dt from in the space's coordinates; checked."""
+    def _given(self, state: State, inputs: GivenInputs, dt: Tensor) -> tuple[HeldInputs, State, bool]:
+        """Inputs as tensors, and the state to start a step of dt from in the space's coordinates, checked; whether it is known
+        that no sample of it has failed.
+        """
         given = HeldInputs(inputs).map(self.scene.tensors)
-        of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-        now = given(self.method.INSTANT)
-        broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
-                  *(value.shape[:-1] for value in now.values()))
-        return given, self._reduced(self._begin(state, dt, inputs=now))
+        now, known = given(self.method.INSTANT), self._known(state)
+        if known is None:
+            of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
+        shape = state.batch_shape if known is None else known.status.shape
+        broadcast("a scene, a state and inputs", self.scene.batch_shape, shape, *[value.shape[:-1] for value in now.values()])
+        return given, self._reduced(self._begin(state, dt, inputs=now)) if known is None else known, known is not None
+
+    def _known(self, state: State) -> State | None:
+        """The last state that native code has made, in the space's coordinates, if it is this one, as it was."""
+        last = self._last
+        if last is None or last.state() is not state or last.versions != _versions(state):
+            return None
+        return state if last.reduced is None else last.reduced
 
     def _reduced(self, state: State) -> State:
         """A state in the space's coordinates, with all that the scene has, and the batch's axes on every field."""
-        if self._last is not None and self._last[0]() is state:
-            _, seen, reduced = self._last
-            if seen is not None and seen == _versions(state):
-                return reduced
+        known = self._known(state)
+        if known is not None:
+            return known
         state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
         return self.model.space.to_reduced(with_optional_fields(state, self.scene))
 

@@ -154,7 +154,8 @@ class CompiledStep:
             frame = frame.reshape(*steps, *frame.shape[len(steps) + extra:])
             good = status == 0 if moving is None else (status == 0) & moving
             fields["frame"] = torch.where(good[..., None], frame, start.frame)
-        return Steps(fields, status.long(), iterations.long(), not status.numpy().any())
+        failed = status.item() if status.numel() == 1 else status.numpy().any()
+        return Steps(fields, status.long(), iterations.long(), not failed)
 
     def _orientations(self, start: Tensor, dt: Tensor, t: Tensor, K: int | None, dims: int) -> tuple[Tensor, Tensor]:
         """See `Constants.orientations`; of one step without the axis of steps."""
