@@ -25,6 +25,7 @@ from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene.effects import PerInterval, changing, inputs_at, inputs_over
 from ..scene.scene import Scene, merge_inputs
+from ..state.reduced import ReducedStates
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
 from ..state.state import State, check_state, rest, with_optional_fields
@@ -157,7 +158,9 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
         return inputs_over(inputs, few, lambda k: begins[k] + stepper.method.INSTANT * lengths[k], lambda k: plan[k][0], t)
 
     def carry_out(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
-        """Fields of the states that are wanted of a part of the plan, of the last, and the iterations of each step."""
+        """Fields of the states that are wanted of a part of the plan, in the space's coordinates, of the last, a public one, and
+        the iterations of each step.
+        """
         made, done, part = [], begin, slice(begin, end)
         steps = lengths[part], begins[part], lambda i, j: held(begin + i, begin + j), wanted[part]
         for few in march(stepper, kind(*fields), *steps):
@@ -171,7 +174,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
-    chunks, state, iterations = [start.map(lambda x: x[None])], start, []
+    chunks, state, iterations = [stepper._reduced(start).map(lambda x: x[None])], start, []
     for done in range(0, len(plan), length):
         span = done, min(done + length, len(plan))
         fields = tuple(vars(state).values())
@@ -182,7 +185,8 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     trajectory = chunks[0].map(joined, *chunks[1:])
     reason = {code: found for code, failed in stepper.failures.items() if (found := failed.reason()) is not None}
     stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=reason)
-    return Solution(t, trajectory, partial(_energy, stepper.model, trajectory, t, inputs), stats)
+    states = ReducedStates(trajectory, stepper.model.space)
+    return Solution(t, states, partial(_energy, stepper.model, states, t, inputs), stats)
 
 
 def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -248,9 +252,10 @@ def _begin(model: Model, initial: State | None, t: Tensor) -> State:
     return (start if initial is None else on_supports(start, scene, t).broadcast()).at(t)
 
 
-def _energy(model: Model, states: State, t: Iterable[Tensor], inputs: dict[str, Any]) -> Energy:
+def _energy(model: Model, states: State | ReducedStates, t: Iterable[Tensor], inputs: dict[str, Any]) -> Energy:
     """Of states at the instants t; the beam's eigenstrain is that of the instant."""
-    work, states = states.work, model.space.to_reduced(states)
+    states = states.state if isinstance(states, ReducedStates) else model.space.to_reduced(states)
+    work = states.work
     kinetic = model.kinetic_energy(states.rotation, states.velocity, states.spin)
     if not model.scene.eigenstrains:
         return Energy(kinetic, model.strain_energy(states.position, states.rotation), work)
@@ -265,7 +270,7 @@ def _energy(model: Model, states: State, t: Iterable[Tensor], inputs: dict[str, 
 
 def _judged(solution: Solution, throw: bool, warn: bool = False) -> Solution:
     """The solution, with a sentence on every kind of failure in its stats; raised, or warned of where the solver has not."""
-    status, steps = (concrete(x) for x in (solution.status, (solution.state.status == 0).sum(0)))
+    status, steps = (concrete(x) for x in (solution.status, (solution.states.status == 0).sum(0)))
     for code in sorted(set(status.flatten().tolist()) - {0}):
         failed = (status == code).nonzero().tolist()
         which = f"sample {failed[0][0] if len(failed[0]) == 1 else tuple(failed[0])}" if failed[0] else "the sample"

@@ -6,7 +6,7 @@ import weakref
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from functools import partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import torch
@@ -36,18 +36,19 @@ from .step_solver import StepSolver
 
 
 class Known(NamedTuple):
-    """The last state that native code has made, of samples that all go well: itself, how often its fields had been written to,
-    and itself in the space's coordinates, None = it is.
+    """The last state that native code has made: itself, how often its fields had been written to, itself in the space's
+    coordinates, None = it is; whether it is known that no sample of it has failed.
     """
 
     state: Callable[[], State | None]
     versions: tuple[int, ...]
     reduced: State | None
+    well: bool
 
 
 class Ahead(NamedTuple):
-    """Steps that were made at once: the states that were asked for (time, ...), the last, iterations (steps, ...); whether the
-    next one is for `advance`.
+    """Steps that were made at once: the states that were asked for (time, ...), in the space's coordinates; the last, a public
+    one; iterations (steps, ...); whether the next one is for `advance`.
     """
 
     states: State
@@ -188,12 +189,7 @@ class Stepper:
         self.iterations, now = found.iterations, torch.add(state.t, dt, alpha=repeat)
         now = now if now.shape == found.status.shape else now.expand(found.status.shape)
         reduced = with_values(state, **found.fields, t=now, status=found.status)
-        after, space = self.model.space.to_public(reduced), self.model.space
-        same = after is reduced
-        kept = same or (isinstance(space, Plane) and space.reversible and not after.position.requires_grad)
-        versions = _versions(after) if kept else None
-        self._last = None if versions is None else Known(weakref.ref(after), versions, None if same else reduced)
-        return after
+        return self._public(reduced, well=True)
 
     def ahead(self, state: State, dt: Tensor, t: Tensor, inputs: dict[str, Any] | list[GivenInputs], wanted: list[bool]
               ) -> Ahead | None:
@@ -239,10 +235,12 @@ class Stepper:
             fields = found.fields if k == slice(0, len(found.status)) else {name: x[k] for name, x in found.fields.items()}
             same = {name: x.expand((*lead, *shape, *x.shape[x.ndim - axes:])) for name, axes in STILL.items()
                     if name not in fields and (x := getattr(start, name, None)) is not None}
-            return self.model.space.to_public(replace(start, **fields, **same, t=now[k], status=status.expand((*lead, *shape))))
+            return with_values(start, **fields, **same, t=now[k], status=status.expand((*lead, *shape)))
 
-        part = slice(0, count) if len(places) == count else places
-        return Ahead(after(part, len(places)), partial(after, count - 1), found.iterations[:count], not found.well)
+        def last() -> State:
+            return self._public(after(count - 1), well=False)
+
+        return Ahead(after(_rows(places, count), len(places)), last, found.iterations[:count], not found.well)
 
     def _given(self, state: State, inputs: GivenInputs, dt: Tensor) -> tuple[HeldInputs, State, bool]:
         """Inputs as tensors, and the state to start a step of dt from in the space's coordinates, checked; whether it is known
@@ -254,7 +252,9 @@ class Stepper:
             of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
         shape = state.batch_shape if known is None else known.status.shape
         broadcast("a scene, a state and inputs", self.scene.batch_shape, shape, *[value.shape[:-1] for value in now.values()])
-        return given, self._reduced(self._begin(state, dt, inputs=now)) if known is None else known, known is not None
+        if known is not None:
+            return given, known, self._last.well
+        return given, self._reduced(self._begin(state, dt, inputs=now)), False
 
     def _known(self, state: State) -> State | None:
         """The last state that native code has made, in the space's coordinates, if it is this one, as it was."""
@@ -270,6 +270,15 @@ class Stepper:
             return known
         state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
         return self.model.space.to_reduced(with_optional_fields(state, self.scene))
+
+    def _public(self, reduced: State, well: bool) -> State:
+        """A state that native code has made, to be `Known` again."""
+        after, space = self.model.space.to_public(reduced), self.model.space
+        same = after is reduced
+        kept = same or (isinstance(space, Plane) and space.reversible and not after.position.requires_grad)
+        versions = _versions(after) if kept else None
+        self._last = None if versions is None else Known(weakref.ref(after), versions, None if same else reduced, well)
+        return after
 
     def _length(self, dt: float | Tensor | None) -> Tensor:
         """Of a step, s."""
@@ -315,6 +324,15 @@ class Stepper:
         merged.solver = self.solver.of(merged.model)
         merged.iterations, merged.failures = None, {}
         return merged
+
+
+def _rows(places: list[int], count: int) -> slice | list[int]:
+    """Rows at these places among so many: by a slice where they are evenly spaced, which copies nothing."""
+    gaps = {b - a for a, b in pairwise(places)}
+    if not places or len(gaps) > 1:
+        return places
+    step = min(gaps, default=1)
+    return slice(0, count) if len(places) == count else slice(places[0], places[-1] + 1, step)
 
 
 def _versions(state: State) -> tuple[int, ...] | None:
