@@ -16,6 +16,7 @@ from ..core.memory import SMALL, check_memory
 from ..math.shapes import broadcast_shapes
 from ..scene.effects import Inputs, changing, first_of, inputs_at, inputs_over
 from ..scene.scene import merge_inputs
+from ..state.reduced import joined
 from ..state.state import State
 from .held_inputs import GivenInputs, changes_within, given_from
 from .stepper import Ahead, Stepper
@@ -96,10 +97,3 @@ def march(stepper: Stepper, state: State, dt: Tensor, t: Tensor | None, held: Ca
         if done < steps:
             state = made.last()
 
-
-def joined(*parts: Tensor) -> Tensor:
-    """Parts of a series, one after the other, of common batch axes."""
-    if len(parts) == 1:
-        return parts[0]
-    shape = broadcast_shapes(*(x.shape[1:] for x in parts))
-    return torch.cat([x.expand(len(x), *shape) for x in parts])

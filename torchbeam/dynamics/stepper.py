@@ -208,7 +208,9 @@ class Stepper:
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                           *(value.shape[:-1] for value in given.values()))
         n, size = len(alone.shares), shape.numel() * (self.scene.beam.count + 1)
-        count = min(len(dt), max(1, ROOM // max(1, size * n)))
+        every = _spacing(wanted) if n == 1 else 1
+        count = min(len(dt), every * max(1, ROOM // max(1, size * n)))
+        every, count = (every, count - count % every) if count >= every else (1, count)
         dt, t = dt[:count], t[:count]
         moving = (start.status == SUCCESS).expand(shape)
         if varying:
@@ -219,7 +221,9 @@ class Stepper:
                     value = one.value[..., :count, :]
                     value = value.expand(*shape, -1, -1).movedim(-2, 0) if shape else value
                     given[name] = value if n == 1 else value.repeat_interleave(n, 0)
-        found = natively(alone, self.solver, start, dt, t, given, moving, last=not self.halvings, K=count)
+        found = natively(alone, self.solver, start, dt, t, given, moving, last=not self.halvings, K=count, every=every)
+        if found is not None and found.every > 1 and not found.well:
+            found = natively(alone, self.solver, start, dt, t, given, moving, last=not self.halvings, K=count)
         if found is None:
             return None
         if not found.well:
@@ -230,17 +234,18 @@ class Stepper:
         now = torch.cat((start.t.expand(shape)[None], each)).cumsum(0)
         now, status = torch.where(moving, now[1:], start.t), start.status.expand(shape)
         places = [k for k in range(count) if wanted[k]]
+        asked = slice(None) if found.every > 1 else _rows(places, count)
 
-        def after(k: Any, *lead: int) -> State:
-            fields = found.fields if k == slice(0, len(found.status)) else {name: x[k] for name, x in found.fields.items()}
+        def after(rows: Any, k: Any, *lead: int) -> State:
+            fields = {name: x[rows] for name, x in found.fields.items()}
             same = {name: x.expand((*lead, *shape, *x.shape[x.ndim - axes:])) for name, axes in STILL.items()
                     if name not in fields and (x := getattr(start, name, None)) is not None}
             return with_values(start, **fields, **same, t=now[k], status=status.expand((*lead, *shape)))
 
         def last() -> State:
-            return self._public(after(count - 1), well=False)
+            return self._public(after(count // found.every - 1, count - 1), well=False)
 
-        return Ahead(after(_rows(places, count), len(places)), last, found.iterations[:count], not found.well)
+        return Ahead(after(asked, _rows(places, count), len(places)), last, found.iterations[:count], not found.well)
 
     def _given(self, state: State, inputs: GivenInputs, dt: Tensor) -> tuple[HeldInputs, State, bool]:
         """Inputs as tensors, and the state to start a step of dt from in the space's coordinates, checked; whether it is known
@@ -324,6 +329,12 @@ class Stepper:
         merged.solver = self.solver.of(merged.model)
         merged.iterations, merged.failures = None, {}
         return merged
+
+
+def _spacing(wanted: list[bool]) -> int:
+    """So many steps lie from one that is wanted to the next, and from the first to the one before it; 1 where that differs."""
+    first = wanted.index(True) + 1 if True in wanted else 1
+    return first if all(asked == (k % first == 0) for k, asked in enumerate(wanted, 1)) else 1
 
 
 def _rows(places: list[int], count: int) -> slice | list[int]:

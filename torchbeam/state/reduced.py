@@ -2,51 +2,77 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
+import torch
 from torch import Tensor
 
 from ..core.leaves import with_values
+from ..math.shapes import broadcast_shapes
 from .instant import Point, Reaction
 
 AT_NODES = ("position", "rotation", "velocity", "spin")
 
 
-class ReducedStates(NamedTuple):
-    """States (time first) in the coordinates of a space (see `torchbeam.nodal.coordinates`): of a plane they are half the
-    numbers, and of the tip a few.
+class ReducedStates:
+    """Parts of a trajectory, one after the other, in the coordinates of a space (see `torchbeam.nodal.coordinates`): of a plane
+    they are half the numbers, and of the tip a few.
     """
 
-    state: Any
-    space: Any
+    def __init__(self, parts: tuple[Any, ...], space: Any) -> None:
+        self.parts, self.space = parts, space
+
+    def whole(self) -> Any:
+        """All of them, in these coordinates."""
+        whole = _whole(self.parts)
+        recorded = torch.is_grad_enabled() and torch._C._is_fwd_grad_enabled()
+        if recorded or not any(part.position.requires_grad for part in self.parts):
+            self.parts = (whole,)  # the memory of the others is free
+        return whole
 
     def public(self) -> Any:
         """All of them."""
-        return self.space.to_public(self.state)
+        return self.space.to_public(self.whole())
 
     def node(self, index: int) -> Point:
         """As `State.node`."""
-        nodes = self.state.position.shape[-2]
-        if not -nodes <= index < nodes:
-            raise IndexError(f"node {index} was asked for; the beam has the nodes 0 to {nodes - 1}")
+        nodes = self.parts[0].position.shape[-2]
         at = slice(index % nodes, index % nodes + 1)
-        return self._part(dict.fromkeys(AT_NODES, at), at).node(0)
+        return Point(lambda: self._of({"position": at}, at).position[..., 0, :],
+                     lambda: self._of({"velocity": at}, at).velocity[..., 0, :],
+                     lambda: self._of({"rotation": at}, at).axes[..., 0, :, :],
+                     lambda: self._of({"rotation": at, "spin": at}, at).node(0).spin)
 
     @property
     def nodes(self) -> Tensor:
         """(..., N+1, 3) m, frame a."""
-        return self._part({"position": slice(None)}).position
+        return self._of({"position": slice(None)}).position
 
     @property
     def root(self) -> Reaction:
         """As `State.root`."""
-        return self._part({"reaction": slice(None)}).root
+        return self._of({"reaction": slice(None)}).root
 
     @property
     def status(self) -> Tensor:
-        return self.state.status
+        return joined(*(part.status for part in self.parts))
 
-    def _part(self, rows: dict[str, slice], nodes: slice = slice(0)) -> Any:
+    def _of(self, rows: dict[str, slice], nodes: slice = slice(0)) -> Any:
         """With these rows of these fields, and none of the others."""
-        cut = {name: getattr(self.state, name)[..., rows.get(name, slice(0)), :] for name in (*AT_NODES, "stress", "reaction")}
-        return self.space.of_nodes(nodes).to_public(with_values(self.state, **cut))
+        names = (*AT_NODES, "stress", "reaction")
+        cut = [with_values(part, **{name: getattr(part, name)[..., rows.get(name, slice(0)), :] for name in names})
+               for part in self.parts]
+        return self.space.of_nodes(nodes).to_public(_whole(cut))
+
+
+def _whole(parts: Sequence[Any]) -> Any:
+    return parts[0].map(joined, *parts[1:])
+
+
+def joined(*parts: Tensor) -> Tensor:
+    """Parts of a series, one after the other, of common batch axes."""
+    if len(parts) == 1:
+        return parts[0]
+    shape = broadcast_shapes(*(x.shape[1:] for x in parts))
+    return torch.cat([x.expand(len(x), *shape) for x in parts])

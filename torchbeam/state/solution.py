@@ -101,7 +101,7 @@ class Solution:
 
     @property
     def _form(self) -> str:
-        return type(self.states.state if isinstance(self.states, ReducedStates) else self.states).__name__
+        return type(self.states.parts[0] if isinstance(self.states, ReducedStates) else self.states).__name__
 
     @property
     def tip(self) -> Point:
