@@ -11,6 +11,7 @@ from torch._C import _functorch as functorch
 from torch.autograd import forward_ad
 
 from ...core.leaves import functions, wants_gradient
+from ...core.surroundings import Surroundings
 from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...scene.effects import Inputs
@@ -22,7 +23,7 @@ from .constants import Constants
 from .cotangents import Adjoint, Backward, Differentiated, constant_fields, state_fields
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL, Kinds, node_kinds
-from .program import adjoint_of, program_of
+from .program import NOTHING, adjoint_of, program_of
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
 FUNCTIONS = {("midpoint", False): LocalFunctions, ("midpoint", True): ConservingFunctions,
@@ -58,7 +59,8 @@ class CompiledStep:
     What holds for all steps is looked up once; should a tensor of the scene be written to, it is looked up again.
     """
 
-    def __init__(self, model: Model, method: str = "midpoint", conserve: bool = False, **options: Any) -> None:
+    def __init__(self, model: Model, method: str = "midpoint", conserve: bool = False, *, around: Surroundings | None = None,
+                 **options: Any) -> None:
         functions_of = FUNCTIONS[method, conserve]
         self.model, self.batch = model, model.scene.batch_shape
         self._options = {"method": method, "conserve": conserve, **options}
@@ -70,9 +72,10 @@ class CompiledStep:
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         self.trees = self.constants.trees(values)
         self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
+        self.around = NOTHING if around is None and not self.function else around
         self.kinds = Kinds.of(node_kinds(model, self.constants.loads))
         self.local = functions_of(model, *self.trees, **options)
-        self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), not self.function)
+        self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), self.around)
         self.chain = Chain(self.program, model, self.kinds)
         samples = self.program.sample_state
         self.state = state_fields(self.program)

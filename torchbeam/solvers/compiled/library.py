@@ -54,6 +54,7 @@ def _object(text: str, machine: Any) -> bytes:
     passes.add_always_inliner_pass()
     passes.add_sroa_pass()
     passes.add_instruction_combine_pass()
+    passes.add_reassociate_pass()  # of commuted operands: flags forbid that sums are reordered
     passes.add_simplify_cfg_pass()
     passes.run(module, binding.create_pass_builder(machine, binding.create_pipeline_tuning_options()))
     return machine.emit_object(module)
