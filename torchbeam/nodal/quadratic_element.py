@@ -70,7 +70,7 @@ def interpolated(r: Tensor, q: Tensor, length: Tensor, multiply: Callable[[Tenso
     return Q / square.sqrt(), (slopes.mT @ r)[..., 0, :] / length, z, w, v - multiply(w, z[..., None, :])
 
 
-def strain(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
+def strains(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
     """[gamma; kappa] (..., 2 N, 6), frame B, less the reference's."""
     vectors = torch.stack(torch.broadcast_tensors(kin.d, 2 / length * kin.z[..., 1:]), -2)
     return (vectors @ kin.R).flatten(-2) - reference

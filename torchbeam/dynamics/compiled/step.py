@@ -73,7 +73,7 @@ class CompiledStep:
         self.trees = self.constants.trees(values)
         self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
         self.around = NOTHING if around is None and not self.function else around
-        self.kinds = Kinds.of(node_kinds(model, self.constants.loads))
+        self.kinds = Kinds.of(node_kinds(model, self.constants.loads), model.scene.beam.order)
         self.local = functions_of(model, *self.trees, **options)
         self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), self.around)
         self.chain = Chain(self.program, model, self.kinds)

@@ -103,11 +103,7 @@ class Small(Space):
     def hinged(self, q: Tensor, rest: Tensor, axis: Tensor) -> Tensor:
         return rest + (self.R.mT @ (axis[:, None] * (self.R @ (q - rest)[..., None])))[..., 0]
 
-    kinematics = property(lambda self: self.element.kinematics)
-    strains = property(lambda self: self.element.strains)
-    forces = property(lambda self: self.element.forces)
-    strain_operator = property(lambda self: self.element.strain_operator)
-    geometric_stiffness = property(lambda self: self.element.geometric_stiffness)
+    functions = property(lambda self: self.element)
 
     # Rotations
 

@@ -16,12 +16,7 @@ class QuadraticSpace(Space):
     """See `Space` and `quadratic_element`."""
 
     chain = quadratic_assembly
-
-    kinematics = staticmethod(quadratic_element.kinematics)
-    strains = staticmethod(quadratic_element.strain)
-    forces = staticmethod(quadratic_element.forces)
-    strain_operator = staticmethod(quadratic_element.strain_operator)
-    geometric_stiffness = staticmethod(quadratic_element.geometric_stiffness)
+    functions = quadratic_element
 
 
 @dataclass(frozen=True)
@@ -29,12 +24,7 @@ class QuadraticPlane(Plane):
     """See `Plane` and `planar_quadratic_element`."""
 
     chain = quadratic_assembly
-
-    kinematics = staticmethod(planar_quadratic_element.kinematics)
-    strains = staticmethod(planar_quadratic_element.strains)
-    forces = staticmethod(planar_quadratic_element.forces)
-    strain_operator = staticmethod(planar_quadratic_element.strain_operator)
-    geometric_stiffness = staticmethod(planar_quadratic_element.geometric_stiffness)
+    functions = planar_quadratic_element
 
 
 @dataclass(frozen=True)
