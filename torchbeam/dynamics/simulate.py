@@ -113,8 +113,8 @@ def simulate(
         raise ValueError("events were given without rtol or atol; the adaptive steps of an implicit method take them")
     known = keywords(*((simulate_mixed,) if mixed else (_adaptive, Stepper) if controlled else (_implicit, Stepper) if implicit
                        else (_explicit,)))
-    inputs = merge_inputs({} if inputs is None else inputs, {name: options.pop(name) for name in [*options]
-                                                      if name in scene.inputs and name not in known})
+    inputs = merge_inputs({} if inputs is None else inputs, {
+        name: options.pop(name) for name in [*options] if name in scene.inputs and name not in known})
     check_options(f"form {form!r}" if mixed else f"method {method!r}", options, known)
     if (mixed or not implicit) and any(isinstance(value, PerInterval) for value in inputs.values()):
         raise ValueError(f"a PerInterval input was given to {method!r}; 'midpoint' and 'generalized_alpha' of the nodal form "
