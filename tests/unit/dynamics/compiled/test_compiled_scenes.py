@@ -141,7 +141,8 @@ def held_midsides(by):
     each = [section(EI=3 * by("EI", 2, 2)[k]) for k in range(2)]
     return dict(beam=tb.Beam.straight(by("length"), 2, each, order=2), effects=[
         tb.TipLoad(force=3 * by("pull", 3)), tb.Damping(0.01 * by("tau")),
-        tb.LineLoad(force=tb.PerElement(by("force", 2, 2, 3)))], supports=[tb.Support(node, rotation="xz", displacement=displaced) for node in (1, 3)])
+        tb.LineLoad(force=tb.PerElement(by("force", 2, 2, 3)))],
+        supports=[tb.Support(node, rotation="xz", displacement=displaced) for node in (1, 3)])
 
 
 def quadratic_in_a_plane(by):
