@@ -3,8 +3,9 @@ points, between which all its integrals are shared.
 
 What `assembly` says of elements holds here of stations: there are as many of them, 2 N, as intervals between the 2 N + 1 nodes.
 The numbers that a station's motion is told by are (dr' = sum of dN_i/dx dr_i, alpha_1 - alpha_2, alpha_2, alpha_3 - alpha_2) of
-the spins alpha_i of the three nodes, p + 3 s of them: T times the moves of the element's nodes. A chain's matrix has five parts: (diagonal, upper, lower, far upper, far lower), the
-last two (..., N, w, w) from an element's first node to its third and back.
+the spins alpha_i of the three nodes, p + 3 s of them: T times the moves of the element's nodes. A chain's matrix has five
+parts: (diagonal, upper, lower, far upper, far lower), the last two (..., N, w, w) from an element's first node to its third and
+back.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ def _moved(p: int, s: int) -> Tensor:
 
 
 MOVED = {3: _moved(3, 3), 2: _moved(2, 1)}  # by p: in space, in a plane
+# half the difference of T of both stations, which holds positions alone, and their mean; one below the other
+HALVED = {p: torch.cat(((T[1] - T[0]) / 2, (T[1] + T[0]) / 2)) for p, T in MOVED.items()}
 
 
 class Trio(NamedTuple):
@@ -88,10 +91,13 @@ def to_nodes(load: Tensor, p: int) -> Tensor:
 
 
 def to_blocks(Y: Tensor, p: int) -> tuple[Tensor, ...]:
-    """(..., 2 N, p + 3 s, p + 3 s) of stations -> the five parts of the chain's matrix."""
+    """(..., 2 N, p + 3 s, p + 3 s) of stations -> the five parts of the chain's matrix: T_1^T Y_1 T_1 + T_2^T Y_2 T_2, by the sum
+    and the difference of both.
+    """
     w = p + (Y.shape[-1] - p) // 3
-    T = MOVED[p].to(Y)
-    K = (T.mT @ Y.unflatten(-3, (-1, 2)) @ T).sum(-3)
+    Y_1, Y_2 = Y.unflatten(-3, (-1, 2)).unbind(-3)
+    T, total, change = HALVED[p].to(Y), Y_1 + Y_2, Y_2 - Y_1
+    K = T.mT @ torch.cat((torch.cat((total, change), -1), torch.cat((change, total), -1)), -2) @ T
     (K11, K12, K13), (K21, K22, K23), (K31, K32, K33) = (row.split(w, -1) for row in K.split(w, -2))
     return spread(K11, K22, K33, 2), interleaved(K12, K23, 2), interleaved(K21, K32, 2), K13, K31
 

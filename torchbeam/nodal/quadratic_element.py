@@ -19,8 +19,8 @@ With w_i = N_i q_i Q^-1, w_i' its derivative by x, and alpha_i the spin of node 
 
 As the w_i add up to 1, and the w_i' to 0, the first and the third suffice where spins are told by alpha_2 and, of these two
 nodes, by beta_i = alpha_i - alpha_2: psi = alpha_2 + vec(sum beta_i w_i). A tangent is taken with respect to the numbers
-(dr', beta_1, alpha_2, beta_3). Every function knows stations alone; leading axes are free, and (..., 2 N) is one of them, the two
-of an element after each other.
+(dr', beta_1, alpha_2, beta_3). Every function knows stations alone; leading axes are free, and (..., 2 N) is one of them, the
+two of an element after each other.
 """
 
 from __future__ import annotations
@@ -66,9 +66,11 @@ def interpolated(r: Tensor, q: Tensor, length: Tensor, multiply: Callable[[Tenso
     values, slopes = (x.repeat(r.shape[-3] // 2, 1)[..., None] for x in at_points(r))  # (2 N, 3, 1)
     Q = (values.mT @ q)[..., 0, :]
     square = (Q * Q).sum(-1, keepdim=True)
-    back, (ends, values, by_x) = conjugate(Q) / square, (x[..., ::2, :] for x in (q, values, slopes))
-    w, z = multiply(ends, back[..., None, :]), multiply((slopes.mT @ q)[..., 0, :], back)
-    w, v = values * w, by_x * w
+    ends, N, slope = (x[..., ::2, :] for x in (q, values, slopes))
+    w = multiply(ends, (conjugate(Q) / square)[..., None, :])
+    w, v = N * w, slope * w
+    one = torch.zeros_like(Q) + Q.new_tensor([1.0] + [0.0] * (Q.shape[-1] - 1))
+    z = v.sum(-2) + slopes[:, 1] / values[:, 1] * (one - w.sum(-2))  # w_2 is what is left of 1
     return Q / square.sqrt(), (slopes.mT @ r)[..., 0, :] / length, z, w, v - multiply(w, z[..., None, :])
 
 
@@ -103,8 +105,8 @@ def strain_operator(kin: Kinematics, length: Tensor) -> Tensor:
 def geometric_stiffness(kin: Kinematics, stress: Tensor, length: Tensor) -> Tensor:
     """Derivative (..., 2 N, 12, 12) of `forces` at fixed stress; unsymmetric, because spins are not coordinates.
 
-    With a = sum beta_j w_j/2 and a' its derivative by x, dw_i = beta_i w_i/2 - w_i a and dw_i' = beta_i w_i'/2 - w_i' a - w_i a'.
-    As a f + a' M = sum beta_j mu_j/2, where vec(mu_j) = m_j,
+    With a = sum beta_j w_j/2, a' its derivative by x, dw_i = beta_i w_i/2 - w_i a, dw_i' = beta_i w_i'/2 - w_i' a - w_i a'. As
+    a f + a' M = sum beta_j mu_j/2, where vec(mu_j) = m_j,
 
         dn   = psi x F                                            dM = psi x M
         df   = F x dr' + X psi                                    X = h (F d^T - (F.d) I)

@@ -1,7 +1,7 @@
 """Beam element of three nodes in a plane, at one of its stations: see `planar` for the axes, `quadratic_element` for the names
 and `planar_element` for J. Rotations are complex numbers, and the w_i commute:
 
-    d(gamma) = R^T (d(d) - psi J d)      d(kappa) = psi'/h      psi = alpha_2 + sum Re(w_i) beta_i      psi' = sum Re(w_i') beta_i
+    d(gamma) = R^T (d(d) - psi J d)   d(kappa) = psi'/h   psi = alpha_2 + sum Re(w_i) beta_i   psi' = sum Re(w_i') beta_i
     n = F      m_i = Re(w_i) f + Re(w_i') M, by alpha_2 their sum: f = h F x d
 """
 
