@@ -91,8 +91,8 @@ def to_nodes(load: Tensor, p: int) -> Tensor:
 
 
 def to_blocks(Y: Tensor, p: int) -> tuple[Tensor, ...]:
-    """(..., 2 N, p + 3 s, p + 3 s) of stations -> the five parts of the chain's matrix: T_1^T Y_1 T_1 + T_2^T Y_2 T_2, by the sum
-    and the difference of both.
+    """(..., 2 N, p + 3 s, p + 3 s) of stations -> the five parts of the chain's matrix: T_1^T Y_1 T_1 + T_2^T Y_2 T_2, by their
+    sum and their difference.
     """
     w = p + (Y.shape[-1] - p) // 3
     Y_1, Y_2 = Y.unflatten(-3, (-1, 2)).unbind(-3)
