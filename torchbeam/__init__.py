@@ -4,7 +4,10 @@ from . import plot, sensors
 from .analysis.advise import Advice, advise
 from .analysis.describe import Description, describe
 from .analysis.identify import Fit, identify
-from .analysis.monte_carlo import Samples, monte_carlo
+from .analysis.uncertainty import laws
+from .analysis.uncertainty.estimate import Estimate
+from .analysis.uncertainty.monte_carlo import monte_carlo
+from .analysis.uncertainty.samples import Samples
 from .dynamics.explicit import ExplicitStepper
 from .dynamics.rollout import rollout
 from .dynamics.simulate import simulate
@@ -51,9 +54,10 @@ from .statics.path import Path, path
 
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Description", "Drag",
-    "Energy", "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
-    "MixedState", "Modes", "Path", "PerElement", "PerInterval", "PointLoad", "PointMass", "RootMotion", "RootSpring",
-    "Samples", "Scene", "Section", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Support", "Table",
-    "TipLoad", "advise", "block_rate", "consistent_state", "critical_load", "describe", "equilibrium", "identify",
-    "linearize", "modes", "monte_carlo", "path", "plot", "rayleigh", "rest", "rollout", "sensors", "simulate",
+    "Energy", "Estimate", "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear",
+    "Load", "MassDamping", "MixedState", "Modes", "Path", "PerElement", "PerInterval", "PointLoad", "PointMass",
+    "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Solution", "Spring", "State", "Stations", "Stats",
+    "Stepper", "Support", "Table", "TipLoad", "advise", "block_rate", "consistent_state", "critical_load", "describe",
+    "equilibrium", "identify", "laws", "linearize", "modes", "monte_carlo", "path", "plot", "rayleigh", "rest",
+    "rollout", "sensors", "simulate",
 ]
