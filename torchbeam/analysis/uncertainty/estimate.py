@@ -77,20 +77,20 @@ def mean(groups: Sequence[Tensor], level: float, reasons: Mapping[str, int]) -> 
 
 
 def quantile(groups: Sequence[Tensor], levels: Tensor, level: float, reasons: Mapping[str, int]) -> Estimate:
-    """Quantiles (K, ...) at `levels` (K,): by replicates where each has at least FEW samples beyond the quantile, otherwise
-    between order statistics (binomial), which holds for any law.
+    """Quantiles (K, ...) at `levels` (K,). By replicates where each has at least FEW samples beyond the quantile: the interval
+    of the probability at the quantile, from the replicates' shares, is that of the level (Woodruff 1952). Otherwise between
+    order statistics (binomial), which holds for any law.
     """
     pooled = torch.cat(list(groups)).sort(0).values
     centre = quantile_of_sorted(pooled, levels)
     few = len(pooled) / len(groups) * torch.minimum(levels, 1 - levels) < FEW
     low, high, methods = centre.clone(), centre.clone(), set()
-    if len(groups) > 1 and not few.all():
-        each = torch.stack([quantile_of_sorted(y.sort(0).values, levels) for y in groups])
-        half = each.std(0) / math.sqrt(len(groups)) * student_quantile((1 + level) / 2, len(groups) - 1)
-        low, high = centre - half, centre + half
-        methods.add(f"{len(groups)} replicates")
     for k, q in enumerate(levels.tolist()):
         if len(groups) > 1 and not few[k]:
+            half = _half([(y <= centre[k]).double().mean(0) for y in groups], level, len(pooled))
+            for bound, place in ((low, q - half), (high, q + half)):
+                bound[k] = at_levels(pooled, place.clamp(0, 1))
+            methods.add(f"{len(groups)} replicates")
             continue
         ranks = binomial_ranks(q, len(pooled), level)
         low[k] = pooled[ranks[0] - 1] if ranks[0] else -math.inf
@@ -113,9 +113,7 @@ def probability(groups: Sequence[Tensor], level: float, reasons: Mapping[str, in
     low, high = (hits.new_tensor([known[count][side] for count in flat]).reshape(total.shape) for side in (0, 1))
     if len(groups) == 1:
         return Estimate(centre, low, high, level, n, "Clopper and Pearson", reasons)
-    shares = hits / sizes.reshape(-1, *[1] * total.ndim)
-    half = shares.std(0) / math.sqrt(len(groups)) * student_quantile((1 + level) / 2, len(groups) - 1)
-    half = half.clamp_min(-math.log((1 - level) / 2) / n)  # replicates that agree to the last sample: the rule of three
+    half = _half(list(hits / sizes.reshape(-1, *[1] * total.ndim)), level, n)
     many = torch.minimum(total, n - total) >= FEW * len(groups)
     low, high = torch.where(many, centre - half, low).clamp_min(0), torch.where(many, centre + half, high).clamp_max(1)
     method = f"{len(groups)} replicates" if many.all() else "Clopper and Pearson" if not many.any() else (
@@ -139,6 +137,20 @@ def bootstrap(y: Tensor, statistic: Statistic, level: float, reasons: Mapping[st
     each = torch.stack([statistic(y[torch.randint(len(y), (len(y),), generator=draw)]) for _ in range(RESAMPLES)])
     low, high = quantile_of_sorted(each.sort(0).values, each.new_tensor([(1 - level) / 2, (1 + level) / 2]))
     return Estimate(statistic(y), low, high, level, len(y), "bootstrap", reasons)
+
+
+def _half(shares: Sequence[Tensor], level: float, n: int) -> Tensor:
+    """Half the interval of a probability (...) from its shares in replicates of n samples together."""
+    half = torch.stack(list(shares)).std(0) / math.sqrt(len(shares)) * student_quantile((1 + level) / 2, len(shares) - 1)
+    return half.clamp_min(-math.log((1 - level) / 2) / n)  # replicates that agree to the last sample: the rule of three
+
+
+def at_levels(y: Tensor, level: Tensor) -> Tensor:
+    """Quantiles (...) of sorted samples (n, ...), each number at a level of its own (...)."""
+    place = level * (len(y) - 1)
+    below = place.floor().long()
+    a, b = (y.gather(0, k[None])[0] for k in (below, (below + 1).clamp_max(len(y) - 1)))
+    return torch.lerp(a, b, place - below)
 
 
 def quantile_of_sorted(y: Tensor, levels: Tensor) -> Tensor:
