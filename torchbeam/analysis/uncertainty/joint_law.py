@@ -91,7 +91,7 @@ class JointLaw:
             if hasattr(law, "of_scores"):
                 column, wanted = law.of_scores(scores(part)), (len(v), law.size)
             elif isinstance(law, Constant):
-                column, wanted = v.new_full((len(v),), law.value), (len(v),)
+                column, wanted = v.new_zeros(len(v)) + law.value, (len(v),)
             else:
                 column, wanted = one(law, part[:, 0]), (len(v),)
             wrong = (f"a {type(column).__name__}" if not isinstance(column, Tensor) else

@@ -2,6 +2,7 @@
 
 A law is (least, largest), uniform between; a number or `Constant`; one of the classes here; anything with `icdf`, as
 torch.distributions have; or a function of u (N,), uniform in (0, 1). `RandomField` is a law of many numbers.
+Parameters of Constant, Uniform, Normal, LogNormal, Triangular, Weibull and Gumbel may be tensors (0-dim) with gradients.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ class Constant:
     value: float
 
     def __post_init__(self) -> None:
-        _set(self, value=number("Constant's value", self.value))
+        _set(self, value=_value("Constant's value", self.value))
 
     def icdf(self, u: Tensor) -> Tensor:
-        return torch.full_like(u, self.value)
+        return torch.zeros_like(u) + self.value
 
 
 @dataclass(frozen=True)
@@ -88,12 +89,14 @@ class LogNormal:
     @property
     def sigma(self) -> float:
         """Standard deviation of the logarithm."""
-        return math.sqrt(math.log1p((self.deviation / self.mean) ** 2))
+        ratio = (self.deviation / self.mean) ** 2
+        return ratio.log1p().sqrt() if isinstance(ratio, Tensor) else math.sqrt(math.log1p(ratio))
 
     @property
     def mu(self) -> float:
         """Mean of the logarithm."""
-        return math.log(self.mean) - self.sigma**2 / 2
+        log = self.mean.log() if isinstance(self.mean, Tensor) else math.log(self.mean)
+        return log - self.sigma**2 / 2
 
     def of_score(self, z: Tensor) -> Tensor:
         return (self.mu + self.sigma * z).exp()
@@ -115,7 +118,7 @@ class Triangular:
 
     def __post_init__(self) -> None:
         _ordered(self, "least", "largest")
-        _set(self, mode=number("Triangular's mode", self.mode))
+        _set(self, mode=_value("Triangular's mode", self.mode))
         if not self.least <= self.mode <= self.largest:
             raise ValueError(f"Triangular's mode = {self.mode:g} was given for {self.least:g} to {self.largest:g}; one between "
                              "is wanted")
@@ -306,6 +309,12 @@ def _inside(law: Law, x: Tensor) -> Tensor:
     return x.clamp(*inside)
 
 
+def _value(name: str, value: Any) -> float | Tensor:
+    """One finite number; as the tensor that was given where it carries a gradient. ValueError otherwise."""
+    found = number(name, value)
+    return value if isinstance(value, Tensor) and value.requires_grad else found
+
+
 def _set(law: Any, /, **values: Any) -> None:
     for name, value in values.items():
         object.__setattr__(law, name, value)
@@ -313,14 +322,14 @@ def _set(law: Any, /, **values: Any) -> None:
 
 def _ordered(law: Any, low: str, high: str) -> None:
     kind = type(law).__name__
-    _set(law, **{name: number(f"{kind}'s {name}", getattr(law, name)) for name in (low, high)})
+    _set(law, **{name: _value(f"{kind}'s {name}", getattr(law, name)) for name in (low, high)})
     if not getattr(law, low) < getattr(law, high):
         raise ValueError(f"{kind} from {getattr(law, low):g} to {getattr(law, high):g} was given; {low} below {high} is wanted")
 
 
 def _positive(law: Any, *any_: str, **positive: bool) -> None:
     kind = type(law).__name__
-    _set(law, **{name: number(f"{kind}'s {name}", getattr(law, name)) for name in (*any_, *positive)})
+    _set(law, **{name: _value(f"{kind}'s {name}", getattr(law, name)) for name in (*any_, *positive)})
     for name in positive:
         if not getattr(law, name) > 0:
             raise ValueError(f"{kind}'s {name} = {getattr(law, name):g} was given; a positive number is wanted")

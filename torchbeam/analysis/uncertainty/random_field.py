@@ -47,7 +47,10 @@ class RandomField:
         if s.ndim != 1 or len(s) < 2 or not (s[1:] > s[:-1]).all():
             raise ValueError(f"RandomField's s {tuple(s.shape)} was given; (m,) increasing places, at least two, are wanted")
         for name in ("mean", "deviation", "correlation_length"):
-            object.__setattr__(self, name, number(f"RandomField's {name}", getattr(self, name)))
+            given = getattr(self, name)
+            if isinstance(given, Tensor) and given.requires_grad:
+                raise ValueError(f"RandomField's {name} that carries a gradient was given; a number is wanted")
+            object.__setattr__(self, name, number(f"RandomField's {name}", given))
         positive = ("deviation", "correlation_length", *(("mean",) if self.marginal == "lognormal" else ()))
         for name in positive:
             if not getattr(self, name) > 0:
