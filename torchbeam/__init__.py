@@ -8,6 +8,7 @@ from .analysis.uncertainty import laws
 from .analysis.uncertainty.estimate import Estimate
 from .analysis.uncertainty.moment_derivatives import MomentDerivatives, moment_derivatives
 from .analysis.uncertainty.monte_carlo import monte_carlo
+from .analysis.uncertainty.rare_event import RareEvent, rare_event
 from .analysis.uncertainty.samples import Samples
 from .analysis.uncertainty.sobol_indices import SobolIndices, sobol_indices
 from .analysis.uncertainty.tornado import Tornado, tornado
@@ -59,9 +60,9 @@ __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Description", "Drag",
     "Energy", "Estimate", "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear",
     "Load", "MassDamping", "MixedState", "Modes", "MomentDerivatives", "Path", "PerElement", "PerInterval", "PointLoad",
-    "PointMass", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "SobolIndices", "Solution", "Spring",
-    "State", "Stations", "Stats", "Stepper", "Support", "Table", "TipLoad", "Tornado", "advise", "block_rate",
+    "PointMass", "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "SobolIndices", "Solution",
+    "Spring", "State", "Stations", "Stats", "Stepper", "Support", "Table", "TipLoad", "Tornado", "advise", "block_rate",
     "consistent_state", "critical_load", "describe", "equilibrium", "identify", "laws", "linearize", "modes",
-    "moment_derivatives", "monte_carlo", "path", "plot", "rayleigh", "rest", "rollout", "sensors", "simulate",
-    "sobol_indices", "tornado",
+    "moment_derivatives", "monte_carlo", "path", "plot", "rare_event", "rayleigh", "rest", "rollout", "sensors",
+    "simulate", "sobol_indices", "tornado",
 ]
