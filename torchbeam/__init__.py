@@ -8,9 +8,11 @@ from .analysis.uncertainty import laws
 from .analysis.uncertainty.estimate import Estimate
 from .analysis.uncertainty.moment_derivatives import MomentDerivatives, moment_derivatives
 from .analysis.uncertainty.monte_carlo import monte_carlo
+from .analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
 from .analysis.uncertainty.rare_event import RareEvent, rare_event
 from .analysis.uncertainty.samples import Samples
 from .analysis.uncertainty.sobol_indices import SobolIndices, sobol_indices
+from .analysis.uncertainty.stream import Stream
 from .analysis.uncertainty.tornado import Tornado, tornado
 from .dynamics.explicit import ExplicitStepper
 from .dynamics.rollout import rollout
@@ -61,8 +63,8 @@ __all__ = [
     "Energy", "Estimate", "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear",
     "Load", "MassDamping", "MixedState", "Modes", "MomentDerivatives", "Path", "PerElement", "PerInterval", "PointLoad",
     "PointMass", "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "SobolIndices", "Solution",
-    "Spring", "State", "Stations", "Stats", "Stepper", "Support", "Table", "TipLoad", "Tornado", "advise", "block_rate",
-    "consistent_state", "critical_load", "describe", "equilibrium", "identify", "laws", "linearize", "modes",
-    "moment_derivatives", "monte_carlo", "path", "plot", "rare_event", "rayleigh", "rest", "rollout", "sensors",
-    "simulate", "sobol_indices", "tornado",
+    "Spring", "State", "Stations", "Stats", "Stepper", "Stream", "Support", "Table", "TipLoad", "Tornado", "advise",
+    "block_rate", "consistent_state", "critical_load", "describe", "equilibrium", "identify", "laws", "linearize",
+    "modes", "moment_derivatives", "monte_carlo", "monte_carlo_stream", "path", "plot", "rare_event", "rayleigh",
+    "rest", "rollout", "sensors", "simulate", "sobol_indices", "tornado",
 ]
