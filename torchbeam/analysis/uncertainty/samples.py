@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from ...core.status import STATUS
-from ...core.validation import as_tensor, finite
-from . import estimate
+from ...core.validation import Value, as_tensor, finite
+from . import estimate, output
 from .estimate import Estimate, Statistic, level_of
 
 FAILED = 1  # status of a sample whose y is not finite
@@ -44,6 +45,11 @@ class Samples:
     def good(self) -> Tensor:
         """y of the good samples."""
         return self.y[self.status == 0]
+
+    @property
+    def replicate(self) -> Tensor:
+        """Number (n,) of the replicate that a sample belongs to."""
+        return torch.arange(len(self)) // max(len(self) // self.replicates, 1)
 
     @property
     def failed(self) -> int:
@@ -114,11 +120,37 @@ class Samples:
         level = level_of("level", level)
         return self.quantile(((1 - level) / 2, 0.5, (1 + level) / 2), interval)
 
-    def convergence(self) -> tuple[Tensor, Tensor]:
-        """Numbers of samples (K,), doubling, and the mean of the first so many good ones (K, ...)."""
-        y = self._filled(self.good).double()
-        n = torch.tensor([2**k for k in range(len(y).bit_length()) if 2**k <= len(y)])
-        return n, y.cumsum(0)[n - 1] / n.reshape(-1, *[1] * (y.ndim - 1))
+    def convergence(self, reference: Value | None = None) -> tuple[Tensor, Tensor]:
+        """Numbers of samples (K,), doubling, and the error (K, ...) of the mean of so many: the RMS over replicates, or over 16
+        parts of independent samples, of the distance from the `reference`, or from the mean of all. Good samples count.
+        """
+        groups = self._groups()
+        if len(groups) == 1 and not self.independent:
+            raise ValueError("the convergence of one Sobol sequence was asked for; replicates are wanted")
+        groups = groups if len(groups) > 1 else list(groups[0].chunk(16))
+        least = min(map(len, groups))
+        n = torch.tensor([2**k for k in range(least.bit_length())])
+        sums = torch.stack([y[:least].cumsum(0)[n - 1] for y in groups])
+        means = sums / n.reshape(-1, *[1] * (sums.ndim - 2))
+        centre = torch.cat(groups).mean(0) if reference is None else as_tensor(reference, torch.float64)
+        freedom = len(groups) - (reference is None)
+        return n, ((means - centre).square().sum(0) / freedom).sqrt()
+
+    def to_pandas(self) -> Any:
+        """A pandas.DataFrame, a row for each sample: theta by name, y or y[...], status and replicate (extra `uq`)."""
+        return output.to_pandas(self)
+
+    def to_xarray(self, dims: Sequence[str] | None = None, coords: dict[str, Any] | None = None) -> Any:
+        """An xarray.Dataset over `sample` (extra `uq`); `dims` name y's further axes, `coords` say where they are."""
+        return output.to_xarray(self, dims, coords)
+
+    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> dict[str, Any]:
+        """Mean, deviation and quantiles with intervals, and failures, as numbers and texts for JSON."""
+        return output.summary(self, levels, interval)
+
+    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> Path:
+        """The summary in a file that ends in .json or .csv."""
+        return output.write_summary(self, path, levels, interval)
 
     def _groups(self, y: Tensor | None = None, good: Tensor | None = None) -> list[Tensor]:
         """Good samples of each replicate that has any."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -12,6 +13,7 @@ from torch import Tensor
 
 from ...core.validation import Value, as_tensor, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
+from . import output
 from .estimate import FEW, Estimate, level_of
 from .moments import Moments
 from .samples import reasons_of
@@ -157,6 +159,14 @@ class Stream:
             raise ValueError(f"edges {tuple(edges.shape)} were given; (bins + 1,) increasing numbers are wanted")
         above = torch.stack([sum(sketch.above(edges)) / 2 for sketch in self._pooled()])
         return (-above.diff(dim=-1) / self.all.n).reshape(*self.shape, -1)
+
+    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> dict[str, Any]:
+        """Mean and quantiles with intervals, and failures, as numbers and texts for JSON."""
+        return output.summary(self, levels, interval)
+
+    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> Path:
+        """The summary in a file that ends in .json or .csv."""
+        return output.write_summary(self, path, levels, interval)
 
     def _share_error(self, j: int, x: Tensor, level: float, n: int) -> float:
         """Half the interval of P(y > x) from its shares in the replicates; at least the rule of three."""

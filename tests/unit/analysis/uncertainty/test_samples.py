@@ -123,9 +123,20 @@ def test_bootstrap():
 
 
 def test_convergence():
-    found = tb.monte_carlo(total, LAWS, 100)
-    n, means = found.convergence()
-    assert n.tolist() == [1, 2, 4, 8, 16, 32, 64] and means[3] == found.y[:8].mean()
+    """By hand for the replicates; slopes: n^-1/2 of plain samples, beyond n^-1 of a Sobol sequence, for a smooth y."""
+    found = tb.monte_carlo(total, LAWS, 1024, replicates=16)
+    n, error = found.convergence(1.0)
+    assert n.tolist() == [1, 2, 4, 8, 16, 32, 64]
+    assert_close(error[3], (found.y.reshape(16, 64)[:, :8].mean(1) - 1).square().mean().sqrt())
+    assert_close(found.convergence()[1][0], found.y.reshape(16, 64)[:, 0].sub(found.mean).square().sum().div(15).sqrt())
+    slopes = []
+    for design in ("sobol", "plain"):
+        n, error = tb.monte_carlo(total, LAWS, 2**14, design=design, replicates=16).convergence(1.0)
+        x, y = n.log() - n.log().mean(), error.log()
+        slopes.append(((x * y).sum() / x.square().sum()).item())
+    assert slopes[0] < -1.0 and -0.65 < slopes[1] < -0.35
+    with pytest.raises(ValueError, match="of one Sobol sequence was asked for"):
+        tb.monte_carlo(total, LAWS, 8).convergence()
 
 
 def test_progress(capsys):
