@@ -92,6 +92,11 @@ class ChunkFolder:
         save(self._file(first), dict(zip(("theta", "y", "status"), chunk, strict=True), run=self.label["run"], first=first,
                                      checksum=self._checksum(first, chunk)))
 
+    @property
+    def reachable(self) -> bool:
+        """Whether this machine sees the folder: a worker on another one may not."""
+        return self.setting(self.path, "run") == self.label["run"]
+
     def writable(self) -> None:
         """ValueError where nothing can be written."""
         folder(self.path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
@@ -29,8 +30,9 @@ AHEAD = 1024  # chunks that an executor is given before the first of them is bac
 
 @dataclass(frozen=True)
 class Job:
-    """One chunk of work: samples first to last - 1 of a design. Calling it gives theta, y and status, and writes them into the
-    folder where there is one.
+    """One chunk of work: samples first to last - 1 of a design. Calling it gives theta, y and status, and whether they are
+    written: into the folder, where there is one and this machine sees it. Another process computes on one thread, with the
+    caller's default dtype.
     """
 
     function: Function
@@ -41,17 +43,20 @@ class Job:
     dtype: torch.dtype
     by_name: bool
     folder: ChunkFolder | None
-    caller: int
+    caller: tuple[str, int]
+    default: torch.dtype
 
-    def __call__(self) -> Chunk:
-        if os.getpid() != self.caller:
+    def __call__(self) -> tuple[Chunk, bool]:
+        if _here() != self.caller:
             torch.set_num_threads(1)
+            torch.set_default_dtype(self.default)
         theta = self.design.theta(self.joint, self.first, self.last).to(self.dtype)
         chunk = theta, *evaluated(self.function, self.joint.named(theta.clone()) if self.by_name else theta.clone(), len(theta),
                                   self.by_name)
-        if self.folder is not None:
+        written = self.folder is not None and self.folder.reachable
+        if written:
             self.folder.put(self.first, chunk)
-        return chunk
+        return chunk, written
 
 
 @dataclass(frozen=True)
@@ -74,13 +79,15 @@ class Evaluation:
         todo = [end for end in ends if end[0] not in found]
         if self.folder is not None and todo:
             self.folder.writable()
-        jobs = (Job(self.function, self.joint, self.design.part(a, b), a, b, self.dtype, self.by_name, self.folder, os.getpid())
-                for a, b in todo)
+        jobs = (Job(self.function, self.joint, self.design.part(a, b), a, b, self.dtype, self.by_name, self.folder, _here(),
+                    torch.get_default_dtype()) for a, b in todo)
         made = (job() for job in jobs) if self.executor is None else _gathered(self.executor, jobs)
         try:
             for a, b in ends:
                 known = found.pop(a, None)
-                chunk = tuple(part[:b - a] for part in known) if known is not None else next(made)
+                chunk, written = (tuple(part[:b - a] for part in known), True) if known is not None else next(made)
+                if self.folder is not None and not written:
+                    self.folder.put(a, chunk)
                 if progress is not None:
                     progress.add(b - a, int((chunk[2] != 0).sum()), known is not None)
                 yield chunk
@@ -134,6 +141,11 @@ def settings(n: Any, seed: Any, chunk: Any, executor: Any, dtype: Any, version: 
     if count("n", n) > SOBOL_POINTS:
         raise ValueError(f"n = {n} was given; the sequence has 2^30 points")
     return n, seed, count("chunk", chunk), precision(dtype or torch.get_default_dtype())
+
+
+def _here() -> tuple[str, int]:
+    """Machine and process."""
+    return platform.node(), os.getpid()
 
 
 def _gathered(executor: Executor, jobs: Iterable[Callable[[], Any]]) -> Generator[Any, None, None]:

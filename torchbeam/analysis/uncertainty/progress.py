@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 Report = Callable[[Any], None]  # is given the Progress after each chunk
-EVERY = 0.5  # seconds between two lines on a terminal
+EVERY, LOG = 0.5, 10.0  # seconds between two lines on a terminal, and in a file
 
 
 @dataclass
@@ -39,9 +39,10 @@ class Progress:
         self.failed += failed
         if self.report is not True:
             self.report(self)
-        elif time.monotonic() - self._told > EVERY or self.done >= self.total:
+        elif time.monotonic() - self._told > (EVERY if sys.stderr.isatty() else LOG) or self.done >= self.total:
             self._told = time.monotonic()
-            print(f"\r{self}", end="\n" if self.done >= self.total else "", file=sys.stderr, flush=True)
+            over = sys.stderr.isatty() and self.done < self.total
+            print(f"\r{self}" if sys.stderr.isatty() else self, end="" if over else "\n", file=sys.stderr, flush=True)
 
     @property
     def seconds(self) -> float:
