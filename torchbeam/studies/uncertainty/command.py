@@ -17,11 +17,11 @@ from ...analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
 from ...cli import results_folder
 from ...core.files import NotWritten
 from ...core.results import table
+from .cluster import connected
 from .config import Config, read
 
 AGAIN = 3  # pools in a row that lose a process before any chunk is done
 ROWS = 40  # of the table on the terminal
-RETRIES = 3  # of a chunk whose Dask worker was lost
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -84,23 +84,9 @@ def _run(config: Config, given: argparse.Namespace, out: Path) -> Any:
     raise BrokenExecutor(f"{AGAIN} pools of workers were lost")
 
 
-@contextmanager
-def _client(address: str, config: Config) -> Any:
-    """Executor of a Dask cluster, whose workers get the code of the configuration's modules."""
-    try:
-        import cloudpickle
-        from distributed import Client
-    except ImportError:
-        raise ImportError("--scheduler wants distributed: pip install 'torchbeam[mc]'") from None
-    for module in config.modules:
-        cloudpickle.register_pickle_by_value(module)
-    with Client(address) as client:
-        yield client.get_executor(retries=RETRIES, pure=False)
-
-
 def _executor(given: argparse.Namespace, config: Config) -> Any:
     if given.scheduler is not None:
-        return _client(given.scheduler, config)
+        return connected(given.scheduler, config.modules)
     if given.workers is not None:
         return _pool(given.workers)
     return nullcontext()

@@ -27,7 +27,7 @@ DTYPES = {"float32": torch.float32, "float64": torch.float64}
 class Config:
     """A run: function, laws and n, further options of `monte_carlo`; what is asked of the samples.
 
-    modules     that the function's file was loaded as: workers on other machines get their code, not their name
+    modules     that the function's file was loaded as: workers on other machines get that file
     levels      of quantiles;  interval: confidence level;  thresholds: of exceedance;  keep: samples, or a summary
     """
 

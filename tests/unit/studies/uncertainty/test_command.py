@@ -130,7 +130,7 @@ def command(path, out, *further):
 def test_processes_of_which_one_is_killed(model, tmp_path):
     """Two workers; one is killed with SIGKILL, then the command itself; the same command ends with the same numbers."""
     path = model(wait=0.1)
-    whole = command(path, tmp_path / "whole", "--quiet")
+    whole = command(path, tmp_path / "whole", "--workers", "2")
     assert whole.wait(120) == 0
     process = command(path, tmp_path / "killed", "--workers", "2")
     until(lambda: chunks(tmp_path / "killed") >= 4, process)
