@@ -101,7 +101,7 @@ class Evaluation:
 def evaluated(function: Function, given: Any, n: int, by_name: bool = False) -> tuple[Tensor, Tensor]:
     """y (n, ...) and status (n,) of a function at n samples, detached and on the CPU; ValueError where they do not fit."""
     y, status = split(function(**given) if by_name else function(given), n)
-    y, status = y.detach().cpu(), status.detach().cpu().long()
+    y, status = (_alone(x.detach().cpu()) for x in (y, status.long()))
     finite = torch.isfinite(y).reshape(n, -1).all(-1)
     return y, torch.where((status == 0) & ~finite, FAILED, status)
 
@@ -141,6 +141,11 @@ def settings(n: Any, seed: Any, chunk: Any, executor: Any, dtype: Any, version: 
     if count("n", n) > SOBOL_POINTS:
         raise ValueError(f"n = {n} was given; the sequence has 2^30 points")
     return n, seed, count("chunk", chunk), precision(dtype or torch.get_default_dtype())
+
+
+def _alone(x: Tensor) -> Tensor:
+    """The tensor without what it is a part of, such as the state of all nodes: that would be kept, and written, with it."""
+    return x.clone() if x.untyped_storage().nbytes() > x.numel() * x.element_size() else x
 
 
 def _here() -> tuple[str, int]:
