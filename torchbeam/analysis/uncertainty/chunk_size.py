@@ -9,35 +9,35 @@ from typing import Any
 
 from ...core.memory import available
 
-LEAST, MOST = 32, 2**17
+LEAST, MOST, STEP = 32, 2**17, 4
 LONGEST = 20.0  # seconds of a chunk: what a killed worker loses, and a progress line waits for
-GAIN = 1.1  # throughput over that of half the chunk, below which it is not worth more memory
+GAIN = 1.1  # throughput over that of a smaller chunk, below which it is not worth more memory
 SHARE = 0.5  # of the free memory, for all workers together
 
 
 def chunk_size(work: Any, n: int) -> int:
-    """Samples a call for an `Evaluation`: a power of two, doubled from 32 while the throughput rises by a tenth, a chunk takes
-    less than LONGEST seconds, and all cores together take less than half of the free memory.
+    """Samples a call for an `Evaluation`: of 32, 128, 512 ... the least whose throughput is within a tenth of the best, as long
+    as a chunk takes less than LONGEST seconds, and all cores together less than half of the free memory.
 
-    It is measured in this process, at the first samples of the design; the first call of all, which may compile, does not
-    count. With an executor there are at least four chunks a core.
+    It is measured in this process, at the first samples of the design, an eighth of all at most: larger chunks may be worth
+    native code, which smaller ones are not. The first call of each size, which may compile, does not count where it is short.
+    With an executor there are at least four chunks a core.
     """
     workers = 1 if work.executor is None else getattr(work.executor, "_max_workers", os.cpu_count() or 1)
-    most = min(MOST, n if work.executor is None else max(n // (4 * workers), LEAST))
-    free = available()
-    size, best = LEAST, 0.0
-    _seconds(work, min(size, n))
+    most = max(min(MOST, n // 8 if work.executor is None else n // (8 * workers)), LEAST)
+    free, size, rates = available(), LEAST, {}
     while True:
-        before, size = _peak(), min(size, n)
-        rate = size / _seconds(work, size)
-        taken = max(_peak() - before, 0)  # what twice as many will take again, and more
-        crowded = free is not None and 4 * taken * workers > SHARE * free
-        slow = 2 * size / max(rate, 1e-9) > LONGEST
-        if rate < GAIN * best and size > LEAST:
-            return size // 2
-        if crowded or slow or 2 * size > most:
-            return size
-        size, best = 2 * size, max(rate, best)
+        size, before = min(size, n), _peak()
+        seconds = _seconds(work, size)
+        if seconds < LONGEST:
+            seconds = min(seconds, _seconds(work, size))
+        rates[size] = size / seconds
+        taken = max(_peak() - before, 0)  # what so many more take; the next size takes STEP times as much, or more
+        crowded = free is not None and 2 * STEP * taken * workers > SHARE * free
+        if crowded or STEP * seconds > LONGEST or STEP * size > most:
+            best = max(rates.values())
+            return min(size for size, rate in rates.items() if GAIN * rate >= best)
+        size *= STEP
 
 
 def _seconds(work: Any, size: int) -> float:

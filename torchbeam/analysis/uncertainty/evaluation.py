@@ -45,8 +45,9 @@ class Job:
     folder: ChunkFolder | None
     caller: tuple[str, int]
     default: torch.dtype
+    reduce: Callable[[Chunk], Any] | None = None
 
-    def __call__(self) -> tuple[Chunk, bool]:
+    def __call__(self) -> tuple[Any, bool]:
         if _here() != self.caller:
             torch.set_num_threads(1)
             torch.set_default_dtype(self.default)
@@ -56,12 +57,15 @@ class Job:
         written = self.folder is not None and self.folder.reachable
         if written:
             self.folder.put(self.first, chunk)
-        return chunk, written
+        return chunk if self.reduce is None else self.reduce(chunk), written
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """A function, the laws and design of its parameters, and how it is evaluated."""
+    """A function, the laws and design of its parameters, and how it is evaluated.
+
+    reduce  what becomes of a chunk where it was computed, without a folder: something with `failed`, the number of samples
+    """
 
     function: Function
     joint: JointLaw
@@ -71,16 +75,17 @@ class Evaluation:
     by_name: bool = False
     executor: Executor | None = None
     folder: ChunkFolder | None = None
+    reduce: Callable[[Chunk], Any] | None = None
 
-    def chunks(self, first: int, last: int, progress: Progress | None = None) -> Generator[Chunk, None, None]:
-        """Chunks of samples first to last - 1, in order; from the folder where they are there."""
+    def chunks(self, first: int, last: int, progress: Progress | None = None) -> Generator[Any, None, None]:
+        """Chunks of samples first to last - 1, in order; from the folder where they are there, and reduced if so wished."""
         ends = [(a, min(a + self.chunk, last)) for a in range(first, last, self.chunk)]
         found = {} if self.folder is None else {a: chunk for a, b in ends if (chunk := self.folder.get(a, b - a)) is not None}
         todo = [end for end in ends if end[0] not in found]
         if self.folder is not None and todo:
             self.folder.writable()
         jobs = (Job(self.function, self.joint, self.design.part(a, b), a, b, self.dtype, self.by_name, self.folder, _here(),
-                    torch.get_default_dtype()) for a, b in todo)
+                    torch.get_default_dtype(), self.reduce) for a, b in todo)
         made = (job() for job in jobs) if self.executor is None else _gathered(self.executor, jobs)
         try:
             for a, b in ends:
@@ -89,7 +94,8 @@ class Evaluation:
                 if self.folder is not None and not written:
                     self.folder.put(a, chunk)
                 if progress is not None:
-                    progress.add(b - a, int((chunk[2] != 0).sum()), known is not None)
+                    failed = int((chunk[2] != 0).sum()) if self.reduce is None else chunk.failed
+                    progress.add(b - a, failed, known is not None)
                 yield chunk
         finally:
             made.close()

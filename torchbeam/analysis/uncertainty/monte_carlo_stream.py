@@ -25,7 +25,7 @@ from .moments import Moments
 from .monte_carlo import DESIGNS, folder_of
 from .progress import Report
 from .sketch import Sketch
-from .stream import Stream
+from .stream import Stream, Summarise
 
 EVERY = 10.0  # seconds from one writing of the summary to the next
 FILE = "stream.pt"
@@ -60,15 +60,15 @@ def monte_carlo_stream(function: Function, laws: Mapping[str, Law], n: int, *, r
     stream, done = (Stream(joint.names, plan.independent), 0) if folder is None else _taken_up(folder, joint, plan.independent)
     if done > n:
         raise ValueError(f"n = {n} was given for a folder with the summary of {done} samples; at least as many are wanted")
-    work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor)
+    work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor, reduce=Summarise(dict(sentences or {})))
     at, written = progress_of(progress, n), time.monotonic()
     if at is not None and done:
         at.add(done, stream.failed, True)
     while done < n:
         end = min((done // points + 1) * points, n)  # a chunk belongs to one replicate
-        for _, y, status in work.chunks(done, end, at):
-            stream.add(done // points, y, status, dict(sentences or {}))
-            done += len(y)
+        for part in work.chunks(done, end, at):  # summarised where it was computed
+            stream.merge(done // points, part)
+            done += part.samples
             if folder is not None and (done == n or time.monotonic() - written > EVERY):
                 _write(folder, stream, done)
                 written = time.monotonic()

@@ -22,6 +22,39 @@ from .sketch import Sketch
 BINS = 2**12  # of a sketch: one of each number of y in each replicate
 
 
+@dataclass(frozen=True)
+class Part:
+    """Summary of one chunk of samples: shape of a y, number of samples, moments (None without good ones), a sketch of each
+    number of y, failed samples by reason.
+    """
+
+    shape: tuple[int, ...]
+    samples: int
+    moments: Moments | None
+    sketches: list[Sketch]
+    reasons: dict[str, int]
+
+    @property
+    def failed(self) -> int:
+        return sum(self.reasons.values())
+
+
+@dataclass(frozen=True)
+class Summarise:
+    """Function that makes a `Part` of a chunk; `sentences` by status."""
+
+    sentences: Mapping[int, str]
+
+    def __call__(self, chunk: tuple[Tensor, Tensor, Tensor]) -> Part:
+        _, y, status = chunk
+        good = y[status == 0].double()
+        sketches = [Sketch.empty(BINS) for _ in range(math.prod(y.shape[1:]))] if len(good) else []
+        for sketch, numbers in zip(sketches, good.reshape(len(good), -1).unbind(-1) if len(good) else (), strict=True):
+            sketch.add(numbers)
+        return Part(tuple(y.shape[1:]), len(y), Moments.of(good) if len(good) else None, sketches,
+                    reasons_of(y, status, self.sentences))
+
+
 @dataclass
 class Stream:
     """What is kept of a stream of samples: moments and a sketch of each number of y, by replicate; failed samples by reason.
@@ -39,25 +72,24 @@ class Stream:
     samples: int = 0
     reasons: dict[str, int] = field(default_factory=dict)
 
-    def add(self, replicate: int, y: Tensor, status: Tensor, sentences: Mapping[int, str]) -> None:
-        """Count samples y (n, ...), status (n,) of one replicate."""
+    def merge(self, replicate: int, part: Part) -> None:
+        """Count samples of one replicate."""
         if self.shape is None:
-            self.shape = tuple(y.shape[1:])
-        elif self.shape != tuple(y.shape[1:]):
+            self.shape = part.shape
+        elif self.shape != part.shape:
             raise ValueError(f"a function that gave y (N, ...) of {self.shape} and, from sample {self.samples} on, of "
-                             f"{tuple(y.shape[1:])} was given; one kind is wanted")
+                             f"{part.shape} was given; one kind is wanted")
         while len(self.moments) <= replicate:
             self.moments.append(None)
             self.sketches.append([Sketch.empty(BINS) for _ in range(max(math.prod(self.shape), 1))])
-        self.samples += len(y)
-        for why, n in reasons_of(y, status, sentences).items():
+        self.samples += part.samples
+        for why, n in part.reasons.items():
             self.reasons[why] = self.reasons.get(why, 0) + n
-        good = y[status == 0].double()
-        if len(good):
-            new, old = Moments.of(good), self.moments[replicate]
-            self.moments[replicate] = new if old is None else old.merged(new)
-            for sketch, numbers in zip(self.sketches[replicate], good.reshape(len(good), -1).unbind(-1), strict=True):
-                sketch.add(numbers)
+        if part.moments is not None:
+            old = self.moments[replicate]
+            self.moments[replicate] = part.moments if old is None else old.merged(part.moments)
+            for sketch, other in zip(self.sketches[replicate], part.sketches, strict=True):
+                sketch.merge(other)
 
     @property
     def failed(self) -> int:

@@ -35,8 +35,8 @@ ABOUT = (
     "Tip deflection w = P L^3/(3 EI) of a strip under a small load, EI lognormal with a coefficient of variation of 20 %, P "
     "with 30 %, independent, so that w is lognormal and all answers are known. Each row: {repeats} repeats with other seeds. "
     "Covered: share of the 95 % intervals that hold the truth; of intervals that hold it in 95 % of all runs this is within "
-    "{low:.0f} to {high:.0f} % in 95 of 100 rows. Width: mean width of the interval over the true value. Error: RMS error over "
-    "the true value. Rare events: P(w > x), and a linear limit state in five normal variables."
+    "{low:.0f} to {high:.0f} % in 95 of 100 rows. Width: mean width of the interval over the true value. Error: RMS error "
+    "over the true value. Rare events: P(w > x), and a linear limit state in five normal variables."
 )
 COLUMNS = ("answer", "how", "samples", "covered", "width", "error")
 
@@ -53,6 +53,10 @@ class Row:
     covered: float
     width: float
     error: float
+
+    def cells(self) -> list[str]:
+        return [self.answer, self.how, f"{self.samples:,}", f"{100 * self.covered:.1f} %",
+                *(f"{100 * x:.3g} %" for x in (self.width, self.error))]
 
 
 @dataclass(frozen=True)
@@ -183,7 +187,7 @@ def expected(repeats: int) -> tuple[float, float]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Coverage of every interval over 200 repeats of cases whose answers are known."""
-    given, out = study(argv, "coverage", "How often each 95 % interval of tb.monte_carlo, sobol_indices, moment_derivatives and "
+    given, out = study(argv, "coverage", "How often each 95 % interval of monte_carlo, sobol_indices, moment_derivatives and "
                        "rare_event holds the truth.", f"{QUICK} repeats, for a test of the command")
     repeats = QUICK if given.quick else REPEATS
     rows = []
@@ -196,9 +200,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     low, high = expected(repeats)
     text = "\n\n".join((
         ABOUT.format(repeats=repeats, low=100 * low, high=100 * high),
-        table(COLUMNS, [[row.answer, row.how, f"{row.samples:,}",
-                         *(f"{100 * part:{form}} %" for part, form in zip((row.covered, row.width, row.error),
-                                                                          (".1f", ".2g", ".2g"), strict=True))] for row in rows], 2),
+        table(COLUMNS, [row.cells() for row in rows], 2),
         sentence(heading)))
     write(out, "coverage", text, {**heading, "rows": [asdict(row) for row in rows]}, COLUMNS,
           [tuple(asdict(row).values()) for row in rows])
