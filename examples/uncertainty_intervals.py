@@ -1,8 +1,8 @@
 """What scattered stiffness and load do to the deflection of strips, each answer with its interval.
 
 EI and P are lognormal and correlated, the load small: w = k P/EI is lognormal, so that mean, quantiles and probabilities
-are known but for k, which one equilibrium tells. Then histories: strips released under the load, as bands. Run as a script, it draws
-out/uncertainty_histogram.png, uncertainty_convergence.png and uncertainty_bands.png.
+are known but for k, which one equilibrium tells. Run as a script, it draws histogram, convergence, and the bands of histories
+under a sudden load: out/uncertainty_histogram.png, uncertainty_convergence.png and uncertainty_bands.png.
 """
 
 import math
