@@ -46,7 +46,7 @@ ABOUT = (
     "and rollouts of 1 s after the load is put on suddenly, with damping, in steps of 10 ms, of which y is the largest "
     "deflection. The engine is the one that `auto` takes. First rows: one process and thread, a chunk size each. Last rows: "
     "all samples, by one process and by one for each core, kept with a folder of chunks, and as a stream. Memory: what the "
-    "process had at most more than before, of the rows of one process. The first call of all, which compiles, does not count."
+    "process had at most more than before, of the rows of one process. A first call of each, which may compile, does not count."
 )
 
 
@@ -99,13 +99,13 @@ def run(what: str, kind: str, samples: int, chunk: int, processes: int) -> Row:
     samples = samples // 16 * 16
     out = Path(tempfile.mkdtemp(prefix="torchbeam-scale-")) if kind == "folder" else None
     gc.collect()
-    before = _peak(reset=True)
     pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn")) if processes > 1 else None
     try:
         with threads(1), (pool or nullcontext()):
             options = dict(replicates=16, by_name=True, executor=pool, dtype=torch.float64)
-            if pool is not None:  # processes begin, and compile
-                monte_carlo(FUNCTIONS[what], LAWS, 512 * processes, chunk=64, seed=1, **{**options, "replicates": None})
+            first = chunk if pool is None else 2 * processes * chunk  # processes begin, and compile
+            monte_carlo(FUNCTIONS[what], LAWS, first, chunk=chunk, seed=1, **{**options, "replicates": None})
+            before = _peak(reset=True)
             begun, cpu = time.perf_counter(), time.process_time()
             if kind == "stream":
                 found: Any = monte_carlo_stream(FUNCTIONS[what], LAWS, samples, chunk=chunk, **options)
@@ -125,7 +125,6 @@ def rows(quick: bool, cores: int) -> list[Row]:
     found: list[Row] = []
     for what, total in (("static", SAMPLES), ("rollout", ROLLOUTS)):
         total = total // QUICK if quick else total
-        run(what, "kept", 64, 64, 1)  # compiles
         each = [run(what, "kept", max(total // SHARE, 2 * chunk), chunk, 1) for chunk in CHUNKS[what]]
         best = max(each, key=lambda row: row.samples / row.seconds).chunk
         ends = [run(what, kind, total, best, processes)
