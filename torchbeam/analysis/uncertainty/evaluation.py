@@ -51,7 +51,7 @@ class Job:
         if _here() != self.caller:
             torch.set_num_threads(1)
             torch.set_default_dtype(self.default)
-        theta = self.design.theta(self.joint, self.first, self.last).to(self.dtype)
+        theta = self.design.theta(self.joint, self.first, self.last).detach().to(self.dtype)
         chunk = theta, *evaluated(self.function, self.joint.named(theta.clone()) if self.by_name else theta.clone(), len(theta),
                                   self.by_name)
         written = self.folder is not None and self.folder.reachable

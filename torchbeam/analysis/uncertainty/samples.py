@@ -79,6 +79,7 @@ class Samples:
         several = given.reshape(-1)
         if interval is None:
             y = self._filled(self.good.sort(0).values)
+            y = y if y.is_floating_point() else y.double()
             found = estimate.quantile_of_sorted(y, several)
             return found if given.ndim else found[0]
         found = estimate.quantile(self._groups(), several, level_of("interval", interval), self.reasons)

@@ -122,6 +122,14 @@ def test_bootstrap():
     assert found.method == "bootstrap"
 
 
+def test_successes():
+    """A y of yes and no: its mean is a probability, its quantiles are numbers."""
+    found = tb.monte_carlo(lambda theta: theta[:, 0] > 0.25, LAWS, 1024, replicates=16)
+    mean, low, high = found.mean_interval()
+    assert low <= 0.75 <= high and mean == pytest.approx(0.75, abs=2e-3)
+    assert found.quantile((0.1, 0.9)).tolist() == [0.0, 1.0] and found.exceedance(0.5).estimate == mean
+
+
 def test_convergence():
     """By hand for the replicates; slopes: n^-1/2 of plain samples, beyond n^-1 of a Sobol sequence, for a smooth y."""
     found = tb.monte_carlo(total, LAWS, 1024, replicates=16)
