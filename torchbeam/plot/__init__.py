@@ -11,5 +11,7 @@ from .animation import animate
 from .canvas import axes, grid, save
 from .curves import campbell, energies, history, load_path
 from .shapes import mode_shapes, shape
+from .uncertainty import bands, convergence, histogram, tornado
 
-__all__ = ["animate", "axes", "campbell", "energies", "grid", "history", "load_path", "mode_shapes", "save", "shape"]
+__all__ = ["animate", "axes", "bands", "campbell", "convergence", "energies", "grid", "histogram", "history", "load_path",
+           "mode_shapes", "save", "shape", "tornado"]
