@@ -36,9 +36,10 @@ from .held_inputs import GivenInputs, changes_within, given_from
 from .methods import METHODS as IMPLICIT_METHODS
 from .mixed_forms import simulate_mixed
 from .rollout import check_room, march
+from .runaway import SENTENCE, stopped
 from .stepper import Stepper
 from .tolerance import Tolerance
-from .torchdiffeq_bridge import ADVICE, integrate, leaves, status_at
+from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves, status_at
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 
 FORMS = ("nodal", "minimal", "block_rate")
@@ -92,7 +93,8 @@ def simulate(
              last good state
 
     Everything is differentiable. An explicit method steps with the highest frequency of the mesh: stiff, long or batched
-    scenes want "midpoint".
+    scenes want "midpoint". One of fixed steps that are longer than that makes energy: in the nodal form a sample then gets a
+    status, and keeps the last output before.
 
     Raises ValueError for a t that does not increase, an unknown form or method, an option the method does not have.
     """
@@ -112,8 +114,8 @@ def simulate(
         raise ValueError("events were given without rtol or atol; the adaptive steps of an implicit method take them")
     known = keywords(*((simulate_mixed,) if mixed else (_adaptive, Stepper) if controlled else (_implicit, Stepper) if implicit
                        else (_explicit,)))
-    inputs = merge_inputs({} if inputs is None else inputs, {name: options.pop(name) for name in [*options]
-                                                      if name in scene.inputs and name not in known})
+    inputs = merge_inputs({} if inputs is None else inputs, {
+        name: options.pop(name) for name in [*options] if name in scene.inputs and name not in known})
     check_options(f"form {form!r}" if mixed else f"method {method!r}", options, known)
     if (mixed or not implicit) and any(isinstance(value, PerInterval) for value in inputs.values()):
         raise ValueError(f"a PerInterval input was given to {method!r}; 'midpoint' and 'generalized_alpha' of the nodal form "
@@ -243,6 +245,11 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
                                         parameters=leaves(rhs(t[0], y0.detach())))
     trajectory = State.stack([rates.state(*at) for at in zip(instants, ys, status_at(ys, status), strict=True)])
     reason = {FAILED: f"{method} failed; {ADVICE}"} if status.any() else {}
+    if method not in ADAPTIVE:
+        trajectory, lost = stopped(rates.model, trajectory, partial(_energy, rates.model, trajectory, instants, inputs))
+        if number := int(concrete(lost).sum()):
+            reason = {FAILED: f"{method} {SENTENCE}; {ADVICE}"}
+            warnings.warn(f"{reason[FAILED]} ({number} of {lost.numel()} samples)", RuntimeWarning, stacklevel=3)
     energy = partial(_energy, rates.model, trajectory, instants, inputs)
     return Solution(t, trajectory, energy, Stats(evaluations=evaluations, reason=reason))
 
