@@ -17,10 +17,11 @@ from . import errors, explicit, measurement, references
 from .measurement import COLUMNS, Row
 from .motions import MOTIONS, Motion
 from .report import markdown, pictures
-from .settings import BASE, ELEMENTS, METHODS, TARGETS
+from .settings import BASE, METHODS, TARGETS
 
 SECONDS = 780.0  # of the whole, but for other programs
-SHARES = dict(errors=0.22, explicit=0.18)  # of a motion's time
+EXPLICIT = 0.18  # of it, for explicit methods
+ERRORS = 0.25  # of a motion's, for errors of meshes and of steps
 BASE_WEIGHT = 3.0  # what all others are compared with may take so many times as long
 QUICK, QUICK_SECONDS = ("silicone",), 6.0
 TRIES = 3  # of a setting whose error is more than the sum of what its mesh and its step are off by
@@ -87,9 +88,12 @@ def _measured(given: argparse.Namespace) -> tuple[list[Row], dict[str, errors.Er
     seconds = QUICK_SECONDS if given.quick and given.seconds == SECONDS else given.seconds
     progress, rows, curves = Progress(seconds), [], {}
     for motion in motions:
-        made = _motion(motion, known[motion.reference], seconds / len(motions), given.quick, progress)
+        made = _motion(motion, known[motion.reference], (1.0 if given.quick else 1 - EXPLICIT) * seconds / len(motions),
+                       given.quick, progress)
         curves[motion.name] = next(made)
         rows += made
+    if not given.quick:
+        rows += explicit.rows(motions, known, EXPLICIT * seconds, progress.say)
     others = []
     if given.peers is not None:
         progress.say("other programs")
@@ -102,20 +106,17 @@ def _motion(motion: Motion, reference: references.Reference, seconds: float, qui
     """The errors of space and time, then rows."""
     progress.say(f"{motion.name}: errors of meshes and of steps")
     begun = time.process_time()
-    curves = errors.measure(motion, SHARES["errors"] * seconds, *((("linear", "linked"),) if quick else ()))
+    curves = errors.measure(motion, ERRORS * seconds, *((("linear", "linked"),) if quick else ()))
     yield curves
     pairs = [(element, method) for element in curves.space for method in METHODS]
     weights = [BASE_WEIGHT if pair == BASE else 1.0 for pair in pairs]
-    left = seconds - (time.process_time() - begun) - (0.0 if quick else SHARES["explicit"] * seconds)
+    left = seconds - (time.process_time() - begun)
     for k, (element, method) in enumerate(pairs):
         progress.say(f"{motion.name}: {element}, {method}")
         begun = time.process_time()
         yield from _pair(motion, curves, element, method, reference, left * weights[k] / sum(weights[k:]),
                          TARGETS[:2] if quick else TARGETS)
         left -= time.process_time() - begun
-    if not quick:
-        progress.say(f"{motion.name}: explicit methods")
-        yield from explicit.rows(motion, reference, SHARES["explicit"] * seconds)
 
 
 def _pair(motion: Motion, curves: errors.Errors, element: str, method: str, reference: references.Reference, seconds: float,

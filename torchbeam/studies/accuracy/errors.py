@@ -85,7 +85,7 @@ def _time(motion: Motion, methods: tuple[str, ...], seconds: float) -> tuple[dic
         begun = time.process_time()
         tip, before = _run(motion, Setting("linear", "midpoint4", mesh, steps), COMMON)[0], limit
         limit, now = tip, time.process_time()
-        if before is not None and difference(tip, before) < LEAST or 3 * now - 2 * begun > end:
+        if (before is not None and difference(tip, before) < LEAST) or 3 * now - 2 * begun > end:
             break
     found: dict[str, list[Of]] = {}
     refused = {}

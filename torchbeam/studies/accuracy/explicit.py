@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import torch
@@ -19,19 +20,24 @@ from .settings import EXPLICIT, FORMS, OUTPUTS
 
 RTOL = 1e-5
 MESHES = 4, 8, 16
+GENEROUS = 2.0  # times its equal share of the time that is left, which a run may take
 PIECE = 1e-4  # of a motion, by which it is seen what the whole would take; ten times as much until it takes a while
-WHILE = 0.15  # s
+WHILE, EVALUATIONS, LONG = 0.15, 100, 2.0  # s of CPU time, and evaluations; but no longer than that
 FRACTIONS = 0.3, 0.42, 0.6, 0.85, 1.2, 1.7, 2.4, 3.4  # steps of rk4 over those of dopri5; of the ones that are stable the least
 NEAR = 0.1  # of what the tip has moved: less than what is not stable is off by
 
 
-def rows(motion: Motion, reference: Reference, seconds: float) -> Iterator[Row]:
-    """Methods and forms, each with finer meshes as long as the whole motion is expected to take no more than its share of the
-    CPU seconds; of one that has no such mesh the first part of the motion, scaled up, without an error.
+def rows(motions: Sequence[Motion], known: Mapping[str, Reference], seconds: float, say: Callable[[str], None]) -> Iterator[Row]:
+    """Methods and forms over motions, each with finer meshes as long as the whole motion is expected to take no more than its
+    share of the CPU seconds (what others leave of theirs is shared out); of one that has no such mesh the first part of the
+    motion, scaled up, without an error.
     """
-    runs = [(form, method) for form in FORMS for method in EXPLICIT]
-    for form, method in runs:
-        yield from _meshes(motion, form, method, reference, seconds / len(runs))
+    runs = list(product(motions, FORMS, EXPLICIT))
+    end = time.process_time() + seconds
+    for k, (motion, form, method) in enumerate(runs):
+        say(f"{motion.name}: {form}, {method}")
+        allowed = GENEROUS * (end - time.process_time()) / (len(runs) - k)
+        yield from _meshes(motion, form, method, known[motion.reference], allowed)
 
 
 def _meshes(motion: Motion, form: str, method: str, reference: Reference, seconds: float) -> Iterator[Row]:
@@ -66,7 +72,7 @@ def _piece(motion: Motion, row: Row) -> Row:
         t = share * motion.instants(1)
         first = replace(row, method="dopri5") if row.method == "rk4" else row
         sol, spent = _run(motion, first, t)
-        if spent > WHILE or share >= 1:
+        if (spent > WHILE and sol.stats.evaluations > EVALUATIONS) or spent > LONG or share >= 1:
             break
         share *= 10
     if row.method == "rk4":

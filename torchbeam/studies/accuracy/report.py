@@ -86,7 +86,11 @@ def _ratio(over: float | None, under: float | None, exact: bool = True) -> str:
 
 
 def _percent(value: float | None) -> str:
-    return "" if value is None else f"{100 * value:.2g} %"
+    return "" if value is None else f"{100 * value:.2g} %" if value >= 5e-4 else f"{value:.1e}".replace("e-0", "e-")
+
+
+def _target(value: float) -> str:
+    return f"{100 * value:g} %" if value >= 1e-3 else f"{value:.0e}".replace("e-0", "e-")
 
 
 def _cheapest(motions: Sequence[Motion], rows: Sequence[Row]) -> str:
@@ -98,7 +102,7 @@ def _cheapest(motions: Sequence[Motion], rows: Sequence[Row]) -> str:
             if row is None or second is None:
                 continue
             cost, exact, finest = second
-            lines.append((motion.name, motion.kind, _percent(target), _setting(row), _percent(row.error), _ms(row.seconds),
+            lines.append((motion.name, motion.kind, _target(target), _setting(row), _percent(row.error), _ms(row.seconds),
                           _fineness(finest) if exact else "", _ms(cost, exact), _ratio(cost, row.seconds, exact),
                           _ratio(row.gradient, row.seconds), _percent(row.gradient_error)))
     head = ("motion", "kind", "wanted", "cheapest setting (elements, steps)", "its error", "ms", "base", "its ms", "times faster",
@@ -115,7 +119,7 @@ def _batches(motions: Sequence[Motion], rows: Sequence[Row]) -> str:
             if row is None or second is None:
                 continue
             cost, exact, _ = second
-            lines.append((motion.name, _percent(target), _setting(row), _ms(row.batch_seconds), _ms(cost, exact),
+            lines.append((motion.name, _target(target), _setting(row), _ms(row.batch_seconds), _ms(cost, exact),
                           _ratio(cost, row.batch_seconds, exact), _ratio(row.batch_gradient, row.batch_seconds)))
     head = "motion", "wanted", "cheapest setting", "ms a sample", "base: ms a sample", "times faster", "gradient over forward"
     return table(head, lines, words=3)
@@ -133,7 +137,7 @@ def _every(motions: Sequence[Motion], rows: Sequence[Row]) -> str:
                                                                   for row in found)))
                 elif own and (note := next((row.note for row in own if row.note), "")):
                     lines.append((motion.name, element, method, note.partition(";")[0], *[""] * (len(TARGETS) - 1)))
-    return table(("motion", "element", "method", *map(_percent, TARGETS)), lines, words=3)
+    return table(("motion", "element", "method", *map(_target, TARGETS)), lines, words=3)
 
 
 def _explicit(rows: Sequence[Row]) -> str:
@@ -201,7 +205,6 @@ def _work(rows: Sequence[Row], known: Mapping[str, Reference], others: Sequence[
         panels[0].plot([], [], line, color="0.3", lw=1.2, label=method)
     panels[0].plot([], [], "x", color="0.4", ms=5, label="explicit")
     panels[0].legend(fontsize=7, frameon=False, ncols=2, loc="lower left")
-    panels[0].figure.tight_layout()
     save(panels[0], path)
 
 
@@ -222,5 +225,4 @@ def _orders(curves: Mapping[str, Errors], path: Path) -> None:
         steps.set(xscale="log", yscale="log", xlabel="CPU s, 16 elements", ylabel="error of the steps")
         space.legend(fontsize=7, frameon=False)
         steps.legend(fontsize=7, frameon=False)
-    panels[0].figure.tight_layout()
     save(panels[0], path)
