@@ -34,6 +34,11 @@ def ends(x: Tensor, axes: int = 1) -> tuple[Tensor, Tensor]:
     return x.narrow(-1 - axes, 0, N), x.narrow(-1 - axes, 1, N)
 
 
+def slopes(x_i: Tensor, x_j: Tensor) -> Tensor:
+    """What an element's motion is told by of values (..., N, *) at its nodes: their difference."""
+    return x_j - x_i
+
+
 def at_i(x: Tensor, axes: int = 1) -> Tensor:
     """What each element (..., N, *) gives its node i, as nodes (..., N+1, *)."""
     return pad(x, (0, 0) * axes + (0, 1))

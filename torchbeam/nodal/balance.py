@@ -84,10 +84,9 @@ class Linearisation(NamedTuple):
         D, U, L, *far = add(model.space.to_blocks(rest + hB.mT @ times(C, E)), nodes)
         constraints, midside = model.constraints, ()
         rows = constraints.rows(D, L, U, *far)
+        D, L, U, *far = constraints.matrix(D, L, U, *far)
         if far:
-            D, L, U, *midside = condensed(*constraints.whole(D, L, U, *far))
-        else:
-            D, L, U = constraints.matrix(D, L, U)
+            D, L, U, *midside = condensed(D, L, U, *far)
         return cls(model.space, constraints, D, L, U, rows, hB, C, E, model.law.C, *midside)
 
     def solve(self, g: Tensor, g_strain: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -23,6 +23,7 @@ axes are free, and (..., 2 N) is one of them, the two of an element after each o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -50,23 +51,26 @@ class Kinematics(NamedTuple):
 
 def kinematics(r_1: Tensor, r_2: Tensor, r_3: Tensor, q_1: Tensor, q_2: Tensor, q_3: Tensor, length: Tensor) -> Kinematics:
     """Positions (..., 3) m and rotations (..., 4) of the three nodes, length (..., 1) m."""
-    values, slopes = (x.repeat(r_1.shape[-2] // 2, 1)[..., None] for x in at_points(r_1))  # (2 N, 3, 1)
-    r, q = torch.stack((r_1, r_2, r_3), -2), torch.stack((nearer(q_1, q_2), q_2, nearer(q_3, q_2)), -2)
+    r, q = torch.stack((r_1, r_2, r_3), -2), quat.aligned(q_1, q_2, q_3)
+    rotation, *others = interpolated(r, q, length, quat.multiply, quat.conjugate)
+    return Kinematics(quat.matrix(rotation), *others)
+
+
+def interpolated(r: Tensor, q: Tensor, length: Tensor, multiply: Callable[[Tensor, Tensor], Tensor],
+                 conjugate: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """Q/|Q| and d, z, w, w_x of stations (..., 2 N), from positions r (..., 2 N, 3, p) m and rotations q (..., 2 N, 3, .) of
+    their three nodes, of which `multiply` and `conjugate` say what they are; length (..., 2 N, 1) m.
+    """
+    values, slopes = (x.repeat(r.shape[-3] // 2, 1)[..., None] for x in at_points(r))  # (2 N, 3, 1)
     Q = (values.mT @ q)[..., 0, :]
-    inverse = quat.conjugate(Q) / (Q * Q).sum(-1, keepdim=True)
-    w = quat.multiply(q, inverse[..., None, :])
+    square = (Q * Q).sum(-1, keepdim=True)
+    w = multiply(q, (conjugate(Q) / square)[..., None, :])
     w, v = values * w, slopes * w
     z = v.sum(-2)
-    return Kinematics(quat.matrix(quat.normalize(Q)), (slopes.mT @ r)[..., 0, :] / length, z, w,
-                      v - quat.multiply(w, z[..., None, :]))
+    return Q / square.sqrt(), (slopes.mT @ r)[..., 0, :] / length, z, w, v - multiply(w, z[..., None, :])
 
 
-def nearer(q: Tensor, to: Tensor) -> Tensor:
-    """Of q and -q, the same rotation, the one that is nearer."""
-    return torch.where((q * to).sum(-1, keepdim=True) < 0, -q, q)
-
-
-def strain(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
+def strains(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
     """[gamma; kappa] (..., 2 N, 6), frame B, less the reference's."""
     vectors = torch.stack(torch.broadcast_tensors(kin.d, 2 / length * kin.z[..., 1:]), -2)
     return (vectors @ kin.R).flatten(-2) - reference

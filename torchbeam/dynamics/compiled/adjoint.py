@@ -6,14 +6,14 @@ from functools import partial
 from math import prod
 
 from ...solvers.compiled.derivative import bar, vjp
-from ...solvers.compiled.ends import END, share_ends
+from ...solvers.compiled.ends import END
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.packing import Packing
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
 from .layout import BETWEEN, ELEMENTS, MOVES, NODES, ONE, OWN, SUPPORTS, TWO, Layout
 from .local_functions import LocalFunctions
-from .local_problem import EndKind, Kinds
+from .local_problem import Kinds
 from .native import NativeProgram
 from .tracing import Tracing
 
@@ -32,16 +32,16 @@ class AdjointProgram(NativeProgram):
         super().__init__(local, kinds, held, key)
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        wanted, w, shapes, node = self.wanted, self.w, self.shapes, traced.node
+        wanted, w, shapes, node = sorted(self.wanted), self.w, self.shapes, traced.node
         start = (*self.state, *wanted)
         found = {"solution": traced(local.solution, {
             "position": shapes["position"], "rotation": shapes["rotation"], "after_position": shapes["position"],
             "after_rotation": shapes["rotation"]})}
-        nodes, elements = [], []
+        nodes, elements, finishes = [], [], []
         for k, kind in enumerate(self.kinds.nodes):
             nodes.append(whole := traced(partial(local.node, kind), node))
             found[f"node bar {k}"] = _derivative(whole.only(["balance"]), start)
-            finish = traced(partial(local.finish, kind), node)
+            finishes.append(finish := traced(partial(local.finish, kind), node))
             found[f"finish bar {k}"] = _derivative(finish, (*start, "u", "m", "found", "last"), keep=("u", "m"))
             update = traced(partial(local.update, kind), {**node, "move": (w,)})
             if "move" in update.inputs:  # a clamp that moves goes its own way
@@ -51,8 +51,7 @@ class AdjointProgram(NativeProgram):
             scaled = traced(local.scaled, {**{name: shapes[name] for name in ENDED}, "scale": ()})
             found |= {"project": project.only(["scale"]), "project bar": vjp(project, ["defect", "kinetic", "rise"]),
                       "scaled bar": vjp(scaled, [*ENDED, "scale"])}
-            for k, kind in enumerate(self.kinds.nodes):
-                found[f"ended {k}"] = traced(partial(local.finish, kind), node).only([*ENDED, *ENERGIES])
+            found |= {f"ended {k}": finish.only([*ENDED, *ENERGIES]) for k, finish in enumerate(finishes)}
         ends = [f"{side}.{name}" for side in "ij" for name in start if not name.startswith(("element", "common"))]
         ends += [*local.element_state, *(name for name in wanted if name.startswith(("element", "common")))]
         for k, kind in enumerate(self.kinds.elements):
@@ -67,12 +66,8 @@ class AdjointProgram(NativeProgram):
         between = Packing(BETWEEN, elements, ["i.D", "j.D", "U", "L"])
         nodes = [one.only([OWN]) for one in own.made()]
         elements = [one.only([BETWEEN, "E", "hB"]) for one in between.made()]
-        elements, ends = share_ends([(one, dict(zip("ij", kind, strict=True)))
-                                     for one, kind in zip(elements, self.kinds.elements, strict=True)],
-                                    (*self.state, "u", "m"), traced.constants["common"])
-        for k, (one, kind) in enumerate(zip(nodes, self.kinds.nodes, strict=True)):
-            end = ends.get(EndKind(kind.hinge, kind.support), ends.get(EndKind()))
-            found[f"block {k}"] = one if end is None else one.joined(end)
+        nodes, elements = self.with_ends(nodes, elements, (*self.state, "u", "m"), traced.constants["common"])
+        found |= {f"block {k}": one for k, one in enumerate(nodes)}
         found |= {f"blocks {k}": one for k, one in enumerate(elements)}
         law = {name: whole.outputs[name].shape for name in ("gap", "E", "hB")}
         stress = traced(local.stress, {**traced.element, **law, "move_i": (w,), "move_j": (w,)})
@@ -124,8 +119,7 @@ class AdjointProgram(NativeProgram):
             layout.record(name, MOVES, [(name, w)])
         layout.record("law", ELEMENTS, [*self.outputs("blocks 0", "E", "hB"), ("gap_bar", k)])
         layout.record("at_node", TWO, self.outputs("block 0", OWN))
-        ends = [size for k in range(len(self.kinds.nodes)) for _, size in self.outputs(f"block {k}", END)]
-        layout.record("at_end", TWO, [(END, max(ends, default=0))])
+        layout.record("at_end", TWO, self.largest("block", len(self.kinds.nodes), END))
         layout.record("between", TWO, self.outputs("blocks 0", BETWEEN))
         layout.record("row", NODES, [("ahead", w * w), ("y", w)])
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])

@@ -138,22 +138,18 @@ class AdjointDriver(ChainCode):
         good, nodes = self.at("sample", 0, "good"), code.add(N, 1)
         self._fill(self.at("energy"), records["energy"].size)
 
-        def add() -> None:
-            for name in ("kinetic", "rise"):
-                self._add(self.at("energy", 0, name), self.at("change", 0, name), 1)
-
         with code.loop(0, N) as e:
             with self._element_kind(e) as kinds:
                 for k in kinds:
                     self._call(f"ended element {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
                                self._of_element(f, e))
-            add()
+            self._add_energies()
         with code.loop(0, nodes) as j:
             with self._kind(j) as kinds:
                 for k in kinds:
                     self._call(f"ended {k}", lambda f: self._of_node(f, j) if f[0] != ">" else
                                self.at("ended", j, f[2:]) if f[2:] in records["ended"].fields else self.at("change", 0, f[2:]))
-            add()
+            self._add_energies()
 
         def of_sample(f: str) -> str:
             name = f.removeprefix("> ")
@@ -188,21 +184,11 @@ class AdjointDriver(ChainCode):
             for k in kinds:
                 self._call(f"finish bar {k}", where)
                 self._spread(f"finish bar {k}", j)
-                for name, (_, size) in getattr(self.layout.records.get("unknown_bar"), "fields", {}).items():
+                for name, (_, size) in self.layout.fields("unknown_bar").items():
                     self._add(self.at("change", 0, name), self.at("unknown_bar", j, name), size)
                 if f"update bar {k}" in self.functions:
                     self._call(f"update bar {k}", lambda f: self.at("asked", code.add(j, 1)) if f[0] == ">" else
                                self.at("change", 0, f) if f.endswith("_bar") else self._of_node(f, j))
-
-    def _of_element(self, field: str, e: str) -> str:
-        side, _, name = field.partition(".")
-        if side in ("i", "j"):
-            node = e if side == "i" else self.code.add(e, 1)
-            return self.at("at_end", self._odd(node)) if name == END else self._of_node(name, node)
-        for record in ("element", "stress", "law", "element_state"):
-            if record in self.layout.records and field in self.layout.records[record].fields:
-                return self.at(record, e, field)
-        return self.at("common", 0, field)
 
     def _blocks(self, e: str) -> None:
         """Of an element: what it adds to the matrix, and what its stress's cotangent asks of its nodes' moves."""
@@ -275,7 +261,7 @@ class AdjointDriver(ChainCode):
             record = field.partition(".")[0] + "_bar" if "." in field else "start_bar"
             if field in ("found", "last"):
                 record, field = "reaction_bar" if field == "found" else "last_bar", "reaction"
-            if field in getattr(records.get("element_state"), "fields", ()):
+            if field in self.layout.fields("element_state"):
                 record = "element_state_start_bar"
             elif source == "of_element" and field in ("u", "m"):
                 record, field = "unknown_bar", f"{field}_bar"

@@ -52,7 +52,7 @@ class Chain:
         self._blocks: dict[int, list[Tensor]] = {}  # of memory that no call uses, by lanes
 
     def has(self, record: str, name: str) -> bool:
-        return name in getattr(self.program.layout.records.get(record), "fields", ())
+        return name in self.program.layout.fields(record)
 
     def rows(self, record: str) -> int:
         """How many there are."""

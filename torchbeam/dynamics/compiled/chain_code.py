@@ -9,9 +9,11 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 
 from ...solvers.compiled.denormals import flushing
+from ...solvers.compiled.ends import END
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.llvm import Module
 from .code import Code
+from .conserving_functions import ENERGIES
 from .layout import Layout
 from .local_problem import Kinds
 
@@ -71,10 +73,21 @@ class ChainCode:
     def _of_node(self, field: str, j: str) -> str:
         """A field that is held at a node, or by its support, or by all."""
         for record in ("node", "state", "unknown"):
-            if field in self.layout.records[record].fields:
+            if field in self.layout.fields(record):
                 return self.at(record, j, field)
-        if self.held and field in self.layout.records["support"].fields:
+        if self.held and field in self.layout.fields("support"):
             return self.at("support", self._support_of(j), field)
+        return self.at("common", 0, field)
+
+    def _of_element(self, field: str, e: str) -> str:
+        """A field that is held by element e, or at one of its nodes, or by all."""
+        side, _, name = field.partition(".")
+        if side in ("i", "j"):
+            node = e if side == "i" else self.code.add(e, 1)
+            return self.at("at_end", self._odd(node)) if name == END else self._of_node(name, node)
+        for record in ("element", "stress", "law", "element_state"):
+            if field in self.layout.fields(record):
+                return self.at(record, e, field)
         return self.at("common", 0, field)
 
     def _support_of(self, j: str) -> str:
@@ -168,6 +181,11 @@ class ChainCode:
     def _take(self, to: str, source: str, mask: str, size: int) -> None:
         """Take the source where the mask is not 0."""
         self._sized("take", size, to, source, mask)
+
+    def _add_energies(self) -> None:
+        """Of a node, or of an element, to those of the sample."""
+        for name in ENERGIES if "energy" in self.layout.records else ():
+            self._add(self.at("energy", 0, name), self.at("change", 0, name), 1)
 
     def _transfer(self, name: str, table: str, first: str, step: str | int, begin: str | int = 0) -> None:
         """`gather`, `scatter`, or `drain` (scatter, and leave zeros), as a table says, at a step of those that begin so."""

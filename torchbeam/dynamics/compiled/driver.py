@@ -110,20 +110,12 @@ class Driver(ChainCode):
                            self.at("before node", j) if f == HOISTED else self._of_node(f, j))
 
     def _of_element(self, field: str, j: str) -> str:
-        records = self.layout.records
         if field.removeprefix("> ") == HOISTED:
             return self.at("before element", j)
         if field[0] == ">":
             places = {BETWEEN: ("between", self._odd(j)), LAW: ("strain_law", j)}
             return self.at(*places.get(field[2:], ("at_element", 0, field[2:])))
-        side, _, name = field.partition(".")
-        if side in ("i", "j"):
-            node = j if side == "i" else self.code.add(j, 1)
-            return self.at("at_end", self._odd(node)) if name == END else self._of_node(name, node)
-        for record in ("element", "stress", "element_state"):
-            if record in records and field in records[record].fields:
-                return self.at(record, j, field)
-        return self.at("common", 0, field)
+        return super()._of_element(field, j)
 
     def _row(self, j: str, left: str, right: str) -> None:
         code, near = self.code, self._near(j) if self.held else {}
@@ -227,7 +219,7 @@ class Driver(ChainCode):
                     for k in kinds:
                         self._call(f"finish element {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
                                    self._of_element(f, e))
-                for name, (_, size) in getattr(records.get("element_state"), "fields", {}).items():
+                for name, (_, size) in self.layout.fields("element_state").items():
                     self._take(self.at("element_state", e, name), self.at("change", 0, name), good, size)
                 self._add_energies()
         with code.loop(0, nodes) as j:
@@ -246,12 +238,6 @@ class Driver(ChainCode):
             with code.loop(0, self.args["supports"]) as k:
                 self._take(self.at("support", k, "last"), self.at("support", k, "found"), good,
                            records["support"].fields["last"][1])
-
-    def _add_energies(self) -> None:
-        """Of a node, or of an element, to those of the sample."""
-        if "energy" in self.layout.records:
-            for name in ("kinetic", "rise"):
-                self._add(self.at("energy", 0, name), self.at("change", 0, name), 1)
 
     def _project(self, good: str) -> None:
         """Scale the velocities of the step's end."""

@@ -41,6 +41,10 @@ class Layout:
             found.add(one, components)
         return found
 
+    def fields(self, record: str) -> dict[str, tuple[int, int]]:
+        """Of a record; none where there is none of that name."""
+        return self.records[record].fields if record in self.records else {}
+
     def rows(self, record: Record, elements: int, supports: int) -> int:
         """How many there are; of the nodes' moves one more on either side of the chain."""
         return {NODES: elements + 1, ELEMENTS: elements, SUPPORTS: supports, MOVES: elements + 3, ONE: 1, TWO: 2}[record.rows]

@@ -10,7 +10,6 @@ Fields have no axes of the batch: of a node's `node.k`, `common.k` and `support.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -21,6 +20,7 @@ from ...nodal.balance import Linearisation, dstress, mixed, restrained_forces, s
 from ...nodal.constitutive_law import times
 from ...nodal.model import Model
 from ...solvers.newton import converged
+from ...state.state import State
 from ..midpoint import MidpointProblem
 from ..step_element import ElementBalance
 from .chain_constants import filled
@@ -62,9 +62,6 @@ class LocalFunctions(LocalProblems):
     def finish(self, kind: NodeKind, **fields: Tensor) -> Fields:
         """The node at the end of the step, and the work done on it; `found` (w): the reaction of its support."""
         problem, x = self.of_node(fields, kind)
-        return self._finished(problem, x, kind, fields)
-
-    def _finished(self, problem: MidpointProblem, x: Any, kind: NodeKind, fields: Fields) -> Fields:
         reaction = x.u.new_zeros(0, self.model.space.unknowns) if kind.support is None else fields["found"][None]
         after = problem.finish(x, reaction)
         found = {name: getattr(after, name)[0] for name in self.NODE} | {"work": after.work}
@@ -73,7 +70,11 @@ class LocalFunctions(LocalProblems):
                        if after.internal is not None else ())
             still = fields[INTERNAL].split(self.internal)
             found[INTERNAL] = torch.cat([own.get(k, still[k]) for k in range(len(still))])
-        return found
+        return found | self.energies(problem, after)
+
+    def energies(self, problem: MidpointProblem, after: State) -> Fields:
+        """Those of a node at the end of the step: none are asked for."""
+        return {}
 
     # Functions of an element
 

@@ -41,6 +41,13 @@ class SupportKind(NamedTuple):
     clamp: bool
 
 
+class EndKind(NamedTuple):
+    """What holds a node of an element, see `NodeKind`."""
+
+    hinge: tuple[float, ...] | None = None
+    support: SupportKind | None = None
+
+
 class NodeKind(NamedTuple):
     """What a node has beside what all have: numbers of the loads in `common.loads` that act there; the axis of its hinge, a
     mask in frame a, None = no hinge; its support, None = none, or nothing moves.
@@ -50,16 +57,13 @@ class NodeKind(NamedTuple):
     hinge: tuple[float, ...] | None = None
     support: SupportKind | None = None
 
-
-class EndKind(NamedTuple):
-    """What holds a node of an element, see `NodeKind`."""
-
-    hinge: tuple[float, ...] | None = None
-    support: SupportKind | None = None
+    @property
+    def end(self) -> EndKind:
+        """What elements know of it."""
+        return EndKind(self.hinge, self.support)
 
 
 ElementKind = tuple[EndKind, EndKind]
-FREE: ElementKind = (EndKind(), EndKind())
 
 
 class Kinds(NamedTuple):
@@ -71,7 +75,7 @@ class Kinds(NamedTuple):
     @classmethod
     def of(cls, nodes: list[NodeKind]) -> Kinds:
         """From those of all nodes."""
-        return cls(tuple(nodes), tuple(pairwise(EndKind(one.hinge, one.support) for one in nodes)))
+        return cls(tuple(nodes), tuple(pairwise(one.end for one in nodes)))
 
     def distinct(self) -> Kinds:
         return Kinds(*(tuple(dict.fromkeys(kinds)) for kinds in self))
@@ -228,7 +232,7 @@ class LocalProblems:
         supports = () if kind.support is None else (self._support(fields, "", 0, kind.support),)
         return self._problem(rows, None, common, loads, given, supports, _hinges(kind))
 
-    def of_element(self, fields: Fields, kind: ElementKind = FREE) -> tuple[MidpointProblem, MidpointUnknowns]:
+    def of_element(self, fields: Fields, kind: ElementKind) -> tuple[MidpointProblem, MidpointUnknowns]:
         def ends(name: str) -> Tensor:
             return torch.stack((fields[f"i.{name}"], fields[f"j.{name}"]))
 

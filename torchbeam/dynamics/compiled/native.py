@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
 from functools import cache, cached_property, partial
 from math import prod
@@ -14,6 +14,7 @@ from typing import Any
 import torch
 
 from ...core.leaves import detached
+from ...solvers.compiled.ends import share_ends
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.library import Library
 from ...solvers.compiled.llvm import Module
@@ -115,6 +116,19 @@ class NativeProgram:
         """(field, components) of a function's outputs, all or those of `fields` that it has."""
         found = {field: len(out.nodes) for field, out in self.functions[name].outputs.items()}
         return [(field, found[field]) for field in fields or found if field in found]
+
+    def largest(self, name: str, count: int, field: str) -> list[tuple[str, int]]:
+        """(field, components) of a record that takes this output of the functions "name 0", "name 1" ... of all kinds."""
+        return [(field, max(size for k in range(count) for _, size in self.outputs(f"{name} {k}", field)))]
+
+    def with_ends(self, nodes: list[Function], elements: list[Function], unknown: Iterable[str], common: Iterable[str]
+                  ) -> tuple[list[Function], list[Function]]:
+        """Functions of each kind of nodes and of elements, where what an element computes of one of its nodes alone is computed
+        by that node; see `share_ends`.
+        """
+        sides = [dict(zip("ij", kind, strict=True)) for kind in self.kinds.elements]
+        rests, ends = share_ends([*zip(elements, sides, strict=True)], unknown, common)
+        return [one.joined(ends[kind.end]) for one, kind in zip(nodes, self.kinds.nodes, strict=True)], rests
 
     def constants(self, kind: str) -> list[tuple[str, int]]:
         """(field, components) of the constants of a kind that functions read."""

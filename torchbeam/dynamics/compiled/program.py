@@ -10,7 +10,7 @@ from torch import Tensor
 from ...core.derivatives import cache_of
 from ...core.leaves import Tree, map_leaves
 from ...nodal.coordinates.planar import Plane
-from ...solvers.compiled.ends import END, share_ends
+from ...solvers.compiled.ends import END
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.object_cache import key_of
 from ...solvers.compiled.packing import Packing
@@ -20,7 +20,7 @@ from .driver import SUMS, Driver
 from .kept import key_on_disk
 from .layout import BETWEEN, ELEMENTS, LAW, MOVES, NODES, ONE, OWN, SUPPORTS, TWO, Layout
 from .local_functions import LocalFunctions
-from .local_problem import EndKind, Kinds
+from .local_problem import Kinds
 from .native import NativeProgram
 from .tracing import Tracing
 
@@ -81,12 +81,9 @@ class ChainProgram(NativeProgram):
         """What each iteration computes of nodes and elements: what is of one of an element's nodes alone is computed there, and
         before the iterations what does not depend on the unknowns.
         """
-        sides = [dict(zip("ij", kind, strict=True)) for kind in self.kinds.elements]
-        elements, ends = share_ends([*zip(elements, sides, strict=True)], self.unknown,
-                                    (*traced.constants["common"], *self.varying))
-        for k, (node, kind) in enumerate(zip(nodes, self.kinds.nodes, strict=True)):
-            end = ends.get(EndKind(kind.hinge, kind.support), ends.get(EndKind()))
-            _split(found, f"node {k}", node if end is None else node.joined(end), (*self.unknown, *self.varying))
+        nodes, elements = self.with_ends(nodes, elements, self.unknown, (*traced.constants["common"], *self.varying))
+        for k, one in enumerate(nodes):
+            _split(found, f"node {k}", one, (*self.unknown, *self.varying))
         changing = [f"{side}.{name}" for side in "ij" for name in (*self.unknown, END)]
         for k, one in enumerate(elements):
             _split(found, f"element {k}", one, (*changing, "stress", *self.varying))
@@ -102,11 +99,9 @@ class ChainProgram(NativeProgram):
         for name in ("stress", "start_stress"):
             layout.record(name, ELEMENTS, [("stress", k)])
         for name, rows, kinds in zip(("before node", "before element"), (NODES, ELEMENTS), self.kinds, strict=True):
-            hoisted = [len(self.functions[f"{name} {i}"].outputs[HOISTED].nodes) for i in range(len(kinds))]
-            layout.record(name, rows, [(HOISTED, max(hoisted))])
+            layout.record(name, rows, self.largest(name, len(kinds), HOISTED))
         layout.record("at_node", TWO, outputs("node 0", OWN))
-        ends = [size for k in range(len(self.kinds.nodes)) for _, size in outputs(f"node {k}", END)]
-        layout.record("at_end", TWO, [(END, max(ends, default=0))])
+        layout.record("at_end", TWO, self.largest("node", len(self.kinds.nodes), END))
         layout.record("at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain"))
         layout.record("between", TWO, outputs("element 0", BETWEEN))
         layout.record("row", NODES, outputs(row, "ahead", "y"))

@@ -55,10 +55,10 @@ class CompiledStep:
     What holds for all steps is looked up once; should a tensor of the scene be written to, it is looked up again.
     """
 
-    def __init__(self, model: Model, method: str = "midpoint", **options: Any) -> None:
-        conserve, others = options.get("conserve", False), {name: x for name, x in options.items() if name != "conserve"}
+    def __init__(self, model: Model, method: str = "midpoint", conserve: bool = False, **options: Any) -> None:
         functions_of = FUNCTIONS[method, conserve]
-        self.model, self.batch, self._options = model, model.scene.batch_shape, (method, options)
+        self.model, self.batch = model, model.scene.batch_shape
+        self._options = {"method": method, "conserve": conserve, **options}
         self.constants = Constants(model, instant=functions_of.INSTANT)
         length = model.length
         nothing = {name: length.new_zeros(size) for name, size in model.scene.inputs.items()}
@@ -68,7 +68,7 @@ class CompiledStep:
         self.trees = self.constants.trees(values)
         self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
         self.kinds = Kinds.of(node_kinds(model, self.constants.loads))
-        self.local = functions_of(model, *self.trees, **others)
+        self.local = functions_of(model, *self.trees, **options)
         self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), not self.function)
         self.chain = Chain(self.program, model, self.kinds)
         samples = self.program.sample_state
@@ -90,8 +90,7 @@ class CompiledStep:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies, also in other processes, are made from the model."""
-        method, options = self._options
-        return partial(CompiledStep, **options), (self.model, method)
+        return partial(CompiledStep, **self._options), (self.model,)
 
     def __call__(self, start: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, tolerance: float,
                  least: float, limit: int, K: int | None = None, lanes: int | None = None, repeat: int = 1) -> Steps | None:

@@ -7,7 +7,7 @@ and n = e_3. A rotation is (cos(phi/2), sin(phi/2)): what is left of the quatern
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -44,12 +44,8 @@ class Plane(Space):
     position: ClassVar[int] = 2
     spin: ClassVar[int] = 1
     strain: ClassVar[int] = 3
+    functions: ClassVar[Any] = element
 
-    kinematics = staticmethod(element.kinematics)
-    strains = staticmethod(element.strains)
-    forces = staticmethod(element.forces)
-    strain_operator = staticmethod(element.strain_operator)
-    geometric_stiffness = staticmethod(element.geometric_stiffness)
     multiply = staticmethod(element.multiply)
     inverse = staticmethod(element.inverse)
     matrix = staticmethod(element.matrix)

@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from ...math.block_tridiagonal import broadcast_matrices
-from ...math.quadratic import at_points
-from ..quadratic_element import nearer
+from ...math.quaternions import aligned
+from ..quadratic_element import interpolated
 from .planar_element import inverse, matrix, multiply, turned
 
 
@@ -31,15 +31,9 @@ class Kinematics(NamedTuple):
 
 def kinematics(r_1: Tensor, r_2: Tensor, r_3: Tensor, q_1: Tensor, q_2: Tensor, q_3: Tensor, length: Tensor) -> Kinematics:
     """Positions (..., 2) m and rotations (..., 2) of the three nodes, length (..., 1) m."""
-    values, slopes = (x.repeat(r_1.shape[-2] // 2, 1)[..., None] for x in at_points(r_1))  # (2 N, 3, 1)
-    r, q = torch.stack((r_1, r_2, r_3), -2), torch.stack((nearer(q_1, q_2), q_2, nearer(q_3, q_2)), -2)
-    Q = (values.mT @ q)[..., 0, :]
-    square = (Q * Q).sum(-1, keepdim=True)
-    w = multiply(q, (inverse(Q) / square)[..., None, :])
-    w, v = values * w, slopes * w
-    z = v.sum(-2)
-    d = (slopes.mT @ r)[..., 0, :] / length
-    return Kinematics(matrix(Q / square.sqrt()), d, z, w, v - multiply(w, z[..., None, :]), turned(d))
+    r, q = torch.stack((r_1, r_2, r_3), -2), aligned(q_1, q_2, q_3)
+    rotation, d, *others = interpolated(r, q, length, multiply, inverse)
+    return Kinematics(matrix(rotation), d, *others, turned(d))
 
 
 def strains(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:

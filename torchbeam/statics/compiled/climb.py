@@ -16,7 +16,7 @@ from ...dynamics.compiled.call import Call, Chain, Field
 from ...dynamics.compiled.constants import Constants
 from ...dynamics.compiled.cotangents import constant_fields
 from ...dynamics.compiled.coverage import MISSING, by_function, given_up, meaning
-from ...dynamics.compiled.local_problem import FREE, Kinds, node_kinds
+from ...dynamics.compiled.local_problem import Kinds, node_kinds
 from ...dynamics.compiled.native import NotCompiled
 from ...dynamics.compiled.program import program_of
 from ...math.shapes import broadcast_shapes
@@ -129,7 +129,7 @@ def _kinds(model: Model, constants: Constants) -> Kinds:
     for support, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True):
         displaced = support.displacement is not None, support.turn is not None
         kinds[support.node] = kinds[support.node]._replace(fixed=tuple(fixed.tolist()), displaced=displaced)
-    return Kinds(tuple(kinds), (FREE,) * model.count)  # an element knows nothing of its nodes' supports
+    return Kinds.of(kinds)
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:
