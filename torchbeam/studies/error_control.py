@@ -33,16 +33,16 @@ NEAR = 0.03  # of the tolerance: two references that differ by less are one
 UNDAMPED = "sudden", "weight, plane"  # whose references are dear
 FINEST = 2**17  # steps of a reference, at most
 ABOUT = (
-    "{scenes} random soft rods (seed {seed}) in {families} families ({elements} elements, length 0.3 to 0.8 m, 0.5 to 3 s of "
-    "motion, {outputs} instants), rtol from 1e-2 to 1e-5 (undamped: 1e-4) at random, each sample its own. Error: largest distance of a "
-    "node over all instants from a reference (equal midpoint steps, halved until what they extrapolate to stands still to 3 % "
-    "of the tolerance), over the tolerance. Work: implicit steps made, all trials and runs included, over how many equal steps "
-    "have the tolerance for their error (8 at least), which nobody knows beforehand."
+    "{scenes} random soft rods (seed {seed}) in {families} families ({elements} elements, length 0.3 to 0.8 m, 0.5 to 3 s "
+    "of motion, {outputs} instants), rtol from 1e-2 to 1e-5 (undamped: 1e-4) at random, each sample its own. Error: largest "
+    "distance of a node over all instants from a reference (equal midpoint steps, halved until what they extrapolate to "
+    "stands still to 3 % of the tolerance), over the tolerance. Work: implicit steps made, all trials and runs included, "
+    "over how many equal steps have the tolerance for their error (8 at least), which nobody knows beforehand."
 )
 EXPLICIT_ABOUT = (
-    "Explicit methods with the same rtol (atol = rtol times the length), in the three forms, each against itself at 1e-9; rk4, "
-    "of fixed steps, with one that is stable; beside them adaptive midpoint steps. A rod of 0.5 m, EI = 0.02 N m^2, three "
-    "elements, under a sudden force, {span:g} s."
+    "Explicit methods with the same rtol (atol = rtol times the length), in the three forms, each against itself at 1e-9; "
+    "rk4, of fixed steps, with one that is stable; beside them adaptive midpoint steps. A rod of 0.5 m, EI = 0.02 N m^2, "
+    "three elements, under a sudden force, {span:g} s."
 )
 
 

@@ -12,8 +12,8 @@ from typing import Any
 
 
 def measured(folder: Path, python: str, *options: str) -> Iterator[dict[str, Any]]:
-    """What the scripts of a folder print, each by `python` with --json and the options, and on one thread; those of packages that
-    are not installed are left out, and named. Raises ValueError for a folder without scripts.
+    """What the scripts of a folder print, each by `python` with --json and the options, and on one thread; those of packages
+    that are not installed are left out, and named. Raises ValueError for a folder without scripts.
     """
     scripts = [path for path in sorted(folder.glob("*.py")) if "__main__" in path.read_text()]
     if not scripts:

@@ -27,9 +27,10 @@ QUICK, QUICK_SECONDS = ("silicone",), 6.0
 TRIES = 3  # of a setting whose error is more than the sum of what its mesh and its step are off by
 PAYS = 3.0  # a setting is tried where so many times what it is expected to take is there
 ABOUT = (
-    "Work and precision: five motions by every element, method and form, at errors from 5 % to 1e-6; what is cheapest, alone and in a "
-    "batch of 256, forward and with a gradient, beside the second-order setting (linear elements, midpoint steps) of equal error. One "
-    "thread, float64, about 13 minutes; with matplotlib also pictures, accuracy.png and orders.png."
+    "Work and precision: five motions by every element, method and form, at errors from 5 %% to 1e-6; what is cheapest, "
+    "alone and in a batch of 256, forward and with a gradient, beside the second-order setting (linear elements, midpoint "
+    "steps) of equal error. One thread, float64, about 13 minutes; with matplotlib also pictures, accuracy.png and "
+    "orders.png."
 )
 
 
@@ -46,12 +47,13 @@ class Progress:
         done = min(1.0, (time.process_time() - self.begun) / self.seconds)
         bar = ("#" * round(20 * done)).ljust(20, ".")
         line = f"[{bar}] {100 * done:3.0f} %  {what}"
-        print(f"\r{line:<100}" if sys.stderr.isatty() else line, end="" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)
+        shown = sys.stderr.isatty()
+        print(f"\r{line:<100}" if shown else line, end="" if shown else "\n", file=sys.stderr, flush=True)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Which setting is cheapest for an error: elements, methods and forms over five motions, beside other programs."""
-    given, out = study(argv, "accuracy", ABOUT, "one motion, no order 2, no explicit methods, errors of 5 and 1 %%: some seconds", _options)
+    given, out = study(argv, "accuracy", ABOUT, "one motion, no explicit methods, errors of 5 and 1 %%: some seconds", _options)
     with threads(1):
         if given.references is not None:
             for line in references.write(given.references):
@@ -81,7 +83,9 @@ def _options(parser: argparse.ArgumentParser) -> None:
                         help="only make the references anew, from runs much finer than any setting here: half an hour")
 
 
-def _measured(given: argparse.Namespace) -> tuple[list[Row], dict[str, errors.Errors], dict[str, references.Reference], list[Any]]:
+def _measured(given: argparse.Namespace) -> tuple[list[Row], dict[str, errors.Errors], dict[str, references.Reference],
+                                                  list[dict[str, Any]]]:
+    """Rows, errors of space and time by motion, references, and what other programs have measured."""
     known = references.load()
     wanted = given.motions or (QUICK if given.quick else [motion.name for motion in MOTIONS])
     motions = [motion for motion in MOTIONS if motion.name in wanted]

@@ -1,7 +1,7 @@
 """Errors of space and of time apart: what a mesh is off by at equal steps, and what a step is off by on one mesh.
 
-The error of a setting is about the sum of the two, so that mesh and step can be balanced without trying all pairs; and where they
-would cancel in a pair, as they do in some, that is not taken for accuracy.
+The error of a setting is about the sum of the two, so that mesh and step can be balanced without trying all pairs; and where
+they would cancel in a pair, as they do in some, that is not taken for accuracy.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .motions import Motion
 from .references import difference
 from .settings import ELEMENTS, MESHES, METHODS, STEPS, TOLERANCES, Setting
 
-MESH = {"smooth": 16, "damped": 16, "sudden": 48}  # linear elements on which steps are compared: with fast waves where these matter
+MESH = {"smooth": 16, "damped": 16, "sudden": 48}  # linear elements on which steps are compared; fast waves matter
 COMMON = 40  # instants that runs by different steps have in common
 EQUAL = 400  # midpoint steps by which meshes are compared
 LIMIT = (16, 32)  # elements of order 2 whose extrapolation they are compared with
@@ -42,8 +42,8 @@ class Errors(NamedTuple):
     refused: dict[str, str]
 
     def pair(self, element: str, method: str, wanted: float) -> tuple[Setting, float] | None:
-        """The cheapest mesh and step whose errors add up to no more than is wanted, and its CPU s as they are expected; None where
-        there is none.
+        """The cheapest mesh and step whose errors add up to no more than is wanted, and its CPU s as they are expected; None
+        where there is none.
         """
         pairs = [(step.cost * (mesh.cost + 4), mesh, step) for mesh in self.space[element]
                  for step in self.time[method] if mesh.error + step.error <= wanted]

@@ -27,7 +27,8 @@ FRACTIONS = 0.3, 0.42, 0.6, 0.85, 1.2, 1.7, 2.4, 3.4  # steps of rk4 over those 
 NEAR = 0.1  # of what the tip has moved: less than what is not stable is off by
 
 
-def rows(motions: Sequence[Motion], known: Mapping[str, Reference], seconds: float, say: Callable[[str], None]) -> Iterator[Row]:
+def rows(motions: Sequence[Motion], known: Mapping[str, Reference], seconds: float, say: Callable[[str], None]
+         ) -> Iterator[Row]:
     """Methods and forms over motions, each with finer meshes as long as the whole motion is expected to take no more than its
     share of the CPU seconds (what others leave of theirs is shared out); of one that has no such mesh the first part of the
     motion, scaled up, without an error.

@@ -26,8 +26,8 @@ ENOUGH = 0.08  # s that a part of a motion is to take by a batch
 
 @dataclass(frozen=True)
 class Row:
-    """What was found of a setting. Times are CPU s of one thread, least and median of the repeats; those of a batch are a sample's
-    share of the whole motion, of which a part was made. None: not measured.
+    """What was found of a setting. Times are CPU s of one thread, least and median of the repeats; those of a batch are a
+    sample's share of the whole motion, of which a part was made. None: not measured.
 
     fineness  number of steps, or rtol;  error: RMS distance of the tip from the reference, over RMS displacement
     gradient  s: forward and backward;  gradient_error: of the gradient, relative

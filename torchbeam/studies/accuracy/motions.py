@@ -117,7 +117,8 @@ def _pushed(load: Tensor) -> tuple[Any, ...]:
 MOTIONS = (
     Motion("sudden", "strip of 1 m, EI = 1 N m^2, 0.2 kg/m, a sudden dead tip load of 1 N, undamped, 2 s (the common dynamic "
            "case); in 3D", "sudden", 1.0, 2.0, _plain(**STRIP), _pushed, flat="xy"),
-    Motion("sudden, plane", "the same, solved in its plane", "sudden", 1.0, 2.0, _plain(**STRIP), _pushed, plane="xy", of="sudden"),
+    Motion("sudden, plane", "the same, solved in its plane", "sudden", 1.0, 2.0, _plain(**STRIP), _pushed, plane="xy",
+           of="sudden"),
     Motion("coupled", "1 m, bending coupled with stretching and torsion, mass off the axis; force (0.5, 1.5, 3) N and moment "
            "(0, 0, 0.2) N m on the tip, times sin(3 t)^2, undamped, 2 s", "smooth", 1.0, 2.0, _coupled, _swung),
     Motion("follower", "1 m, EI = 1 N m^2, 1 kg/m, a sudden follower force (0, 1, 2) N on the tip, `Damping(0.01)`, 2 s",

@@ -18,10 +18,10 @@ from .motions import INTERVALS, MOTIONS, PARAMETERS, Motion
 FILE = "accuracy_references.json"
 LOSS = 10  # instants that the loss is a mean over
 ABOUT = (
-    "Tips (m, rounded to 1e-10 of the length) of the motions of torchbeam.studies.accuracy.motions at equally spaced instants, and "
-    "the gradient of the loss (torchbeam.studies.accuracy.references.loss) by multipliers of {parameters}. By the first of two "
-    "settings; agreement: RMS distance of the two over RMS displacement, and of the two gradients over the gradient. "
-    "`python -m torchbeam accuracy --references FILE` writes this file."
+    "Tips (m, rounded to 1e-10 of the length) of the motions of torchbeam.studies.accuracy.motions at equally spaced "
+    "instants, and the gradient of the loss (torchbeam.studies.accuracy.references.loss) by multipliers of {parameters}. By "
+    "the first of two settings; agreement: RMS distance of the two over RMS displacement, and of the two gradients over the "
+    "gradient. `python -m torchbeam accuracy --references FILE` writes this file."
 )
 
 
@@ -60,8 +60,8 @@ class Reference(NamedTuple):
 
 
 def loss(motion: Motion, tip: Tensor) -> Tensor:
-    """Mean of the squared distances of the tip (time, ..., 3) from its start over the square of the length, at ten equally spaced
-    instants, the last of them the end; (...).
+    """Mean of the squared distances of the tip (time, ..., 3) from its start over the square of the length, at ten equally
+    spaced instants, the last of them the end; (...).
     """
     every = (len(tip) - 1) // LOSS
     return ((tip[every::every] - tip[0].detach()) / motion.length).square().sum(-1).mean(0)

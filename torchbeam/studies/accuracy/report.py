@@ -18,17 +18,18 @@ from .settings import BASE, ELEMENTS, FORMS, METHODS, TARGETS, Setting
 LOOKS = {"midpoint": "-", "midpoint4": "--", "generalized_alpha": ":", "adaptive": "-."}  # of lines, by method
 MARKS = {"linear": ("o", "C0"), "linked": ("s", "C1"), "order 2": ("^", "C2")}
 ABOUT = (
-    "Motions: {motions}. Error: RMS distance of the tip from a reference over its RMS displacement. Times are CPU time of one thread, "
-    "of a call of `simulate`, least of the repeats (medians are in the CSV). Base: linear elements and equal midpoint steps with no more "
-    "than the wanted error; where the time did not suffice for such a run (~), what its last one takes, over the ratio of errors: "
-    "less than it would be. A mesh and a number of steps were chosen so that what each is off by "
-    "adds up to the wanted error at the least cost; that the two cancel in some pairs is not made use of."
+    "Motions: {motions}. Error: RMS distance of the tip from a reference over its RMS displacement. Times are CPU time of "
+    "one thread, of a call of `simulate`, least of the repeats (medians are in the CSV). Base: linear elements and equal "
+    "midpoint steps with no more than the wanted error; where the time did not suffice for such a run (~), the time of its "
+    "finest one times its error over the wanted one, which is less than it would be. A mesh and a number of steps were "
+    "chosen so that what each is off by adds up to the wanted error at the least cost; that the two cancel in some pairs is "
+    "not made use of."
 )
 BATCHES = "In a batch (of {batch}; of adaptive steps as many as there was time for): CPU ms a sample."
 EVERY = "CPU ms by element and method, alone, and (elements, steps or rtol); the base is the first line of each motion."
 EXPLICIT = (
-    "Explicit methods, rtol = {rtol:g} (rk4: as many steps as are stable), at the finest mesh that there was time for; ~: scaled up from "
-    "the first part of the motion, whose whole nobody would wait for."
+    "Explicit methods, rtol = {rtol:g} (rk4: as many steps as are stable), at the finest mesh that there was time for; ~: "
+    "scaled up from the first part of the motion, whose whole nobody would wait for."
 )
 PEERS = "Other programs in the common dynamic case, beside the cheapest setting here of no larger error, 3D and plane."
 REFERENCES = "The references are known to: {said}. Errors below twice that are not looked for."
@@ -105,8 +106,8 @@ def _cheapest(motions: Sequence[Motion], rows: Sequence[Row]) -> str:
             lines.append((motion.name, motion.kind, _target(target), _setting(row), _percent(row.error), _ms(row.seconds),
                           _fineness(finest) if exact else "", _ms(cost, exact), _ratio(cost, row.seconds, exact),
                           _ratio(row.gradient, row.seconds), _percent(row.gradient_error)))
-    head = ("motion", "kind", "wanted", "cheapest setting (elements, steps)", "its error", "ms", "base", "its ms", "times faster",
-            "gradient over forward", "error of the gradient")
+    head = ("motion", "kind", "wanted", "cheapest (elements, steps)", "its error", "ms", "base", "its ms", "times faster",
+            "gradient over forward", "its error")
     return table(head, lines, words=4)
 
 
@@ -133,8 +134,8 @@ def _every(motions: Sequence[Motion], rows: Sequence[Row]) -> str:
                 own = [row for row in rows if (row.motion, row.element, row.method) == (motion.name, element, method)]
                 found = [best(own, target) for target in TARGETS]
                 if any(found):
-                    lines.append((motion.name, element, method, *("" if row is None else f"{_ms(row.seconds)} ({_fineness(row)})"
-                                                                  for row in found)))
+                    said = ("" if row is None else f"{_ms(row.seconds)} ({_fineness(row)})" for row in found)
+                    lines.append((motion.name, element, method, *said))
                 elif own and (note := next((row.note for row in own if row.note), "")):
                     lines.append((motion.name, element, method, note.partition(";")[0], *[""] * (len(TARGETS) - 1)))
     return table(("motion", "element", "method", *map(_target, TARGETS)), lines, words=3)
@@ -160,14 +161,15 @@ def _peers(rows: Sequence[Row], others: Sequence[Mapping[str, Any]]) -> str:
         ours = [best((row for row in rows if row.motion == name), one["error"]) for name in ("sudden", "sudden, plane")]
         if not one["error"] < 1:
             continue
+        said = ("" if row is None else f"{_ms(row.seconds)} ({_setting(row)})" for row in ours)
         lines.append((f"{one['peer']}, {one['space']}", f"{one['elements']}", f"{one['step_ms']:g}", _percent(one["error"]),
-                      _ms(one["best_cpu_s"]), *("" if row is None else f"{_ms(row.seconds)} ({_setting(row)})" for row in ours)))
+                      _ms(one["best_cpu_s"]), *said))
     return table(("program", "elements", "step, ms", "error", "ms", "here, 3D: ms", "here, plane: ms"), lines, words=1)
 
 
 def pictures(rows: Sequence[Row], curves: Mapping[str, Errors], known: Mapping[str, Reference],
              others: Sequence[Mapping[str, Any]], folder: Path) -> None:
-    """accuracy.png: error over CPU time, one panel a motion. orders.png: errors of meshes and of steps. Without matplotlib none."""
+    """accuracy.png: error over CPU time, a panel a motion; orders.png: errors of meshes and steps. None without matplotlib."""
     try:
         _work(rows, known, others, folder / "accuracy.png")
         _orders(curves, folder / "orders.png")
@@ -215,8 +217,8 @@ def _orders(curves: Mapping[str, Errors], path: Path) -> None:
         space, steps = panels[k], panels[len(shown) + k]
         for element, of in curves[name].space.items():
             mark, colour = MARKS[element]
-            space.plot([one.cost for one in of], [one.error for one in of], marker=mark, color=colour, ms=4, lw=1.2, mfc="white",
-                       label=element)
+            points = [(one.cost, one.error) for one in of]
+            space.plot(*zip(*points, strict=True), marker=mark, color=colour, ms=4, lw=1.2, mfc="white", label=element)
         for method, of in curves[name].time.items():
             points = [(one.cost * 20, one.error) for one in of if one.error < 1]
             if points:
