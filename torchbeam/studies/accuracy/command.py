@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,15 @@ from . import errors, explicit, measurement, references
 from .measurement import COLUMNS, Row
 from .motions import MOTIONS, Motion
 from .report import markdown, pictures
-from .settings import BASE, METHODS, TARGETS
+from .settings import BASE, ELEMENTS, METHODS, TARGETS
 
 SECONDS = 780.0  # of the whole, but for other programs
 EXPLICIT = 0.18  # of it, for explicit methods
 ERRORS = 0.25  # of a motion's, for errors of meshes and of steps
 BASE_WEIGHT = 3.0  # what all others are compared with may take so many times as long
-QUICK, QUICK_SECONDS = ("silicone",), 6.0
+QUICK, QUICK_SECONDS = ("follower",), 4.0
+QUICK_PAIRS = BASE, ("linear", "midpoint4")
+QUICK_ABOUT = "one motion by two methods with linear elements, errors of 5 and 1 %%, no batch: some seconds"
 TRIES = 3  # of a setting whose error is more than the sum of what its mesh and its step are off by
 PAYS = 3.0  # a setting is tried where so many times what it is expected to take is there
 ABOUT = (
@@ -53,7 +56,7 @@ class Progress:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Which setting is cheapest for an error: elements, methods and forms over five motions, beside other programs."""
-    given, out = study(argv, "accuracy", ABOUT, "one motion, no explicit methods, errors of 5 and 1 %%: some seconds", _options)
+    given, out = study(argv, "accuracy", ABOUT, QUICK_ABOUT, _options)
     with threads(1):
         if given.references is not None:
             for line in references.write(given.references):
@@ -108,28 +111,32 @@ def _measured(given: argparse.Namespace) -> tuple[list[Row], dict[str, errors.Er
 
 def _motion(motion: Motion, reference: references.Reference, seconds: float, quick: bool, progress: Progress) -> Iterator[Any]:
     """The errors of space and time, then rows."""
+    pairs = [pair for pair in product(ELEMENTS, METHODS) if not quick or pair in QUICK_PAIRS]
+    refused = {}
+    for pair in pairs:
+        progress.say(f"{motion.name}: native code, {', '.join(pair)}")
+        try:
+            measurement.warm(motion, *pair, 1 if quick else measurement.BATCH)
+        except ValueError as error:
+            refused[pair] = str(error)
+    taken = [pair for pair in pairs if pair not in refused]
     progress.say(f"{motion.name}: errors of meshes and of steps")
-    begun = time.process_time()
-    curves = errors.measure(motion, ERRORS * seconds, *((("linear", "linked"),) if quick else ()))
+    curves = errors.measure(motion, ERRORS * seconds, *(list(dict.fromkeys(names)) for names in zip(*taken, strict=True)))
     yield curves
-    pairs = [(element, method) for element in curves.space for method in METHODS]
-    weights = [BASE_WEIGHT if pair == BASE else 1.0 for pair in pairs]
-    left = seconds - (time.process_time() - begun)
-    for k, (element, method) in enumerate(pairs):
+    end = time.process_time() + (1 - ERRORS) * seconds
+    for (element, method), why in refused.items():
+        yield Row(motion.name, element, method, 0, 0.0, note=why)
+    weights = [BASE_WEIGHT if pair == BASE else 1.0 for pair in taken]
+    for k, (element, method) in enumerate(taken):
         progress.say(f"{motion.name}: {element}, {method}")
-        begun = time.process_time()
-        yield from _pair(motion, curves, element, method, reference, left * weights[k] / sum(weights[k:]),
-                         TARGETS[:2] if quick else TARGETS)
-        left -= time.process_time() - begun
+        allowed = (end - time.process_time()) * weights[k] / sum(weights[k:])
+        yield from _pair(motion, curves, element, method, reference, allowed, quick)
 
 
 def _pair(motion: Motion, curves: errors.Errors, element: str, method: str, reference: references.Reference, seconds: float,
-          targets: Sequence[float]) -> Iterator[Row]:
+          quick: bool) -> Iterator[Row]:
     """Rows of an element and a method: the cheapest setting of each error, while there is time for it."""
-    if method in curves.refused:
-        yield Row(motion.name, element, method, 0, 0.0, note=curves.refused[method])
-        return
-    end, made = time.process_time() + seconds, {}
+    end, made, targets = time.process_time() + seconds, {}, TARGETS[:2] if quick else TARGETS
     for k, target in enumerate(targets):
         if target < 2 * reference.agreement:
             return
@@ -153,5 +160,5 @@ def _pair(motion: Motion, curves: errors.Errors, element: str, method: str, refe
             continue
         if made[setting][1] is not None:
             row, sol, first = made[setting]
-            yield measurement.costs(motion, setting, reference, row, sol, first, left / (len(targets) - k))
+            yield measurement.costs(motion, setting, reference, row, sol, first, left / (len(targets) - k), not quick)
             made[setting] = row, None, first  # it is measured

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -17,7 +18,7 @@ from torch import Tensor
 from ...dynamics.simulate import simulate
 from .motions import Motion
 from .references import difference
-from .settings import ELEMENTS, MESHES, METHODS, STEPS, TOLERANCES, Setting
+from .settings import MESHES, STEPS, TOLERANCES, Setting
 
 MESH = {"smooth": 16, "damped": 16, "sudden": 48}  # linear elements on which steps are compared; fast waves matter
 COMMON = 40  # instants that runs by different steps have in common
@@ -35,11 +36,10 @@ class Of(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """By element and by method; why a method does not take the motion, where it does not."""
+    """By element and by method."""
 
     space: dict[str, list[Of]]
     time: dict[str, list[Of]]
-    refused: dict[str, str]
 
     def pair(self, element: str, method: str, wanted: float) -> tuple[Setting, float] | None:
         """The cheapest mesh and step whose errors add up to no more than is wanted, and its CPU s as they are expected; None
@@ -53,32 +53,32 @@ class Errors(NamedTuple):
         return Setting(element, method, int(mesh.fineness), step.fineness), cost
 
 
-def measure(motion: Motion, seconds: float, elements: tuple[str, ...] = ELEMENTS, methods: tuple[str, ...] = METHODS) -> Errors:
+def measure(motion: Motion, seconds: float, elements: Sequence[str], methods: Sequence[str]) -> Errors:
     """Of a motion, in the plane that it stays in; at most about so many CPU seconds."""
     with torch.no_grad(), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a step that is too long is an error of inf
         each = seconds / (len(elements) + len(methods) + 1)
-        return Errors(_space(motion, elements, each), *_time(motion, methods, each))
+        coarse, fine = (_tip(motion, "order 2", count) for count in LIMIT)
+        return Errors(_space(motion, elements, each, fine + (fine - coarse) / 15), _time(motion, methods, each))
 
 
-def _space(motion: Motion, elements: tuple[str, ...], seconds: float) -> dict[str, list[Of]]:
-    def tip(element: str, count: int) -> Tensor:
-        return _run(motion, Setting(element, "midpoint", count, EQUAL))[0]
+def _tip(motion: Motion, element: str, count: int) -> Tensor:
+    return _run(motion, Setting(element, "midpoint", count, EQUAL))[0]
 
-    coarse, fine = (tip("order 2", count) for count in LIMIT)
-    limit = fine + (fine - coarse) / 15
+
+def _space(motion: Motion, elements: Sequence[str], seconds: float, limit: Tensor) -> dict[str, list[Of]]:
     found: dict[str, list[Of]] = {}
     for element in elements:
         end, found[element] = time.process_time() + seconds, []
         for count in MESHES[element]:
-            error = difference(tip(element, count), limit)
+            error = difference(_tip(motion, element, count), limit)
             found[element].append(Of(count, error if error == error else math.inf, Setting(element, "", count, 0).nodes()))
             if error < LEAST or time.process_time() > end:
                 break
     return found
 
 
-def _time(motion: Motion, methods: tuple[str, ...], seconds: float) -> tuple[dict[str, list[Of]], dict[str, str]]:
+def _time(motion: Motion, methods: Sequence[str], seconds: float) -> dict[str, list[Of]]:
     mesh = MESH[motion.kind]
     limit, end = None, time.process_time() + seconds
     for steps in STEPS[STEPS.index(800)::2]:
@@ -88,30 +88,18 @@ def _time(motion: Motion, methods: tuple[str, ...], seconds: float) -> tuple[dic
         if (before is not None and difference(tip, before) < LEAST) or 3 * now - 2 * begun > end:
             break
     found: dict[str, list[Of]] = {}
-    refused = {}
     for method in methods:
         end, found[method] = time.process_time() + seconds, []
         for fineness in TOLERANCES if method == "adaptive" else STEPS:
             setting = Setting("linear", method, mesh, fineness)
-            count, spent = math.gcd(setting.instants(), COMMON), math.inf
-            least = found[method][-1].cost * (mesh + 4) if found[method] else 0.0
-            for _ in range(2):
-                begun = time.process_time()
-                try:
-                    tip, good = _run(motion, setting, count)
-                except ValueError as error:
-                    refused[method] = str(error)
-                    break
-                spent = min(spent, time.process_time() - begun)
-                if spent < 5 * least:  # else native code was made, perhaps
-                    break
-            if method in refused:
-                break
+            count, begun = math.gcd(setting.instants(), COMMON), time.process_time()
+            tip, good = _run(motion, setting, count)
+            spent = time.process_time() - begun
             error = difference(tip, limit[::COMMON // count]) if good else math.inf
             found[method].append(Of(fineness, error if error == error else math.inf, spent / (mesh + 4)))
             if error < LEAST or time.process_time() + 2 * spent > end:
                 break
-    return found, refused
+    return found
 
 
 def _run(motion: Motion, setting: Setting, count: int | None = None) -> tuple[Tensor, bool]:

@@ -20,7 +20,6 @@ from .settings import OUTPUTS, Setting
 
 BATCH = 256  # samples, of stiffness 0.95 to 1.05 times that of the motion
 REPEATS = 5
-NATIVE = 10.0  # times longer than its forward: a gradient for which native code was made first
 ENOUGH = 0.08  # s that a part of a motion is to take by a batch
 
 
@@ -59,6 +58,23 @@ class Row:
 COLUMNS = tuple(f.name for f in fields(Row))
 
 
+def warm(motion: Motion, element: str, method: str, many: int) -> None:
+    """Make the native code that measurements of an element and a method will use, alone and in a batch of so many (1 = none),
+    forward and gradient. Raises ValueError where the method does not take the motion.
+    """
+    options = dict(rtol=0.3) if method == "adaptive" else dict(method=method, step=1e-3 * motion.duration)
+    for plane, batch in ((True, ()), (False, ()), (False, (many,))):
+        for gradient in (False, True) if not plane else (False,):
+            if (plane and not motion.flat) or (batch and (method == "adaptive" or many == 1)):
+                continue
+            by = torch.ones(*batch, 3, dtype=torch.float64, requires_grad=gradient)
+            with torch.set_grad_enabled(gradient), warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)
+                sol = simulate(motion.scene(element, 4, by, flat=plane), 2e-3 * motion.instants(1), **options)
+                if gradient:
+                    sol.tip.position.square().sum().backward()
+
+
 def forward(motion: Motion, setting: Setting, reference: Reference) -> tuple[Row, Solution | None, list[float]]:
     """Error and the first time of a setting; no solution where it failed."""
     row = Row(motion.name, setting.element, setting.method, setting.elements, setting.fineness)
@@ -74,8 +90,8 @@ def forward(motion: Motion, setting: Setting, reference: Reference) -> tuple[Row
     return replace(row, steps=steps, error=error), sol, [seconds]
 
 
-def costs(motion: Motion, setting: Setting, reference: Reference, row: Row, sol: Solution, seconds: list[float], allowed: float
-          ) -> Row:
+def costs(motion: Motion, setting: Setting, reference: Reference, row: Row, sol: Solution, seconds: list[float], allowed: float,
+          batch: bool = True) -> Row:
     """The row with all that a setting costs, within about as many CPU seconds as are allowed."""
     end = time.process_time() + allowed
 
@@ -91,7 +107,7 @@ def costs(motion: Motion, setting: Setting, reference: Reference, row: Row, sol:
     row = replace(row, seconds=min(seconds), seconds_median=median(seconds), repeats=len(seconds))
     if 6 * row.seconds < left():
         row = _gradient(motion, setting, reference, row, 0.5 * left())
-    if left() > 0:
+    if batch and left() > 0:
         row = _batch(motion, setting, row, sol, left())
     return row
 
@@ -122,8 +138,7 @@ def _gradient(motion: Motion, setting: Setting, reference: Reference, row: Row, 
         sol = simulate(motion.scene(setting.element, setting.elements, by), motion.instants(LOSS), **setting.options(motion))
         gradients.append(*torch.autograd.grad(loss(motion, sol.tip.position), by))
 
-    first, _ = timed(run)
-    found = again(run, allowed - first) if first < allowed or first > NATIVE * row.seconds else [first]
+    found = again(run, allowed)
     return replace(row, gradient=min(found), gradient_median=median(found),
                    gradient_error=apart(gradients[-1], reference.gradient))
 
