@@ -30,6 +30,7 @@ from ..state.start import on_supports
 from ..state.state import State, check_state, rest, with_optional_fields
 from .adaptive import adaptive
 from .events import Events
+from .failure import Failures
 from .held_inputs import GivenInputs, changes_within, given_from
 from .methods import METHODS as IMPLICIT_METHODS
 from .mixed_forms import simulate_mixed
@@ -182,8 +183,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
         state = kind(*tensors[size:2 * size])
         iterations.append(tensors[-1])
     trajectory = chunks[0].map(joined, *chunks[1:])
-    reason = {code: found for code, failed in stepper.failures.items() if (found := failed.reason()) is not None}
-    stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=reason)
+    stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=stepper.failures.reasons())
     return Solution(t, trajectory, partial(_energy, stepper.model, trajectory, t, inputs), stats)
 
 
@@ -206,14 +206,14 @@ def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, input
     with no_derivatives():  # functions of time bring batch axes, which a step shows
         wide = stepper.advance(start.detach(), given, dt=stepper.dt.detach(), t=t[0]).batch_shape
     start = start.broadcast(broadcast_shapes(wide, tolerance.position.shape))
-    stepper.failures = {}
+    stepper.failures = Failures()
     held = {name: v if isinstance(v, PerInterval) or callable(v) else scene_value for name, scene_value in
             scene.tensors(given).items() for v in (inputs[name],)}
     made = adaptive(stepper, start, t, held, tolerance, events, most, first)
-    reason = {code: found for code, failed in stepper.failures.items() if (found := failed.reason()) is not None}
     lengths, level = made.steps.sequence.instants.diff(dim=0), made.proof.level
     stats = Stats(steps=int((made.steps.sequence.counts * 2**level).max()), lengths=lengths, level=level,
-                  rejected=made.steps.rejected, error=made.proof.error * tolerance.position, reason=reason)
+                  rejected=made.steps.rejected, error=made.proof.error * tolerance.position,
+                  reason=stepper.failures.reasons())
     return Solution(t, made.states, partial(_energy, stepper.model, made.states, t, inputs), stats, made.event)
 
 

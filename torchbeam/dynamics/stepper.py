@@ -29,7 +29,7 @@ from ..state.state import State, check_state, of_mesh, rest, with_optional_field
 from .compiled.coverage import ENGINES
 from .compiled.step import CompiledStep
 from .composed import in_parts, natively, step
-from .failure import Failure
+from .failure import Failures
 from .held_inputs import GivenInputs, HeldInputs, together
 from .methods import METHODS
 from .step_solver import StepSolver
@@ -95,7 +95,7 @@ class Stepper:
         self.solver = StepSolver(self.model, self.method, engine, tolerance, count("iterations", iterations))
         self.iterations: Tensor | None = None  # (...) of the last step
         self._last: tuple[Any, Any, State] | None = None  # the last state made, how often it was written to, and itself reduced
-        self.failures: dict[int, Failure] = {}  # the first of each status
+        self.failures = Failures()
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_last": None}
@@ -149,7 +149,7 @@ class Stepper:
             after, status = again.where(well, after), torch.where(well, SUCCESS, status)
             self.iterations = self.iterations + more
         if failed is not lost:
-            self._remember(state, dt, t, given, torch.where(moving, status, SUCCESS))
+            self.failures.remember(self.method, self.model, state, dt, t, given, torch.where(moving, status, SUCCESS))
         return self.model.space.to_public(replace(after, status=torch.where(moving, status, state.status)))
 
     def repeat(self, state: State, count: int, inputs: dict[str, Any], active: Tensor | None = None) -> State:
@@ -190,9 +190,11 @@ class Stepper:
         `advance` has to make the first. inputs: held, or `PerInterval` of these steps, or what each is given; wanted: whether
         the state after a step is asked for.
         """
-        alone = None if self.compiled is None else self.method.alone(self.model, dt.detach().amin())
+        length = dt.detach()
+        alone = None if self.compiled is None else self.method.alone(self.model, length.amin())  # what is strong damping to any
         if alone is None:
             return None
+        self.method.schemes(self.model, length.amax())  # refuses what is too long
         varying = isinstance(inputs, list)
         steps = [HeldInputs(one).map(self.scene.tensors) for one in inputs] if varying else []
         given = steps[0](self.method.INSTANT) if varying else self.scene.tensors(first_of(inputs))
@@ -258,14 +260,6 @@ class Stepper:
         length = positive("dt", real(dt)) if isinstance(dt, Tensor) else torch.as_tensor(step_size("dt", dt))
         return length.to(self.dt)
 
-    def _remember(self, state: State, dt: Tensor, t: Tensor, inputs: HeldInputs, status: Tensor) -> None:
-        """What has failed for good in this step, to be asked for a reason; nothing that carries gradient."""
-        for code in set(concrete(status).flatten().tolist()) - {SUCCESS, *self.failures}:
-            begin, dt = t.detach(), dt.detach()
-            held = {name: value.detach() for name, value in inputs(self.method.INSTANT).items()}
-            problem = self.method.problem(self.model, state.detach(), dt, begin + self.method.INSTANT * dt, held)
-            self.failures[code] = Failure(problem, status == code)
-
     def begin(self, state: State, dt: float | Tensor | None = None, **inputs: Any) -> State:
         """`state` to start from: with what supports that stand hold exactly where they have it (see `Support`; ValueError where
         it is elsewhere; a step by itself holds it where it is), and with what the method remembers beside it.
@@ -293,7 +287,7 @@ class Stepper:
         merged = copy(self)
         merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))
         merged.solver = self.solver.of(merged.model)
-        merged.iterations, merged.failures = None, {}
+        merged.iterations, merged.failures = None, Failures()
         return merged
 
 

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean, instance
 from ..core.leaves import constant, own_leaves
+from ..core.validation import concrete
 from ..scene.effects import PerElement
 from ..scene.scene import Scene
 from .constitutive_law import law_of
@@ -98,5 +99,5 @@ def check_plane(model: Model, whole: Model) -> None:
 
 def _refuse(space: Plane, what: str, given: Tensor, inside: Tensor) -> None:
     out = (given - inside).detach().abs()
-    if (out > ROUNDING * given.detach().abs().amax()).any():
+    if concrete(out > ROUNDING * given.detach().abs().amax()).any():
         raise ValueError(f"{what} out of the plane {space.name!r} was given; one in it is wanted, or plane=None")

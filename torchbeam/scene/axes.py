@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ..core.validation import concrete, positive, rotations
 from ..math import quaternions as quat
@@ -75,10 +74,3 @@ def parabolas(nodes: Tensor) -> tuple[Tensor, Tensor]:
     ends = torch.cat((first[..., :1, :], (first[..., 1:, :] + last[..., :-1, :]) / 2, last[..., -1:, :]), -2)
     inner = torch.stack((ends[..., :-1, :], (r_3 - r_1) / 2), -2).flatten(-3, -2)
     return torch.linalg.vector_norm(along, dim=-1), torch.cat((inner, ends[..., -1:, :]), -2)
-
-
-def advance(turn: Tensor) -> Tensor:
-    """The integral of exp(x ~turn) e1 over x from 0 to 1, (..., 3): e1 + b turn x e1 + c turn x (turn x e1), with
-    b = (1 - cos t)/t^2 and c = (t - sin t)/t^3 at t = |turn|: the map that takes the rate of a rotation vector to its spin.
-    """
-    return quat.spin_of_vector(turn, pad(torch.ones_like(turn[..., :1]), (0, 2)))

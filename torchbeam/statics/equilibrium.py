@@ -20,7 +20,6 @@ from ..core.validation import concrete
 from ..dynamics.compiled.coverage import ENGINES
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
-from ..scene.prescribed_motion import turning
 from ..scene.scene import Scene
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..state.state import State, check_state, rest
@@ -82,11 +81,10 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     time = instant("t", t, scene.beam.nodes)
     start = model.space.start(start)
     start = Configuration(start.position, start.rotation, start.stress)
-    conservative = all(load.conservative for load in scene.loads) and not turning(scene)
     doubtful = found = None
     if engine != "eager" and not relax:
         native = compiled.climb if engine == "compiled" else compiled.automatic_climb
-        found = native(model, time, given, start, tolerance, judged=conservative or branch == "stable")
+        found = native(model, time, given, start, tolerance, judged=model.conservative or branch == "stable")
     if found is None:
         x, reaction, status = (relaxation.relax if relax else climb)(model, time, given, start, tolerance)
     else:
@@ -124,7 +122,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
         if loose:
             reason = f"nothing holds {loose}; a support or a spring would ({UNRELAXED if relax else SWING})"
         raise RuntimeError(f"{which} has no equilibrium: {reason}")
-    if conservative:
+    if model.conservative:
         unstable = ~failed & _unstable(problem, x, start, None if doubtful is None else doubtful & ~failed)
         if concrete(unstable).any():
             warnings.warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to "

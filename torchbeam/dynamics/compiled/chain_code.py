@@ -15,7 +15,7 @@ from ...solvers.compiled.llvm import Module
 from .code import Code
 from .conserving_functions import ENERGIES
 from .layout import Layout
-from .local_problem import Kinds
+from .local_problem import SIDES, Kinds
 
 ENTRY = ("pointer", "sample", "step", "row", "rows", "components", "place", "row_size")  # strides and places in numbers
 POINTERS = ("memory", "bases", "kinds", "element_kinds", "held", "support_of", "support_nodes")
@@ -30,7 +30,7 @@ class ChainCode:
 
     def __init__(self, module: Module, functions: dict[str, Function], layout: Layout, kinds: Kinds, held: bool) -> None:
         self.module, self.functions, self.layout, self.kinds, self.held = module, functions, layout, kinds, held
-        self.lanes = module.lanes
+        self.lanes, self.order = module.lanes, len(kinds.elements[0]) - 1
         self.bytes = self.lanes.count * self.lanes.bytes  # of a component
         self.code = Code("chain", ["ptr %args"])
         self.args: dict[str, str] = {}
@@ -43,6 +43,7 @@ class ChainCode:
             self.args[name] = code.load(code.at("%args", k))
         pointer = {name: code.new(f"inttoptr i64 {self.args[name]} to ptr") for name in POINTERS}
         self.args |= pointer
+        self.args["nodes"] = code.add(self._end(self.args["elements"]), 1)
         for k, name in enumerate(self.layout.records):
             begin = code.mul(code.load(code.at(pointer["bases"], k)), self.bytes)
             self.base[name] = code.at(pointer["memory"], begin, "i8")
@@ -82,9 +83,8 @@ class ChainCode:
     def _of_element(self, field: str, e: str) -> str:
         """A field that is held by element e, or at one of its nodes, or by all."""
         side, _, name = field.partition(".")
-        if side in ("i", "j"):
-            node = e if side == "i" else self.code.add(e, 1)
-            return self.at("at_end", self._odd(node)) if name == END else self._of_node(name, node)
+        if side in SIDES[self.order]:
+            return self.at("at_end", self._turn(e, side)) if name == END else self._of_node(name, self._node_of(e, side))
         for record in ("element", "stress", "law", "element_state"):
             if field in self.layout.fields(record):
                 return self.at(record, e, field)
@@ -94,45 +94,76 @@ class ChainCode:
         """Which support is that of node j; -1 where it has none."""
         return self.code.load(self.code.at(self.args["support_of"], j))
 
-    def _near(self, j: str) -> dict[str, str]:
-        """What is free of the node before, of node j and of the next, where there are any."""
-        code = self.code
-        before = code.choose(code.compare("eq", j, 0), 0, code.sub(j, 1))
-        after = code.choose(code.compare("eq", j, self.args["elements"]), j, code.add(j, 1))
-        return {f"free_{name}": self.at("free", at, "free") for name, at in (("before", before), ("here", j), ("after", after))}
+    def _end(self, v: str) -> str:
+        """Node v of those that elements end at."""
+        return v if self.order == 1 else self.code.mul(v, self.order)
 
-    def _row_before(self, field: str, j: str) -> str:
+    def _node_of(self, e: str, side: str) -> str:
+        """The node of element e that is called so."""
+        k, first = SIDES[self.order].index(side), self._end(e)
+        return self.code.add(first, k) if k else first
+
+    def _turn(self, e: str, side: str) -> str | int:
+        """Which of the records that take turns belongs to that node."""
+        return self._odd(e if side == "i" else self.code.add(e, 1)) if side in SIDES[1] else 2
+
+    def _move_of(self, node: str, ahead: int = 0) -> str:
+        """Which of the nodes' moves is that of a node, or of one so far ahead; on either side of the chain some do not move."""
+        return self.code.add(node, self.order + ahead)
+
+    def _near(self, v: str) -> dict[str, str]:
+        """What is free of the end before, of end v and of the next, where there are any."""
+        code = self.code
+        before = code.choose(code.compare("eq", v, 0), 0, code.sub(v, 1))
+        after = code.choose(code.compare("eq", v, self.args["elements"]), v, code.add(v, 1))
+        return {f"free_{name}": self.at("free", self._end(at), "free")
+                for name, at in (("before", before), ("here", v), ("after", after))}
+
+    def _row_before(self, field: str, v: str) -> str:
         """ahead or y of the row before; zeros in front of the first."""
         code = self.code
-        first = code.compare("eq", j, 0)
-        at = self.at("row", code.choose(first, j, code.sub(j, 1)), field)
+        first = code.compare("eq", v, 0)
+        at = self.at("row", code.choose(first, v, code.sub(v, 1)), field)
         return code.choose(first, self.at("nothing"), at, "ptr")
 
-    def _sides(self, j: str) -> tuple[str, str, str]:
-        """Whether node j is the last; what the elements before and behind it leave, zeros where there is none."""
+    def _sides(self, v: str) -> tuple[str, str, str]:
+        """Whether end v is the last; what the elements before and behind it leave, zeros where there is none."""
         code = self.code
-        last, odd, nothing = code.compare("eq", j, self.args["elements"]), self._odd(j), self.at("nothing")
-        left = code.choose(code.compare("eq", j, 0), nothing, self.at("between", code.sub(1, odd)), "ptr")
+        last, odd, nothing = code.compare("eq", v, self.args["elements"]), self._odd(v), self.at("nothing")
+        left = code.choose(code.compare("eq", v, 0), nothing, self.at("between", code.sub(1, odd)), "ptr")
         return last, left, code.choose(last, nothing, self.at("between", odd), "ptr")
 
-    def _odd(self, j: str) -> str:
-        """Which of two records that take turns is node j's."""
-        return self.code.new(f"and i64 {j}, 1")
+    def _odd(self, v: str) -> str:
+        """Which of two records that take turns is that of end v."""
+        return self.code.new(f"and i64 {v}, 1")
 
     # Pieces
 
-    def _call_row(self, j: str, where: Callable[[str], str], after: Callable[[], None] = lambda: None) -> None:
-        """`row` of node j; where supports hold nodes, `held row` and what comes `after` it at those."""
+    def _call_held(self, name: str, j: str, where: Callable[[str], str], after: Callable[[], None] = lambda: None) -> None:
+        """A function of node j; where supports hold nodes, "held" in front of its name, and what comes `after` it at those."""
         if not self.held:
-            self._call("row", where)
+            self._call(name, where)
             return
         code = self.code
         held = code.compare("ne", code.load(code.at(self.args["held"], j)), 0)
         with code.when(code.new(f"xor i1 {held}, true")):
-            self._call("row", where)
+            self._call(name, where)
         with code.when(held):
-            self._call("held row", where)
+            self._call(f"held {name}", where)
             after()
+
+    def _restore(self, record: str, then: Callable[[str], None] = lambda node: None) -> None:
+        """Moves of midside nodes, if there are any, from what a record has for their elements' ends; `then`: what is to be done
+        with each.
+        """
+        if self.order == 1:
+            return
+        with self.code.loop(0, self.args["elements"]) as e:
+            node = self._node_of(e, "m")
+            places = {"before": (record, self._move_of(node, -1)), "after": (record, self._move_of(node, 1)),
+                      "> move": ("move", self._move_of(node))}
+            self._call("restore", lambda f: self.at(*places.get(f, ("middle", e))))
+            then(node)
 
     def _kind(self, j: str) -> AbstractContextManager[Iterator[int]]:
         """The kinds of nodes one after the other; what is written for each runs where node j is of it."""

@@ -106,7 +106,10 @@ class Adjoint:
                 if not chain.has(record, name):
                     continue
                 rows, steps = one.record != "common", place > len(call.batch)
-                own = (*(chain.rows(record),) * rows, *one.value.shape[place + rows:])
+                own = one.value.shape[place + rows:]
+                if rows:
+                    components = chain.program.layout.records[record].fields[name][1]
+                    own = (chain.rows(record) * components // own.numel(), *own)
             else:
                 x, part, steps = start[k - len(known)], [*self.state][k - len(known)], False
                 (record, name), axes = self._place(part, "_bar"), self._axes(part)

@@ -25,7 +25,6 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
     scene = model.scene
     reasons = {
         f"method {method!r}": (method, conserve) not in FUNCTIONS,
-        "elements of order 2": scene.beam.order == 2,
         f"the device {scene.device}": scene.device.type != "cpu",
     }
     return next((reason for reason, given in reasons.items() if given), None)

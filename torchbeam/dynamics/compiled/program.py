@@ -15,10 +15,11 @@ from ...solvers.compiled.function import Function
 from ...solvers.compiled.object_cache import key_of
 from ...solvers.compiled.packing import Packing
 from ...solvers.compiled.split import HOISTED, split
+from . import midsides
 from .adjoint import AdjointProgram
 from .driver import SUMS, Driver
 from .kept import key_on_disk
-from .layout import BETWEEN, ELEMENTS, LAW, MOVES, NODES, ONE, OWN, SUPPORTS, TWO, Layout
+from .layout import BETWEEN, ELEMENTS, ENDS, INNER, LAW, MOVES, NODES, ONE, OWN, SUPPORTS, TURNS, Layout
 from .local_functions import LocalFunctions
 from .local_problem import Kinds
 from .native import NativeProgram
@@ -46,21 +47,29 @@ class ChainProgram(NativeProgram):
         own = Packing(OWN, nodes, nodes[0].outputs)
         elements = [traced(partial(local.element, kind), traced.element | {name: () for name in self.varying})
                     for kind in self.kinds.elements]
-        whole = elements[0]
-        between = [name for name in whole.outputs if name[:2] in ("i.", "j.") or name in ("U", "L")]
-        between = Packing(BETWEEN, elements, between)
+        shapes = {name: out.shape for name, out in elements[0].outputs.items()}
+        between = Packing(BETWEEN if self.order == 1 else INNER, elements, midsides.to_nodes(shapes))
         law = Packing(LAW, between.made(), ("gap", "E"))
         elements = [one.only(name for name in one.outputs if name != "hB") for one in law.made()]
         self._iterated(found, own.made(), elements, traced)
 
-        moves = {"move_i": (w,), "move_j": (w,)}
-        stress = traced(local.stress, {**traced.element, **{name: whole.outputs[name].shape for name in law.fields}, **moves})
+        moves = {f"{side}.move": (w,) for side in self.sides}
+        stress = traced(local.stress, {**traced.element, **{name: shapes[name] for name in law.fields}, **moves})
         found["stress"] = law.taken(stress, {name: name for name in law.fields})
-        row = {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
-        sides = {f"{side}.{name.removeprefix(f'{end}.')}": name
-                 for side, end, block in (("left", "j", "L"), ("right", "i", "U"))
-                 for name in between.fields if name.startswith(f"{end}.") or name == block}
-        row |= {called: whole.outputs[name].shape for called, name in sides.items()}
+        given = {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
+        if self.order == 2:
+            inner = given | {f"element.{name}": shapes[name] for name in between.fields}
+            condense = {"condense": traced(partial(local.condense, False), inner)}
+            if self.held:
+                condense["held condense"] = traced(partial(local.condense, True), inner | {"free": (w,)})
+            restore = traced(local.restore, {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)})
+            more, between, shapes = midsides.eliminating(condense, restore, own, between)
+            found |= more
+        row = dict(given)
+        sides = {
+            f"{side}.{name.removeprefix(f'{end}.')}": name for side, end, block in (("left", "j", "L"), ("right", "i", "U"))
+            for name in between.fields if name.startswith(f"{end}.") or name == block}
+        row |= {called: shapes[name] for called, name in sides.items()}
         row |= {"ahead": (w, w), "y": (w,)}
 
         def packed(function: Function) -> Function:
@@ -84,7 +93,7 @@ class ChainProgram(NativeProgram):
         nodes, elements = self.with_ends(nodes, elements, self.unknown, (*traced.constants["common"], *self.varying))
         for k, one in enumerate(nodes):
             _split(found, f"node {k}", one, (*self.unknown, *self.varying))
-        changing = [f"{side}.{name}" for side in "ij" for name in (*self.unknown, END)]
+        changing = [f"{side}.{name}" for side in self.sides for name in (*self.unknown, END)]
         for k, one in enumerate(elements):
             _split(found, f"element {k}", one, (*changing, "stress", *self.varying))
 
@@ -100,11 +109,11 @@ class ChainProgram(NativeProgram):
             layout.record(name, ELEMENTS, [("stress", k)])
         for name, rows, kinds in zip(("before node", "before element"), (NODES, ELEMENTS), self.kinds, strict=True):
             layout.record(name, rows, self.largest(name, len(kinds), HOISTED))
-        layout.record("at_node", TWO, outputs("node 0", OWN))
-        layout.record("at_end", TWO, self.largest("node", len(self.kinds.nodes), END))
+        layout.record("at_node", TURNS, outputs("node 0", OWN))
+        layout.record("at_end", TURNS, self.largest("node", len(self.kinds.nodes), END))
         layout.record("at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain"))
-        layout.record("between", TWO, outputs("element 0", BETWEEN))
-        layout.record("row", NODES, outputs(row, "ahead", "y"))
+        midsides.record(layout, self.functions, "element 0")
+        layout.record("row", ENDS, outputs(row, "ahead", "y"))
         layout.record("at_row", ONE, [one for one in outputs(row) if one[0] not in ("ahead", "y")])
         layout.record("strain_law", ELEMENTS, outputs("element 0", LAW))
         layout.record("move", MOVES, [("move", w)])

@@ -67,7 +67,7 @@ class CompiledStep:
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         self.trees = self.constants.trees(values)
         self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
-        self.kinds = Kinds.of(node_kinds(model, self.constants.loads))
+        self.kinds = Kinds.of(node_kinds(model, self.constants.loads), model.scene.beam.order)
         self.local = functions_of(model, *self.trees, **options)
         self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), not self.function)
         self.chain = Chain(self.program, model, self.kinds)

@@ -49,7 +49,6 @@ def refusal(model: Model) -> str | None:
     """Why the equilibria of a model are not found by native code; None where they are."""
     scene = model.scene
     reasons = {
-        "elements of order 2": scene.beam.order == 2,
         f"the device {scene.device}": scene.device.type != "cpu",
         MISSING: find_spec("llvmlite") is None,
     }
@@ -129,7 +128,7 @@ def _kinds(model: Model, constants: Constants) -> Kinds:
     for support, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True):
         displaced = support.displacement is not None, support.turn is not None
         kinds[support.node] = kinds[support.node]._replace(fixed=tuple(fixed.tolist()), displaced=displaced)
-    return Kinds.of(kinds)
+    return Kinds.of(kinds, model.scene.beam.order)
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:

@@ -95,9 +95,9 @@ class SteadyFunctions(LocalFunctions):
         """See `LocalFunctions.element`."""
         problem, x = self._steady(self.of_element(fields, kind)[0], load_factor)
         element = problem.element_balance(x)
-        tangent, inertia = problem.linearise(x, element.acting), problem.load(x)
+        tangent, inertia = problem.tangent(x, element.acting), problem.load(x)
         wrench = None if isinstance(inertia, float) else -inertia
-        return self.condensed(problem.model, element, problem.eigenstrain, tangent, wrench)
+        return self.of_nodes(problem.model, element, problem.eigenstrain, tangent, wrench)
 
     def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:
         """Loads less all inertia, of which `inertia` is what neighbours share."""
