@@ -83,7 +83,7 @@ def _options(parser: argparse.ArgumentParser) -> None:
                         help="also run the scripts of a folder that measure other programs: examples/peers")
     parser.add_argument("--python", default=sys.executable, help="the interpreter for these (default: this one)")
     parser.add_argument("--references", type=Path, metavar="FILE",
-                        help="only make the references anew, from runs much finer than any setting here: half an hour")
+                        help="only make the references anew, by runs finer than any setting here: some minutes")
 
 
 def _measured(given: argparse.Namespace) -> tuple[list[Row], dict[str, errors.Errors], dict[str, references.Reference],
