@@ -48,4 +48,4 @@ def run(elements: int, step: float) -> tuple[np.ndarray, float]:
 
 
 if __name__ == "__main__":
-    show(measure("exudyn", "plane", SETTINGS, run))
+    show(measure("exudyn", "plane", "quadratic", SETTINGS, run))

@@ -47,4 +47,4 @@ def run(edges: int, step: float) -> tuple[np.ndarray, float]:
 
 
 if __name__ == "__main__":
-    show(measure("mujoco", "3D", SETTINGS, run))
+    show(measure("mujoco", "3D", "rod", SETTINGS, run))

@@ -18,6 +18,7 @@ from ..scene.section import Section
 from ..state.solution import Solution
 
 SPACES = {"3D": None, "plane": "xy"}
+KINDS = ("linear", "linked", "order 2")  # of elements; linked: linear ones, by `Beam.linked`
 STRIP = dict(EA=4e4, GA=1.4835e4, GJ=0.769, EI=1.0, mass=0.2, inertia=5e-6)
 
 
@@ -37,11 +38,12 @@ class Case(NamedTuple):
         return cls(torch.tensor(data["t"], dtype=dtype), torch.tensor(data["tip"], dtype=dtype))
 
     def scene(self, elements: int, plane: str | None = None, EI: Tensor | float = 1.0, force: Any = (0.0, 1.0, 0.0),
-              order: int = 1) -> Scene:
+              element: str = "linear") -> Scene:
+        """element: one of `KINDS`."""
         number = self.t.new_tensor
         section = Section.from_stiffness(**{**{name: number(value) for name, value in STRIP.items()},
                                             "EI": as_tensor(EI, self.t.dtype)})
-        return Scene(Beam.straight(number(1.0), elements, section, order=order), [TipLoad(force=force)], plane=plane)
+        return Scene(straight(number(1.0), elements, section, element), [TipLoad(force=force)], plane=plane)
 
     def error(self, solution: Solution) -> float:
         """RMS |tip - reference| / RMS |reference - reference(0)| at the solution's instants, which are the reference's."""
@@ -52,8 +54,15 @@ class Case(NamedTuple):
         return ((tip - reference).square().sum(-1).mean() / (reference - self.tip[0]).square().sum(-1).mean()).sqrt().item()
 
 
-def motion(case: Case, space: str, elements: int, step: float, every: int | None = None, **options: Any) -> Solution:
+def straight(length: Tensor, elements: int, section: Section, element: str) -> Beam:
+    """A beam of an element of `KINDS`."""
+    beam = Beam.straight(length, elements, section, order=2 if element == "order 2" else 1)
+    return beam.linked() if element == "linked" else beam
+
+
+def motion(case: Case, space: str, elements: int, step: float, every: int | None = None, element: str = KINDS[0],
+           **options: Any) -> Solution:
     """The whole 2 s, at batch 1; every: how many of the reference's instants lie between two of the solution's."""
     with torch.no_grad():
         t = case.t[::every or max(1, round(step / 0.01))]
-        return simulate(case.scene(elements, SPACES[space]), t, step=step, **options)
+        return simulate(case.scene(elements, SPACES[space], element=element), t, step=step, **options)

@@ -14,11 +14,12 @@ from typing import Any
 from ...cli import study, threads
 from ...core.results import measured_on, sentence, versions, write
 from .. import peers
+from ..common_case import KINDS
 from . import errors, explicit, measurement, references
 from .measurement import COLUMNS, Row
 from .motions import MOTIONS, Motion
 from .report import markdown, pictures
-from .settings import BASE, ELEMENTS, METHODS, TARGETS
+from .settings import BASE, METHODS, TARGETS
 
 SECONDS = 660.0  # of the whole, but for native code and other programs
 EXPLICIT = 0.18  # of it, for explicit methods
@@ -111,7 +112,7 @@ def _measured(given: argparse.Namespace) -> tuple[list[Row], dict[str, errors.Er
 
 def _motion(motion: Motion, reference: references.Reference, seconds: float, quick: bool, progress: Progress) -> Iterator[Any]:
     """The errors of space and time, then rows."""
-    pairs = [pair for pair in product(ELEMENTS, METHODS) if not quick or pair in QUICK_PAIRS]
+    pairs = [pair for pair in product(KINDS, METHODS) if not quick or pair in QUICK_PAIRS]
     refused = {}
     for pair in pairs:
         progress.say(f"{motion.name}: native code, {', '.join(pair)}")

@@ -100,8 +100,8 @@ def costs(motion: Motion, setting: Setting, reference: Reference, row: Row, sol:
 
     def run() -> None:
         with torch.no_grad():
-            simulate(motion.scene(setting.element, setting.elements), motion.instants(setting.instants()),
-                     **setting.options(motion))
+            _ = simulate(motion.scene(setting.element, setting.elements), motion.instants(setting.instants()),
+                         **setting.options(motion)).tip.position
 
     seconds = seconds[:] if 2 * seconds[0] > left() else again(run, 0.3 * left())
     row = replace(row, seconds=min(seconds), seconds_median=median(seconds), repeats=len(seconds))
@@ -161,8 +161,9 @@ def _batch(motion: Motion, setting: Setting, row: Row, sol: Solution, allowed: f
             [0.0, steps], dtype=torch.float64)
         with torch.set_grad_enabled(gradient):
             made = simulate(motion.scene(setting.element, setting.elements, by), t, start, **setting.options(motion))
+            tip = made.tip.position
             if gradient:
-                made.tip.position.square().sum().backward()
+                tip.square().sum().backward()
 
     found: dict[str, Any] = dict(batch=many)
     for gradient, name in ((False, "batch_seconds"), (True, "batch_gradient")):

@@ -11,10 +11,9 @@ import torch
 from torch import Tensor
 
 from ...scene import effects as fx
-from ...scene.beam import Beam
 from ...scene.scene import Frame, Scene
 from ...scene.section import Section
-from ..common_case import STRIP
+from ..common_case import STRIP, straight
 
 INTERVALS = 600  # between the instants of a reference
 PARAMETERS = "stiffness", "mass", "load"  # multipliers, by which gradients are taken
@@ -50,18 +49,16 @@ class Motion:
         return self.of or self.name
 
     def scene(self, element: str, elements: int, by: Tensor | None = None, flat: bool = False) -> Scene:
-        """The scene by elements "linear", "linked" or "order 2".
+        """The scene by an element of `KINDS`.
 
         by    (..., 3) multipliers, see `PARAMETERS`; None = 1
         flat  in the plane that it stays in
         """
         by = torch.ones(3, dtype=torch.float64) if by is None else by
         stiffness, mass, load = by.unbind(-1)
-        beam = Beam.straight(by.new_tensor(self.length), elements, self.section(stiffness, mass),
-                             order=2 if element == "order 2" else 1)
+        beam = straight(by.new_tensor(self.length), elements, self.section(stiffness, mass), element)
         frame = {} if self.frame is None else dict(frame=self.frame(load))
-        return Scene(beam.linked() if element == "linked" else beam, self.effects(load),
-                     plane=(self.plane or self.flat) if flat else self.plane, **frame)
+        return Scene(beam, self.effects(load), plane=(self.plane or self.flat) if flat else self.plane, **frame)
 
     def instants(self, count: int = INTERVALS) -> Tensor:
         """(count + 1,) s, equally spaced."""

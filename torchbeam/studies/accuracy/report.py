@@ -9,11 +9,12 @@ from typing import Any
 
 from ...core.results import table
 from ...plot.canvas import grid, save
+from ..common_case import KINDS
 from .errors import Errors
 from .measurement import Row
 from .motions import MOTIONS, Motion
 from .references import Reference
-from .settings import BASE, ELEMENTS, FORMS, METHODS, TARGETS, Setting
+from .settings import BASE, FORMS, METHODS, TARGETS, Setting
 
 LOOKS = {"midpoint": "-", "midpoint4": "--", "generalized_alpha": ":", "adaptive": "-."}  # of lines, by method
 MARKS = {"linear": ("o", "C0"), "linked": ("s", "C1"), "order 2": ("^", "C2")}
@@ -129,7 +130,7 @@ def _batches(motions: Sequence[Motion], rows: Sequence[Row]) -> str:
 def _every(motions: Sequence[Motion], rows: Sequence[Row]) -> str:
     lines = []
     for motion in motions:
-        for element in ELEMENTS:
+        for element in KINDS:
             for method in METHODS:
                 own = [row for row in rows if (row.motion, row.element, row.method) == (motion.name, element, method)]
                 found = [best(own, target) for target in TARGETS]

@@ -8,7 +8,6 @@ from typing import Any
 
 from .motions import INTERVALS, Motion
 
-ELEMENTS = "linear", "linked", "order 2"
 METHODS = "midpoint", "midpoint4", "generalized_alpha", "adaptive"
 FORMS = "nodal, linked", "minimal", "block_rate"
 EXPLICIT = "dopri5", "dopri8", "bosh3", "rk4"
