@@ -1,8 +1,8 @@
 """How surely a trained controller brings the tip of a strip to its target, when stiffness and mass are not what they should be.
 
-The policy that `python -m torchbeam demo` learned on strips whose stiffness varies by 15 %, all equally likely; here stiffness and
-mass are lognormal with 15 % each, targets random, none of them seen before. As in the demo, the controller is given the action that
-holds the target. Success: within 2 % of the length over the last 0.2 s of an episode of 1 s.
+The policy that `python -m torchbeam demo` learned on strips whose stiffness varies by 15 %, all equally likely; here stiffness
+and mass are lognormal with 15 % each, targets random, none of them seen before. As in the demo, the controller is given the
+action that holds the target. Success: within 2 % of the length over the last 0.2 s of an episode of 1 s.
 """
 
 from pathlib import Path
