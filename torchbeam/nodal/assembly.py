@@ -62,6 +62,17 @@ def shared(parts: tuple[Tensor, Tensor], axes: int = 1) -> Tensor:
     return at_i(parts[0] / 2, axes) + at_j(parts[1] / 2, axes)
 
 
+def by_spins(by: Tensor, p: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Derivative (..., N, k, p + 2 s) by an element's numbers -> by dr_j - dr_i and by the spin of each node."""
+    s = (by.shape[-1] - p) // 2
+    return by.split((p, s, s), -1)
+
+
+def by_numbers(by_r: Tensor, by_i: Tensor, by_j: Tensor) -> Tensor:
+    """The inverse."""
+    return torch.cat((by_r, by_i, by_j), -1)
+
+
 def to_elements(move: Tensor, p: int) -> Tensor:
     """Moves of the nodes (..., N+1, w) -> (..., N, p + 2 s) of the elements."""
     r, spin = move.split((p, move.shape[-1] - p), -1)

@@ -221,7 +221,7 @@ def markdown(rows: Sequence[Row]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """How often stated intervals of identified parameters hold the truth."""
-    given, out = study(argv, "coverage", "Repeated identification of synthetic data: noise, a finer mesh, a wrong clock.",
+    given, out = study(argv, "identification", "Repeated identification of synthetic data: noise, a finer mesh, a wrong clock.",
                        quick="four repeats of two cases")
     cases = [replace(case, repeats=4) for case in CASES[:2]] if given.quick else CASES
     with threads(1):
@@ -231,7 +231,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for found in pool.map(measure, cases, range(len(cases))):
             rows += found
             text = "\n\n".join((about(), markdown(rows), sentence(heading)))
-            write(out, "coverage", text, {**heading, "about": about(), "rows": [asdict(r) for r in rows]},
+            write(out, "identification", text, {**heading, "about": about(), "rows": [asdict(r) for r in rows]},
                   tuple(asdict(rows[0])), (tuple(asdict(r).values()) for r in rows))
     print(text)
     return 0

@@ -7,16 +7,17 @@ import pytest
 
 from torchbeam.studies.identification import CASES, LEVEL, main
 
-STORED = Path(__file__).parents[3] / "docs" / "results" / "coverage" / "coverage.json"
+STORED = Path(__file__).parents[3] / "docs" / "results" / "identification" / "identification.json"
 
 
 @pytest.mark.long
 def test_quick_run_writes_its_files(tmp_path, capsys):
     assert main(["--quick", "--out", str(tmp_path)]) == 0
-    text, rows = (tmp_path / "coverage.md").read_text(), json.loads((tmp_path / "coverage.json").read_text())["rows"]
+    text = (tmp_path / "identification.md").read_text()
+    rows = json.loads((tmp_path / "identification.json").read_text())["rows"]
     assert text.strip() in capsys.readouterr().out
     assert [r["parameter"] for r in rows] == ["EI", "tau", "clamp", "tip"] * 2 and {r["repeats"] for r in rows} == {4}
-    assert len((tmp_path / "coverage.csv").read_text().splitlines()) == 9
+    assert len((tmp_path / "identification.csv").read_text().splitlines()) == 9
     assert all(r["converged"] == 4 and r["error"] < 4 for r in rows)
 
 

@@ -47,7 +47,7 @@ class LinearElement(Tree):
     def of(cls, nodes: Tensor, frames: Tensor, length: Tensor) -> LinearElement:
         positions, rotations = cls.chain.ends(nodes), cls.chain.ends(frames)
         B = cls.finite.strain_operator(cls.finite.kinematics(*positions, *rotations, length), length)
-        by_r, *by_spin = B.split(3, -1)
+        by_r, *by_spin = cls.chain.by_spins(B, 3)
         turned = torch.broadcast_tensors(by_r, *(by @ quat.matrix(q) for by, q in zip(by_spin, rotations, strict=True)))
         return cls(cls.chain.slopes(*positions), B, torch.cat(turned, -1))
 
