@@ -6,8 +6,8 @@ two gaps, with 3 % noise and offsets of their own; a ruler gives the sag to 0.2 
 of 0.25 ms, the model has 8 elements and steps of 0.5 ms. EI, the damping time, the clamp's stiffness and the tip mass are
 searched from 20 starts within a factor of 5 of a first guess, as one batch, on the compiled engine.
 
-All four are found within three standard deviations of the truth. Run as a script, it also draws the fit, the correlations and
-the profile of the clamp's stiffness into out/.
+Wherever a start says that it converged, all four are within three standard deviations of the truth. Run as a script, it also
+draws the fit, the correlations and the profile of the clamp's stiffness into out/.
 """
 
 import time
@@ -70,11 +70,12 @@ DATA = measured()
 begun = time.process_time()
 fit = tb.identify({"strike": strike, "sag": sag}, DATA, GUESS, log=True, starts=20, spread=5.0)
 SECONDS = time.process_time() - begun
-CHECK = max(abs(fit[name] - value) / fit.deviation[fit.names.index(name)] for name, value in TRUE.items()).item()
+RIGHT = fit.starts[fit.statuses == 0, :4]  # where starts ended that call themselves converged
+CHECK = ((RIGHT - torch.tensor(list(TRUE.values()))).abs() / fit.deviation[:4]).max().item()
 EXPECTED, TOLERANCE = 0.0, 3.0  # standard deviations
 
 print(fit.summary())
-print(f"within {CHECK:.1f} standard deviations of the truth; {SECONDS:.1f} s of one core")
+print(f"{len(RIGHT)} starts converged, within {CHECK:.1f} standard deviations of the truth; {SECONDS:.1f} s of one core")
 
 
 def draw(path: Path = Path("out/identify_accelerometers.png")) -> None:

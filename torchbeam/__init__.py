@@ -9,7 +9,16 @@ from .analysis.identification.identify import identify
 from .analysis.identification.measurement import Measurement
 from .analysis.identification.parameter import Parameter
 from .analysis.identification.smoothness import Smoothness
-from .analysis.monte_carlo import Samples, monte_carlo
+from .analysis.uncertainty import laws
+from .analysis.uncertainty.estimate import Estimate
+from .analysis.uncertainty.moment_derivatives import MomentDerivatives, moment_derivatives
+from .analysis.uncertainty.monte_carlo import monte_carlo
+from .analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
+from .analysis.uncertainty.rare_event import RareEvent, rare_event
+from .analysis.uncertainty.samples import Samples
+from .analysis.uncertainty.sobol_indices import SobolIndices, sobol_indices
+from .analysis.uncertainty.stream import Stream
+from .analysis.uncertainty.tornado import Tornado, tornado
 from .dynamics.explicit import ExplicitStepper
 from .dynamics.rollout import rollout
 from .dynamics.simulate import simulate
@@ -58,10 +67,12 @@ from .statics.path import Path, path
 
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Description", "Drag",
-    "Energy", "ExplicitStepper", "FieldFit", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load",
-    "MassDamping", "Measurement", "MixedState", "Modes", "PairedModes", "Parameter", "Path", "PerElement", "PerInterval",
-    "PointLoad", "PointMass", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Smoothness", "Solution", "Spring",
-    "State", "Stations", "Stats", "Stepper", "Support", "Table", "TipLoad", "advise", "block_rate", "consistent_state",
-    "critical_load", "describe", "equilibrium", "identify", "identify_fields", "linearize", "modal_assurance", "modes",
-    "monte_carlo", "observe", "pair_modes", "path", "plot", "rayleigh", "rest", "rollout", "sensors", "simulate",
+    "Energy", "Estimate", "ExplicitStepper", "FieldFit", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad",
+    "Linear", "Load", "MassDamping", "Measurement", "MixedState", "Modes", "MomentDerivatives", "PairedModes", "Parameter",
+    "Path", "PerElement", "PerInterval", "PointLoad", "PointMass", "RareEvent", "RootMotion", "RootSpring", "Samples",
+    "Scene", "Section", "Smoothness", "SobolIndices", "Solution", "Spring", "State", "Stations", "Stats", "Stepper",
+    "Stream", "Support", "Table", "TipLoad", "Tornado", "advise", "block_rate", "consistent_state", "critical_load",
+    "describe", "equilibrium", "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes",
+    "moment_derivatives", "monte_carlo", "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event",
+    "rayleigh", "rest", "rollout", "sensors", "simulate", "sobol_indices", "tornado",
 ]

@@ -20,22 +20,23 @@ class Chain:
         model, self.problem = problem.model, problem
         constants = Constants(model)
         trees = constants.at(problem.dt, problem.t, problem.inputs)
-        self.local, self.N, w = LocalFunctions(model, *trees), model.count, model.space.unknowns
-        nodes, elements, common, _ = map(flattened, trees)
+        self.local, w = LocalFunctions(model, *trees), model.space.unknowns
+        self.order, self.N, nodes = self.local.order, model.scene.beam.element_count, model.count + 1
+        of_nodes, of_elements, common, _ = map(flattened, trees)
         self.common = {f"common.{k}": x for k, (x, _) in enumerate(common)}
-        self.node = [{f"node.{k}": row(x, axes, j) for k, (x, axes) in enumerate(nodes)} | self.common
-                     | {name: getattr(problem.start, name)[j] for name in NODE} for j in range(self.N + 1)]
-        self.element = [{f"element.{k}": row(x, axes, j) for k, (x, axes) in enumerate(elements)} | self.common
-                        for j in range(self.N)]
-        self.kinds = Kinds.of(node_kinds(model, constants.loads))
+        self.node = [{f"node.{k}": rows(x, axes, j)[0] for k, (x, axes) in enumerate(of_nodes)} | self.common
+                     | {name: getattr(problem.start, name)[j] for name in NODE} for j in range(nodes)]
+        self.element = [{f"element.{k}": rows(x, axes, e, n) for k, ((x, axes), n) in enumerate(
+            zip(of_elements, self.local.element_rows, strict=True))} | self.common for e in range(self.N)]
+        self.kinds = Kinds.of(node_kinds(model, constants.loads), self.order)
         self.free, self.zero = model.constraints.moving.to(model.length), {"vector": torch.zeros(w), "block": torch.zeros(w, w)}
         self.unknown = [self.local.predictor(kind, **node) for kind, node in zip(self.kinds.nodes, self.node, strict=True)]
-        self.stress = list(problem.start.stress)
+        self.stress = list(problem.start.stress.split(self.order))
 
     def ends(self, e):
         """Fields of an element."""
         found = dict(self.element[e])
-        for side, j in (("i", e), ("j", e + 1)):
+        for j, side in enumerate(self.local.sides, self.order * e):
             found |= {f"{side}.{name}": x for name, x in (self.node[j] | self.unknown[j]).items() if name not in self.common}
         return found | {"stress": self.stress[e]}
 
@@ -44,33 +45,52 @@ class Chain:
         N, local, model = self.N, self.local, self.problem.model
         vector, block = self.zero["vector"], self.zero["block"]
         nothing = {"balance": vector, "asked": vector, "D": block, "inertia": vector}
-        sums, rows, elements, left = dict.fromkeys(SUMS, torch.zeros(())), [], [], {**nothing, "L": block}
-        ahead, y = block, vector
+        sums, lines, elements, left = dict.fromkeys(SUMS, torch.zeros(())), [], [], {**nothing, "L": block}
+        own = [local.node(kind, **node, **x) for kind, node, x in zip(self.kinds.nodes, self.node, self.unknown, strict=True)]
+        middles, ahead, y, order = [], block, vector, self.order
         for j in range(N + 1):
-            given = {f"own.{name}": x for name, x in local.node(self.kinds.nodes[j], **self.node[j], **self.unknown[j]).items()}
-            right = {**nothing, "U": block}
+            at, between, found = order * j, {}, []
+            given, right = {f"own.{name}": x for name, x in own[at].items()}, {**nothing, "U": block}
             if j < N:
-                elements.append(local.element(self.kinds.elements[j], **self.ends(j)))
-                right = {name[2:]: x for name, x in elements[j].items() if name[:2] == "i."} | {"U": elements[j]["U"]}
+                elements.append(between := local.element(self.kinds.elements[j], **self.ends(j)))
+                found.append(between)
+                if order == 2:
+                    given_middle = {f"own.{name}": x for name, x in own[at + 1].items()}
+                    given_middle |= {f"element.{name}": x for name, x in between.items()}
+                    held = bool((self.free[at + 1] == 0).any())
+                    between = local.condense(held, free=self.free[at + 1], **given_middle)
+                    middles.append(between)
+                    found.append(between)
+                right = {name[2:]: x for name, x in between.items() if name[:2] == "i."} | {"U": between["U"]}
             given |= {f"left.{name}": x for name, x in left.items()} | {f"right.{name}": x for name, x in right.items()}
-            held = bool((self.free[max(j - 1, 0):j + 2] == 0).any())
+            near = self.free[max(at - order, 0)], self.free[at], self.free[min(at + order, order * N)]
+            held = any(bool((x == 0).any()) for x in near)
             if held:
-                near = self.free[max(j - 1, 0)], self.free[j], self.free[min(j + 1, N)]
                 given |= dict(zip(("free_before", "free_here", "free_after"), near, strict=True))
-            rows.append(local.row(held, ahead=ahead, y=y, **given))
-            ahead, y = rows[j]["ahead"], rows[j]["y"]
-            for found in (rows[j], *elements[j:]):
-                sums = {name: torch.maximum(x, found.get(name, x)) for name, x in sums.items()}
+            lines.append(local.row(held, ahead=ahead, y=y, **given))
+            ahead, y = lines[j]["ahead"], lines[j]["y"]
+            for one in (lines[j], *found):
+                sums = {name: torch.maximum(x, one.get(name, x)) for name, x in sums.items()}
             if j < N:
-                left = {name[2:]: x for name, x in elements[j].items() if name[:2] == "j."} | {"L": elements[j]["L"]}
-        moves = [vector] * (N + 3)
+                left = {name[2:]: x for name, x in between.items() if name[:2] == "j."} | {"L": between["L"]}
+        moves = [vector] * (order * N + 1 + 2 * order)  # those of node j stand in the row j + order
         for j in reversed(range(N + 1)):
-            moves[j + 1] = local.back(rows[j]["ahead"], rows[j]["y"], moves[j + 2])["move"]
-        reactions = [local.reaction(rows[at]["rows"], rows[at]["asked"], self.free[at], *moves[at:at + 3])["reaction"]
-                     for at in model.constraints.nodes]
-        self.stress = [local.stress(stress, found["gap"], found["E"], moves[e + 1], moves[e + 2], **self.element[e])["stress"]
-                       for e, (stress, found) in enumerate(zip(self.stress, elements, strict=True))]
-        self.unknown = [local.update(kind, moves[j + 1], **self.node[j], **self.unknown[j])
+            at = order * (j + 1)
+            moves[at] = local.back(lines[j]["ahead"], lines[j]["y"], moves[at + order])["move"]
+        for e, one in enumerate(middles):
+            at = order * (e + 1)
+            back = (one[name] for name in ("own", "by_i", "by_j"))
+            moves[at + 1] = local.restore(*back, moves[at], moves[at + 2])["move"]
+        reactions = []
+        for at in model.constraints.nodes:
+            k, inner = divmod(at, order)
+            row, reach = (middles[k], 1) if inner else (lines[k], order)
+            near = moves[at + order - reach], moves[at + order], moves[at + order + reach]
+            reactions.append(local.reaction(row["rows"], row["asked"], self.free[at], *near)["reaction"])
+        self.stress = [local.stress(stress, found["gap"], found["E"], **self.element[e], **{
+            f"{side}.move": moves[k] for k, side in enumerate(local.sides, order * (e + 1))})["stress"]
+            for e, (stress, found) in enumerate(zip(self.stress, elements, strict=True))]
+        self.unknown = [local.update(kind, moves[j + order], **self.node[j], **self.unknown[j])
                         for j, kind in enumerate(self.kinds.nodes)]
         zero, one = torch.zeros(()), torch.ones(())
         size = local.judge(**sums, total=model.length.sum(), longest=model.length.amax(), exact=one, tolerance=one, before=zero,
@@ -79,7 +99,7 @@ class Chain:
 
     @property
     def x(self):
-        return MidpointUnknowns(*(torch.stack([x[name] for x in self.unknown]) for name in "um"), torch.stack(self.stress))
+        return MidpointUnknowns(*(torch.stack([x[name] for x in self.unknown]) for name in "um"), torch.cat(self.stress))
 
     def finish(self):
         """Fields of the nodes at the end, and the work done."""
@@ -88,7 +108,9 @@ class Chain:
         return {name: torch.stack([x[name] for x in found]) for name in NODE} | {"work": sum(x["work"] for x in found)}
 
 
-def row(x, axes, j):
-    """Of the node or element j; what all share has one row."""
+def rows(x, axes, k, count=1):
+    """Of node k, or of element k, which has so many; what all share has one row."""
     at = x.ndim - axes
-    return x.select(at, j if x.shape[at] > 1 else 0)
+    if x.shape[at] == 1:
+        return x.expand(*x.shape[:at], count, *x.shape[at + 1:])
+    return x.narrow(at, count * k, count)

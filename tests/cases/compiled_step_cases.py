@@ -85,10 +85,27 @@ SMALL = {f"{name}, small": scene for name, scene in {
 }.items()}
 SCENES = SPATIAL | PLANAR | SMALL
 
+QUADRATIC = {f"{name}, order 2": scene for name, scene in {
+    "one element": lambda: tb.Scene(straight(1, order=2)),
+    "everything": lambda: everything(straight(2, order=2)),
+    "everything in a plane": lambda: everything(straight(2, order=2), plane="xz"),
+    "everything small": lambda: everything(straight(2, order=2), small=True),
+    "curved, all loads": lambda: nodal_cases.scene(damping="six", order=2),
+    "curved, small": lambda: replace(nodal_cases.scene(effects=[tb.Damping(0.01)], order=2), small=True),
+    "inextensible": lambda: tb.Scene(straight(of=section(EA=torch.inf, GA=torch.inf), order=2), [
+        tb.TipLoad(force=(0, 1.0, 0))]),
+    "free": lambda: tb.Scene(straight(2, order=2), [tb.TipLoad(force=(0, 1.0, 0.2))], supports=()),
+    "supports": lambda: tb.Scene(straight(order=2), [tb.Gravity((0, 0, -9.81))], supports=[
+        tb.Support(1, rotation=""), tb.Support(4, position="yz", rotation=""), tb.Support(5, position="z", rotation="")]),
+    "hinges": lambda: tb.Scene(straight(2, order=2), [tb.Gravity((0, 0, -9.81))], supports=[
+        tb.Support(1, rotation="xz"), tb.Support(-1, position="yz", rotation="xy")]),
+}.items()}
+SCENES = SPATIAL | PLANAR | SMALL | QUADRATIC
 
-def everything(**where):
+
+def everything(beam=None, **where):
     """A scene with all kinds of effects at once."""
-    return tb.Scene(straight(4), [
+    return tb.Scene(straight(4) if beam is None else beam, [
         tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=tb.Input("u", 3)), tb.PointMass(0.2, offset=(0.05, 0, 0.02)),
         tb.PointLoad(node=1, force=lambda t: torch.stack((t, 0 * t, torch.sin(9 * t)))),
         tb.LineLoad(force=(0, 0, 0.3)), tb.Spring(2, 50.0, (0.3, 0.0, 0.4), length=0.1, damping=0.3), tb.MassDamping(0.3),

@@ -44,7 +44,7 @@ class Unsolved(Exception):
 @dataclass(frozen=True)
 class Spec:
     """A case, from which all of it follows: seed, how it is solved, in which space, ingredients by kind, elements, start;
-    `short`: explicit forms make one step instead of two.
+    `short`: explicit forms make one step instead of two; the order of the elements.
     """
 
     seed: int
@@ -54,6 +54,7 @@ class Spec:
     initial: str = "rest"
     count: int = 2
     short: bool = False
+    order: int = 1
 
 
 class Row(NamedTuple):
@@ -100,7 +101,7 @@ class Case:
     def __post_init__(self) -> None:
         s = self.spec
         self.plane = s.space if s.space in ("xy", "xz") else "xy" if s.space == "auto" else None
-        self.draw = d = Draw(s.seed, self.plane, s.count)
+        self.draw = d = Draw(s.seed, self.plane, s.count, s.order)
         kinds: dict[str, list] = {kind: [] for kind in TABLE}
         for kind, name in s.names:
             kinds[kind].append(TABLE[kind][name](d))
@@ -109,7 +110,7 @@ class Case:
 
     def _placed(self) -> None:
         """Times, inputs that move, and the initial state."""
-        d, s, nodes = self.draw, self.spec, self.spec.count + 1
+        d, s, nodes = self.draw, self.spec, self.spec.order * self.spec.count + 1
         if s.way == "equilibrium":
             self.t = d.tensor("t", d.uniform(low=0.27, high=0.35), alone=True)
         elif "stepper" in s.way:

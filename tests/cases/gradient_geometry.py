@@ -132,68 +132,79 @@ def _placing(d):
 @ingredient("beam", "straight")
 def straight(d):
     length, placing = d.number("length", 0.9, 1.2), _placing(d)
-    return lambda x, section: tb.Beam.straight(length(x), d.count, section, **placing(x))
+    return lambda x, section: tb.Beam.straight(length(x), d.count, section, order=d.order, **placing(x))
 
 
 @ingredient("beam", "plain")
 def unplaced(d):
     length = d.number("length", 0.9, 1.2)
-    return lambda x, section: tb.Beam.straight(length(x), d.count, section)
+    return lambda x, section: tb.Beam.straight(length(x), d.count, section, order=d.order)
 
 
 @ingredient("beam", "twisted")
 def twisted(d):
     length, twist, placing = d.number("length", 0.9, 1.2), d.number("twist", 0.4, 0.8), _placing(d)
-    return lambda x, section: tb.Beam.straight(length(x), d.count, section, twist=twist(x), **placing(x))
+    return lambda x, section: tb.Beam.straight(length(x), d.count, section, twist=twist(x), order=d.order, **placing(x))
 
 
 @ingredient("beam", "twisted by a Table")
 def twisted_by_table(d):
     length, placing = d.number("length", 0.9, 1.2), _placing(d)
     s, twist = d.tensor("table s", torch.tensor([-0.2, 0.7, 1.5]), size=0.1), d.tensor("table twist", d.uniform(3))
-    return lambda x, section: tb.Beam.straight(length(x), d.count, section, twist=tb.Table(s(x), twist(x)), **placing(x))
+    return lambda x, section: tb.Beam.straight(length(x), d.count, section, twist=tb.Table(s(x), twist(x)), order=d.order,
+                                               **placing(x))
 
 
 @ingredient("beam", "arc")
 def arc(d):
     radius, angle = d.number("radius", 0.8, 1.0), d.number("angle", 0.8, 1.4)
     placing = _placing(d) if d.plane != "xz" else lambda x: {}
-    return lambda x, section: tb.Beam.arc(radius(x), angle(x), d.count, section, **placing(x))
+    return lambda x, section: tb.Beam.arc(radius(x), angle(x), d.count, section, order=d.order, **placing(x))
 
 
 @ingredient("beam", "curve", ("number", "function"))
 def curve(d, form):
     length, k, placing = d.number("length", 0.9, 1.2), d.vector("curvature", 0.8, True), _placing(d)
     if form == "number":
-        return lambda x, section: tb.Beam.curve(length(x), d.count, section, k(x), **placing(x))
+        return lambda x, section: tb.Beam.curve(length(x), d.count, section, k(x), order=d.order, **placing(x))
     return lambda x, section: tb.Beam.curve(length(x), d.count, section,
-                                            lambda s: k(x)[..., None, :] * (1 + s[..., None]), **placing(x))
+                                            lambda s: k(x)[..., None, :] * (1 + s[..., None]), order=d.order, **placing(x))
 
 
 def _nodes(d):
-    line = torch.zeros(d.count + 1, 3)
-    line[:, 0] = torch.linspace(0, 1, d.count + 1)
+    """Of order 2 those between the ends of elements half way, but for a twentieth."""
+    N = d.count
+    line = torch.zeros(N + 1, 3)
+    line[:, 0] = torch.linspace(0, 1, N + 1)
     basis = torch.eye(3) if d.plane is None else torch.eye(3)[list(POLAR[d.plane])]
-    wave = d.tensor("nodes", line @ basis.mT + 0.15 * d.uniform(d.count + 1, len(basis)), size=0.2)
+    line = line @ basis.mT + 0.15 * d.uniform(N + 1, len(basis))
+    if d.order == 2:
+        half = (line[:-1] + line[1:]) / 2 + 0.05 * d.uniform(N, len(basis))
+        line = torch.cat((torch.stack((line[:-1], half), 1).flatten(0, 1), line[-1:]))
+    wave = d.tensor("nodes", line, size=0.2 / d.order)
     return lambda x: wave(x) @ basis
 
 
 @ingredient("beam", "from_nodes", ("tensor", "list"))
 def from_nodes(d, form):
     nodes = _nodes(d)
-    return lambda x, section: tb.Beam.from_nodes(nodes(x) if form == "tensor" else list(nodes(x).unbind(-2)), section)
+    return lambda x, section: tb.Beam.from_nodes(
+        nodes(x) if form == "tensor" else list(nodes(x).unbind(-2)), section, order=d.order)
 
 
 @ingredient("beam", "from_nodes frames")
 def from_nodes_frames(d):
-    nodes = _nodes(d)
-    up = d.tensor("frames up", torch.tensor([0.1, 0.3, 1.0]) + 0.1 * d.uniform(d.count, 3)) if d.plane is None else (
-        lambda x: torch.tensor([0.0, 0, 1]).expand(d.count, 3))
+    """Frames of the elements; of order 2 of the nodes, about along the line."""
+    nodes, count = _nodes(d), d.count if d.order == 1 else 2 * d.count + 1
+    up = d.tensor("frames up", torch.tensor([0.1, 0.3, 1.0]) + 0.1 * d.uniform(count, 3)) if d.plane is None else (
+        lambda x: torch.tensor([0.0, 0, 1]).expand(count, 3))
 
     def beam(x, section):
         e = nodes(x).diff(dim=-2)
+        if d.order == 2:
+            e = torch.cat((e[..., :1, :], e[..., :-1, :] + e[..., 1:, :], e[..., -1:, :]), -2)
         e = e / torch.linalg.vector_norm(e, dim=-1, keepdim=True)
         z = up(x) - (up(x) * e).sum(-1, keepdim=True) * e
         z = z / torch.linalg.vector_norm(z, dim=-1, keepdim=True)
-        return tb.Beam.from_nodes(nodes(x), section, torch.stack((e, torch.linalg.cross(z, e), z), -1))
+        return tb.Beam.from_nodes(nodes(x), section, torch.stack((e, torch.linalg.cross(z, e), z), -1), order=d.order)
     return beam

@@ -27,9 +27,9 @@ class Draw:
     inputs   of the scene: reader of what is given by name
     """
 
-    def __init__(self, seed: int, plane: str | None, count: int) -> None:
+    def __init__(self, seed: int, plane: str | None, count: int, order: int = 1) -> None:
         self.random = torch.Generator().manual_seed(seed)
-        self.plane, self.count = plane, count
+        self.plane, self.count, self.order = plane, count, order
         self.tensors: Tensors = {}
         self.size: dict[str, float] = {}
         self.alone: set[str] = set()

@@ -6,9 +6,11 @@ With a line for each scene:  python tests/properties/test_engine_fuzz.py --cases
 import argparse
 import collections
 import os
+import random
 import sys
 import time
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -51,10 +53,13 @@ def distance(spec: Spec) -> tuple[float, float]:
 
 
 class EngineFuzz:
-    """Random scenes that native code is to take: rows (Spec, distance of values, of gradients), refused by sentence."""
+    """Random scenes that native code is to take, of elements of either order: rows (Spec, distance of values, of gradients),
+    refused by sentence.
+    """
 
     def __init__(self, seed: int) -> None:
         self.source, self.rows, self.refused = Fuzz(seed), [], collections.Counter()
+        self.random = random.Random(seed)
 
     def run(self, cases: int, seconds: float = float("inf"), told: bool = False) -> None:
         begin = time.process_time()
@@ -62,6 +67,8 @@ class EngineFuzz:
             spec = self.source._spec()
             if spec.way not in WAYS:
                 continue
+            if self.random.random() < 0.5:  # as many nodes, about
+                spec = replace(spec, order=2, count=spec.count - 1)
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")

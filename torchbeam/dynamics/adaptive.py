@@ -32,7 +32,7 @@ from ..state.state import State
 from .dense_output import between, extrapolated, with_means
 from .events import Events
 from .step_control import Controlled, controlled
-from .step_sequence import StepSequence
+from .step_sequence import StepSequence, picked
 from .stepper import Stepper
 from .tolerance import Tolerance
 
@@ -109,7 +109,7 @@ def adaptive(stepper: Stepper, start: State, t: Tensor, inputs: dict[str, Any], 
     if any(one.key() == torch._C._functorch.TransformType.Vmap for one in stack):
         raise ValueError("rtol or atol was given within torch.func.vmap, where samples cannot have steps of their own; batch "
                          "axes of the scene are wanted, or a step")
-    order = getattr(stepper.method, "ORDER", 2)
+    order = stepper.method.ORDER
     stops = t.detach() if any(isinstance(v, PerInterval) for v in inputs.values()) else t.detach()[[0, -1]]
     runs = _Runs(stepper, start, inputs, order)
     with no_derivatives():
@@ -203,18 +203,9 @@ def _event(near: State, steps: Controlled, events: Events, motion: PrescribedMot
         change = (values[1:].sign() * values[:-1].sign() <= 0) & (values[:-1] != 0)
         smallest = values.abs().argmin(0).clamp(max=len(change) - 1)
         at = torch.where(change.any(0), change.long().argmax(0), smallest)
-    t, state = events.zero(*(_picked(near, k) for k in (at, at + 1)), number, motion)
+    t, state = events.zero(*(picked(near, k) for k in (at, at + 1)), number, motion)
     met = number >= 0
     return Event(number, torch.where(met, t, torch.inf), state)
-
-
-def _picked(states: State, at: Tensor) -> State:
-    """Of states (n, ...) that with the number `at` (...), each sample's own."""
-    def taken(x: Tensor) -> Tensor:
-        own = at.reshape(1, *at.shape, *(1,) * (x.ndim - at.ndim - 1)).expand(1, *x.shape[1:])
-        return x.gather(0, own)[0]
-
-    return states.map(taken)
 
 
 def _held(states: State, start: State, t: Tensor, steps: Controlled, proof: Proof, event: Event | None) -> State:
@@ -226,7 +217,7 @@ def _held(states: State, start: State, t: Tensor, steps: Controlled, proof: Proo
     k = torch.arange(len(t), device=t.device)[own]
     late = (k >= proof.good) | ((steps.status != SUCCESS) & (times > steps.sequence.end))
     if late.any() and (proof.good < len(t)).any():
-        kept = _picked(states, last).map(lambda x: x[None])
+        kept = picked(states, last).map(lambda x: x[None])
         states = states.where(k < proof.good, kept.map(lambda x: x.expand(len(t), *x.shape[1:])))
     if event is not None and event.state is not None:
         stopped = (steps.event >= 0) & (times > concrete(event.t))

@@ -77,15 +77,17 @@ class Events:
             width = high - low
             g_low, g_high = value(low), value(high)
             apart = g_low.sign() * g_high.sign() <= 0
-            at = torch.where(g_low.abs() <= g_high.abs(), low, high)
+            at, before = torch.where(g_low.abs() <= g_high.abs(), low, high), torch.zeros_like(low)
             for _ in range(TRIALS):
                 slope = g_high - g_low
                 trial = (low - g_low * (high - low) / torch.where(slope != 0, slope, torch.ones_like(slope)))
                 trial = torch.minimum(torch.maximum(trial, low), high)
                 g = value(trial)
                 left = g.sign() * g_low.sign() > 0  # the zero lies behind it
-                g_low, g_high = (torch.where(left, g, g_low * 0.5), torch.where(left, g_high * 0.5, g))
-                low, high = torch.where(left, trial, low), torch.where(left, high, trial)
+                side = torch.where(left, 1.0, -1.0).to(before)
+                kept = torch.where(side == before, 0.5, 1.0).to(before)  # the value at an end that stays for the second time
+                g_low, g_high = torch.where(left, g, g_low * kept), torch.where(left, g_high * kept, g)
+                low, high, before = torch.where(left, trial, low), torch.where(left, high, trial), side
                 moved, at = (trial - at).abs(), torch.where(apart, trial, at)
                 if not (apart & (moved > 4 * torch.finfo(at.dtype).eps * (at.abs() + width))).any():
                     break

@@ -12,11 +12,16 @@ import torch
 from torch import Tensor
 
 from ..core.derivatives import no_derivatives
+from ..core.status import SUCCESS
 from ..core.validation import concrete
 from ..math.shapes import broadcast_shapes
 from ..nodal.loads import external
+from ..nodal.model import Model
 from ..scene.effects import Effect
 from ..solvers.newton import newton
+from ..state.state import State
+from .held_inputs import HeldInputs
+from .method import Method
 from .midpoint import MidpointProblem
 
 ITERATES = 6  # of Newton's method that are looked at
@@ -123,6 +128,25 @@ class Failure(NamedTuple):
     def _size(self, value: Tensor) -> Tensor:
         """(...) of the samples."""
         return value.expand(*self.failed.shape, *value.shape[-2:]).abs().amax((-1, -2))
+
+
+class Failures(dict[int, Failure]):
+    """The first failure of a stepper by its status."""
+
+    def remember(self, method: Method, model: Model, state: State, dt: Tensor, t: Tensor, inputs: HeldInputs, status: Tensor
+                 ) -> None:
+        """What a step over dt from `state` at t on has failed at for good, where its status (...) is a new one, to be asked for
+        a reason; nothing that carries gradient.
+        """
+        for code in set(concrete(status).flatten().tolist()) - {SUCCESS, *self}:
+            begin, length = t.detach(), dt.detach()
+            held = {name: value.detach() for name, value in inputs(method.INSTANT).items()}
+            problem = method.problem(model, state.detach(), length, begin + method.INSTANT * length, held)
+            self[code] = Failure(problem, status == code)
+
+    def reasons(self) -> dict[int, str]:
+        """Sentences by status, where one is found."""
+        return {code: found for code, failed in self.items() if (found := failed.reason()) is not None}
 
 
 def _level(*parts: Tensor) -> tuple[Tensor, ...]:

@@ -28,7 +28,7 @@ from torch import Tensor
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
 from ..nodal import loads as external
-from ..nodal.balance import Linearisation, Residual, largest, restrained_forces, size_of_strain
+from ..nodal.balance import ChainTangent, Linearisation, Residual, largest, restrained_forces, size_of_strain
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import InertiaForces
 from ..nodal.loads import Nodes
@@ -208,12 +208,16 @@ class MidpointProblem(Tree):
         sizes = *sizes, size_of_strain(element.felt, self.eigenstrain)
         return Residual(model.constraints, nodes, element.gap, *sizes), way, element, inertia
 
-    def linearise(self, x: MidpointUnknowns, way: StepKinematics, element: ElementBalance, inertia: InertiaForces
-                  ) -> Linearisation:
-        """The tangent by the nodes' moves, see `TANGENT`."""
+    def tangent(self, x: MidpointUnknowns, way: StepKinematics, element: ElementBalance, inertia: InertiaForces
+                ) -> ChainTangent:
+        """By the nodes' moves, see `TANGENT`."""
         nodes, blocks = self.node_tangent(way, inertia)
         tangent = self.element.tangent(element, x.stress, lambda: self.model.space.chain.ends(nodes.half, 2))
-        return Linearisation.condense(self.model, tangent.stiffness, blocks, tangent.hB, self.C, tangent.E)
+        return ChainTangent.condense(self.model.space, tangent.stiffness, blocks, tangent.hB, self.C, tangent.E)
+
+    def linearise(self, x: MidpointUnknowns, way: StepKinematics, element: ElementBalance, inertia: InertiaForces
+                  ) -> Linearisation:
+        return Linearisation.of(self.model, self.tangent(x, way, element, inertia))
 
     def load_tangent(self, nodes: MidpointTangent) -> Tensor | float:
         """Derivative of `external` by the nodes' moves, (..., N+1, w, w)."""

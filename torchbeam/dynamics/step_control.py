@@ -20,8 +20,8 @@ from ..core.status import SUCCESS, TOO_MANY, UNDERFLOW
 from ..core.validation import concrete
 from ..state.state import State
 from .events import Events
-from .step_sequence import StepSequence
-from .step_series import inputs_over, part_of, series, without_parts
+from .step_sequence import StepSequence, picked
+from .step_series import inputs_by_sample, part_of, series, without_parts
 from .stepper import Stepper
 from .tolerance import Tolerance
 
@@ -168,7 +168,7 @@ class _Run:
         record.numbers.append((self.counts + k + 1)[used])
         some = taken > 0
         at = (taken - 1).clamp(min=0)
-        last = _pick(ends, at)
+        last = picked(ends, at)
         self.state = last.where(some, self.state)
         self.values = self.events.picked(values, at, some, self.values)
         self.t = torch.where(some, instants.gather(0, at[None])[0], self.t)
@@ -208,11 +208,7 @@ class _Run:
 
     def _series(self, state: State, dt: Tensor, t: Tensor) -> State:
         """See `series`; samples that are not going stay."""
-        inputs = self.inputs
-        if inputs:
-            middle = t + self.stepper.method.INSTANT * dt
-            interval = torch.bucketize(middle, self.stops, right=True).sub(1).clamp(0, len(self.stops) - 2)
-            inputs = inputs_over(inputs, middle, interval, self.stops)
+        inputs = inputs_by_sample(self.inputs, t + self.stepper.method.INSTANT * dt, self.stops)
         active = (self.going & (self.state.status == SUCCESS)).expand(dt.shape[1:])
         return series(self.stepper, state, dt, t, inputs, active)
 
@@ -234,12 +230,3 @@ class _Run:
 def _leading(mask: Tensor) -> Tensor:
     """How many (...) of the first of a mask (K, ...) hold without a gap."""
     return mask.long().cumprod(0).sum(0)
-
-
-def _pick(states: State, at: Tensor) -> State:
-    """Of states (K, ...) that with the number `at` (...), each sample's own."""
-    def taken(x: Tensor) -> Tensor:
-        own = at.reshape(1, *at.shape, *(1,) * (x.ndim - at.ndim - 1)).expand(1, *x.shape[1:])
-        return x.gather(0, own)[0]
-
-    return states.map(taken)

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
@@ -93,11 +92,10 @@ class MidpointElement(StepElement):
 
     def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
         """half() (..., N, s, s) of an element's nodes: half the spin of a rotation at the end by its spin at mid step."""
-        space, halves = self.space, half()
-        sizes = space.position, *[space.spin] * len(halves)
-        by_r, *by_spin = space.strain_operator(found.end, self.length).split(sizes, -1)
-        turned = [by @ own for by, own in zip(by_spin, halves, strict=True)]
-        E = self.law.felt_by(torch.cat((by_r, *turned), -1), self.rate)
+        space = self.space
+        by_r, *by_spin = space.chain.by_spins(space.strain_operator(found.end, self.length), space.position)
+        turned = (by @ own for by, own in zip(by_spin, half(), strict=True))
+        E = self.law.felt_by(space.chain.by_numbers(by_r, *turned), self.rate)
         return self._tangent(found.acting, stress, space.strain_operator(found.acting, self.length), E)
 
 

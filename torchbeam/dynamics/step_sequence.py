@@ -12,10 +12,9 @@ from torch import Tensor
 
 from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.leaves import Tree, leaf
-from ..scene.effects import PerInterval
 from ..state.state import State
 from .rollout import AT_ONCE
-from .step_series import inputs_over, part_of, series
+from .step_series import inputs_by_sample, part_of, series
 from .stepper import ROOM, Stepper
 
 
@@ -68,7 +67,6 @@ class StepSequence(Tree):
         found, places = _rows(start.map(lambda x: x[None]), numbers == 0, numbers * 0)
         parts, spots, state = [found], [places], start
         done, sequence, place = 0, self, torch.arange(width, device=numbers.device)
-        like, stops = self.instants, sequence.stops
         while done < int(total.max()):
             going = total > done
             few = BatchSubset.worthwhile(going)
@@ -83,10 +81,7 @@ class StepSequence(Tree):
             size = max(1, ROOM // (going.numel() * start.position.shape[-2]))
             stop = min(done + min(AT_ONCE, size), following)
             begin, length = sequence.steps(done, stop, level)
-            middle = begin + stepper.method.INSTANT * length
-            moved = {name for name, v in inputs.items() if callable(v) or isinstance(v, PerInterval)}
-            interval = torch.bucketize(middle, stops, right=True).sub(1).clamp(0, max(len(stops) - 2, 0)) if moved else None
-            held = inputs_over(inputs, middle, interval, like)
+            held = inputs_by_sample(inputs, begin + stepper.method.INSTANT * length, self.stops)
             made = series(stepper, state, length, begin, held, going)
             wanted = (numbers > done) & (numbers <= stop)
             rows, here = _rows(made, wanted, numbers - done - 1)
@@ -98,6 +93,15 @@ class StepSequence(Tree):
         shape = (len(numbers), *self.counts.shape)
         joined = parts[0].map(lambda *x: torch.cat(x)[order], *parts[1:])
         return joined.map(lambda x: x.reshape(*shape, *x.shape[1:]))
+
+
+def picked(states: State, at: Tensor) -> State:
+    """Of states (n, ...) that with the number `at` (...), each sample's own."""
+    def taken(x: Tensor) -> Tensor:
+        own = at.reshape(1, *at.shape, *(1,) * (x.ndim - at.ndim - 1)).expand(1, *x.shape[1:])
+        return x.gather(0, own)[0]
+
+    return states.map(taken)
 
 
 def _rows(states: State, wanted: Tensor, at: Tensor) -> tuple[State, Tensor]:

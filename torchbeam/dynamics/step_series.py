@@ -15,6 +15,7 @@ from ..core.status import SUCCESS
 from ..scene.effects import Inputs, PerInterval
 from ..state.state import State
 from .composed import natively
+from .failure import Failures
 from .stepper import Stepper
 
 
@@ -73,19 +74,19 @@ def _natively(stepper: Stepper, state: State, dt: Tensor, t: Tensor, inputs: Inp
     return stepper.model.space.to_public(after)
 
 
-def inputs_over(inputs: dict[str, Any], t: Tensor, interval: Tensor, like: Tensor) -> Inputs:
-    """Inputs by name at the times t (K, ...), in the intervals with these numbers (K, ...): what is held as it is, all else as
-    (K, ..., size).
+def inputs_by_sample(inputs: dict[str, Any], t: Tensor, stops: Tensor) -> Inputs:
+    """Inputs by name at the times t (K, ...) s, of which values per interval change at the stops (n) s: what is held as it is,
+    all else as (K, ..., size).
     """
     def value(name: str, v: Any) -> Any:
         if isinstance(v, PerInterval):
             values = v.value if isinstance(v.value, Tensor) else torch.as_tensor(v.value)
-            values = values.to(like).expand(*t.shape, *values.shape[-2:])
-            at = interval[..., None, None].expand(*t.shape, 1, values.shape[-1])
-            return values.gather(-2, at)[..., 0, :]
+            values = values.to(stops).expand(*t.shape, *values.shape[-2:])
+            interval = torch.bucketize(t, stops, right=True).sub(1).clamp(0, len(stops) - 2)
+            return values.gather(-2, interval[..., None, None].expand(*t.shape, 1, values.shape[-1]))[..., 0, :]
         if not callable(v):
             return v
-        found = at_time(lambda now: taken(f"the input {name!r}", v(now), like), t)
+        found = at_time(lambda now: taken(f"the input {name!r}", v(now), stops), t)
         return found.expand(*t.shape, found.shape[-1])
 
     return {name: value(name, v) for name, v in inputs.items()}
@@ -97,7 +98,7 @@ def part_of(few: BatchSubset, stepper: Stepper, inputs: dict[str, Any]) -> tuple
     part.model = few.gather(stepper.model)
     part.scene = part.model.scene
     part.solver = stepper.solver.of(part.model)
-    part.iterations, part.failures, part._last = None, {}, None
+    part.iterations, part.failures, part._last = None, Failures(), None
 
     def taken_of(v: Any) -> Any:
         if isinstance(v, PerInterval):
@@ -110,7 +111,7 @@ def part_of(few: BatchSubset, stepper: Stepper, inputs: dict[str, Any]) -> tuple
 def without_parts(stepper: Stepper) -> Stepper:
     """The stepper that makes no failed step in parts."""
     other = copy(stepper)
-    other.halvings, other.failures = 0, {}
+    other.halvings, other.failures = 0, Failures()
     return other
 
 

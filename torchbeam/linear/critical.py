@@ -192,6 +192,8 @@ class _Path:
         value = value.gather(-1, slow)
         real, size = value.real, value.abs()
         turning = value.imag > COMPLEX * size
+        if model.conservative and not self.damped:  # s is real, whatever rounding makes of it where K is next to singular
+            turning = torch.zeros_like(turning)
         if self.damped:
             flutter = torch.where(turning, real, -torch.inf)
             grows = real > GROWING * size

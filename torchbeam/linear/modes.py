@@ -21,7 +21,6 @@ from ..core.validation import concrete
 from ..math.quadratic_eigen import DENSE, attach, slowest, slowest_of_chain, upright
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
-from ..scene.prescribed_motion import turning
 from ..scene.scene import Scene
 from ..state.state import State, check_state
 from ..statics.equilibrium import equilibrium
@@ -107,7 +106,7 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
         raise ValueError(f"count = {count} was given; {scene.beam.element_count} elements have at most {free} modes")
     M, D, K, lags = chains(model, state, instant("t", t, scene.beam.nodes), scene.tensors(inputs))
     derivatives = wants_gradient(*(x for blocks in (M, D, K, lags or ()) for x in blocks))
-    symmetric = not D and lags is None and all(load.conservative for load in scene.loads) and not turning(scene)
+    symmetric = not D and lags is None and model.conservative
     pairs = None
     if symmetric and scene.beam.order == 1 and free > max(DENSE, 4 * count):
         with no_derivatives():

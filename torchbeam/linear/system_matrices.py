@@ -108,10 +108,8 @@ def dense(model: Model, *blocks: Tensor) -> Tensor:
     shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
     A = blocks[0].new_zeros(*shape, nodes, w, nodes, w)
     at = torch.arange(nodes, device=A.device)
-    rows, columns = (at, at[:-1], at[1:]), (at, at[1:], at[:-1])
-    if len(blocks) > 3:  # of elements of three nodes
-        rows, columns = (*rows, at[:-1:2], at[2::2]), (*columns, at[2::2], at[:-1:2])
-    for block, row, column in zip(blocks, rows, columns, strict=False):
+    rows, columns = model.space.chain.coupled(at, 0)
+    for block, row, column in zip(blocks, (at, *rows), (at, *columns), strict=False):
         A[..., row, :, column, :] = block.expand(*shape, len(row), w, w).movedim(-3, 0)
     free = model.constraints.moving.flatten().nonzero()[:, 0]
     return A.flatten(-4, -3).flatten(-2).index_select(-1, free).index_select(-2, free)

@@ -99,10 +99,19 @@ def arc_ratio(c: Tensor, s2: Tensor) -> Tensor:
     return torch.where(small, 1 + s2 / 6 + 3 * s2 * s2 / 40, torch.atan2(s, c) / s)
 
 
+def nearer(q: Tensor, to: Tensor) -> Tensor:
+    """Of q and -q, the same rotation, the one that is nearer; in a plane as well, where a rotation is (cos, sin)."""
+    return torch.where((q * to).sum(-1, keepdim=True) < 0, -q, q)
+
+
 def half_way(p: Tensor, q: Tensor) -> Tensor:
     """The rotation half way from p to q along the shorter arc."""
-    nearer = torch.where((p * q).sum(-1, keepdim=True) < 0, -q, q)
-    return normalize(p + nearer)
+    return normalize(p + nearer(q, p))
+
+
+def aligned(q_1: Tensor, q_2: Tensor, q_3: Tensor) -> Tensor:
+    """Three rotations (..., 3, 4), to be interpolated: each by that of its two quaternions which is nearer to the second's."""
+    return torch.stack((nearer(q_1, q_2), q_2, nearer(q_3, q_2)), -2)
 
 
 def from_matrix(R: Tensor) -> Tensor:

@@ -34,6 +34,11 @@ def ends(x: Tensor, axes: int = 1) -> tuple[Tensor, Tensor]:
     return x.narrow(-1 - axes, 0, N), x.narrow(-1 - axes, 1, N)
 
 
+def slopes(x_i: Tensor, x_j: Tensor) -> Tensor:
+    """What an element's motion is told by of values (..., N, *) at its nodes: their difference."""
+    return x_j - x_i
+
+
 def at_i(x: Tensor, axes: int = 1) -> Tensor:
     """What each element (..., N, *) gives its node i, as nodes (..., N+1, *)."""
     return pad(x, (0, 0) * axes + (0, 1))
@@ -55,6 +60,17 @@ def coupled(x: Tensor, axes: int = 1) -> tuple[tuple[Tensor, ...], tuple[Tensor,
 def shared(parts: tuple[Tensor, Tensor], axes: int = 1) -> Tensor:
     """What elements stand for, as seen by each of their nodes (..., N, *), at the nodes (..., N+1, *): half of it each."""
     return at_i(parts[0] / 2, axes) + at_j(parts[1] / 2, axes)
+
+
+def by_spins(by: Tensor, p: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Derivative (..., N, k, p + 2 s) by an element's numbers -> by dr_j - dr_i and by the spin of each node."""
+    s = (by.shape[-1] - p) // 2
+    return by.split((p, s, s), -1)
+
+
+def by_numbers(by_r: Tensor, by_i: Tensor, by_j: Tensor) -> Tensor:
+    """The inverse."""
+    return torch.cat((by_r, by_i, by_j), -1)
 
 
 def to_elements(move: Tensor, p: int) -> Tensor:

@@ -54,11 +54,30 @@ def scaled(force: Tensor, moment: Tensor, gap: Tensor, largest_force: Tensor, la
     number = torch.finfo(force.dtype)
     # strains below ROUNDING eps are differences of positions that floating point does not hold
     gap = (gap - ROUNDING * number.eps).clamp(min=0)
-    over = torch.maximum(force / (largest_force + number.tiny), moment / (largest_moment + number.tiny))
+    # loads so small that motions under them are denormal, where products round as they like, count as none
+    none = number.tiny**0.5
+    over = torch.maximum(force / (largest_force + none), moment / (largest_moment + none))
     return torch.maximum(over, gap / (size_strain + number.eps))
 
 
 ROUNDING = 1000.0
+
+
+class ChainTangent(NamedTuple):
+    """Derivative of a balance whose stress is condensed, whatever supports hold. blocks: of the chain's matrix, see `mass`;
+    hB, E (..., N, k, p + 2 s): h times the strain operator, and the derivative of the gap by the moves; C (..., N or 1, k, k or
+    1).
+    """
+
+    blocks: Blocks
+    hB: Tensor
+    C: Tensor
+    E: Tensor
+
+    @classmethod
+    def condense(cls, space: Space, rest: Tensor, nodes: Blocks, hB: Tensor, C: Tensor, E: Tensor) -> ChainTangent:
+        """rest (..., N, p + 2 s, p + 2 s) of elements at fixed stress; nodes: what these, and the mass they share, add."""
+        return cls(add(space.to_blocks(rest + hB.mT @ times(C, E)), nodes), hB, C, E)
 
 
 class Linearisation(NamedTuple):
@@ -77,22 +96,21 @@ class Linearisation(NamedTuple):
     midside: Midside | None = None  # of elements of three nodes: D, L and U are then those of the end nodes
 
     @classmethod
-    def condense(cls, model: Model, rest: Tensor, nodes: Blocks, hB: Tensor, C: Tensor, E: Tensor) -> Linearisation:
-        """rest (..., N, p + 2 s, p + 2 s) of elements at fixed stress; nodes: what these, and the mass they share, add."""
-        D, U, L, *far = add(model.space.to_blocks(rest + hB.mT @ times(C, E)), nodes)
+    def of(cls, model: Model, tangent: ChainTangent) -> Linearisation:
+        """With the supports of a model."""
         constraints, midside = model.constraints, ()
+        D, U, L, *far = tangent.blocks
         rows = constraints.rows(D, L, U, *far)
+        D, L, U, *far = constraints.matrix(D, L, U, *far)
         if far:
-            D, L, U, *midside = condensed(*constraints.whole(D, L, U, *far))
-        else:
-            D, L, U = constraints.matrix(D, L, U)
-        return cls(model.space, constraints, D, L, U, rows, hB, C, E, model.law.C, *midside)
+            D, L, U, *midside = condensed(D, L, U, *far)
+        return cls(model.space, constraints, D, L, U, rows, *tangent[1:], model.law.C, *midside)
 
     def solve(self, g: Tensor, g_strain: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """What a residual asks for: move (..., N+1, w), zero where the beam is held, d[F; M] (..., N, k); and the supports'
         balances after it, the reactions (..., K, w).
         """
-        pushed = g + self.space.to_nodes(self.pushed(g_strain))
+        pushed = g + self.space.to_nodes(pushed_by(self.hB, self.C, g_strain))
         solve = ChainSolve.apply if recorded() else block_tridiagonal
         if self.midside is None:
             free = solve(self.D, self.L, self.U, self.constraints.unknown(-pushed))
@@ -102,10 +120,6 @@ class Linearisation(NamedTuple):
             move = self.midside.restore(solve(self.D, self.L, self.U, right), own)
         change = dstress(self.C, self.E, g_strain, self.space.to_elements(move))
         return move, change, self.constraints.reaction(self.rows, pushed, move)
-
-    def pushed(self, g_strain: Tensor) -> Tensor:
-        """h B^T C g_eps (..., N, p + 2 s): what an element's strain gap asks of its nodes."""
-        return (self.hB.mT @ times(self.C, g_strain[..., None]))[..., 0]
 
     def pivots(self) -> tuple[Tensor, Tensor]:
         """`finite_pivots` of the matrix, those of midside nodes first."""
@@ -136,6 +150,11 @@ class Linearisation(NamedTuple):
 def same_law(C: Tensor, law: Tensor) -> Tensor:
     """(...) bool: whether C of a tangent is that of the law in all elements (..., N or 1, k, k or 1)."""
     return (C == law.detach()).all(-1).all(-1).all(-1)
+
+
+def pushed_by(hB: Tensor, C: Tensor, g_strain: Tensor) -> Tensor:
+    """h B^T C g_eps (..., N, p + 2 s): what an element's strain gap asks of its nodes."""
+    return (hB.mT @ times(C, g_strain[..., None]))[..., 0]
 
 
 def dstress(C: Tensor, E: Tensor, g_strain: Tensor, move: Tensor) -> Tensor:

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ..scene.scene import Scene
+from . import assembly, quadratic_assembly
 from .coordinates.spatial import Space
 
 
@@ -57,17 +58,14 @@ class Constraints:
         x = x[..., self.first:, :]
         return x if self.free is None else x * self.free
 
-    def matrix(self, D: Tensor, L: Tensor, U: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Blocks of all nodes -> of those with unknowns; what is held has a 1 on the diagonal and nothing beside it."""
+    def matrix(self, D: Tensor, L: Tensor, U: Tensor, *far: Tensor) -> tuple[Tensor, ...]:
+        """Blocks of all nodes -> of those with unknowns; what is held has a 1 on the diagonal and nothing beside it. With parts
+        `far`, see `masked`, of all nodes, those without unknowns too.
+        """
+        if far:
+            return masked(self.moving.to(D), D, L, U, *far)
         D, L, U = (x[..., self.first:, :, :] for x in (D, L, U))
-        if self.free is None:
-            return D, L, U
-        row, column = self.free[..., None], self.free[..., None, :]
-        return (D * row * column + torch.diag_embed(1 - self.free), L * row[1:] * column[:-1], U * row[:-1] * column[1:])
-
-    def whole(self, D: Tensor, L: Tensor, U: Tensor, far_U: Tensor, far_L: Tensor) -> tuple[Tensor, ...]:
-        """The same of elements of three nodes, see `quadratic_assembly`: of all nodes, those without unknowns too."""
-        return masked(self.moving.to(D), D, L, U, far_U, far_L)
+        return (D, L, U) if self.free is None else masked(self.free, D, L, U)
 
     def rows(self, D: Tensor, L: Tensor, U: Tensor, *far: Tensor) -> Tensor:
         """(..., K, w, 3 w): the rows of the supports' nodes, by the moves of the node before, the node and the next; with parts
@@ -98,10 +96,9 @@ class Constraints:
 
 
 def masked(free: Tensor, D: Tensor, L: Tensor, U: Tensor, *far: Tensor) -> tuple[Tensor, ...]:
-    """A chain's matrix, `far` its parts (upper, lower) between the ends of elements of three nodes, with a 1 on the diagonal
-    and nothing beside it where `free` (N+1, w) is 0.
+    """A chain's matrix, `far` its parts (upper, lower) between the ends of elements of three nodes if it has any, with a 1 on
+    the diagonal and nothing beside it where `free` (N+1, w) is 0.
     """
-    row, column = free[..., None], free[..., None, :]
-    sides = (row[:-1:2] * column[2::2], row[2::2] * column[:-1:2])
-    return (D * row * column + torch.diag_embed(1 - free), L * row[1:] * column[:-1], U * row[:-1] * column[1:],
-            *(x * side for x, side in zip(far, sides, strict=False)))
+    rows, columns = (quadratic_assembly if far else assembly).coupled(free)
+    U, L, *far = (x * row[..., None] * column[..., None, :] for x, row, column in zip((U, L, *far), rows, columns, strict=True))
+    return D * free[..., None] * free[..., None, :] + torch.diag_embed(1 - free), L, U, *far

@@ -10,14 +10,13 @@ from torch import Tensor
 
 from ..core.arguments import boolean, instance
 from ..core.leaves import constant, own_leaves
+from ..core.validation import concrete
 from ..scene.effects import PerElement
 from ..scene.scene import Scene
 from .constitutive_law import law_of
 from .constraints import Constraints
 from .coordinates.planar import PLANES, Plane
-from .coordinates.quadratic import QuadraticSpace
-from .coordinates.selection import only_numbers, space_of
-from .coordinates.spatial import Space
+from .coordinates.selection import in_space, only_numbers, space_of
 from .inertia import inertia_of
 from .loads import Nodes, external
 from .model import Model
@@ -40,7 +39,7 @@ def discretise(scene: Scene, lumped: bool = False) -> Model:
     if beam.linked_interpolation and any(isinstance(x.value, PerElement) for load in scene.loads for x in own_leaves(load)):
         raise ValueError("a load PerElement was given for a beam with linked interpolation; one Along the beam is wanted")
     h = beam.length[..., None]
-    whole = QuadraticSpace() if beam.order == 2 else Space()
+    whole = in_space(beam)
     rest = whole.strains(whole.kinematics(*whole.chain.poses(beam.nodes, beam.frames), h), h)
     inertia, section_mass, share = inertia_of(scene, space, lumped)
     model = Model(
@@ -100,5 +99,5 @@ def check_plane(model: Model, whole: Model) -> None:
 
 def _refuse(space: Plane, what: str, given: Tensor, inside: Tensor) -> None:
     out = (given - inside).detach().abs()
-    if (out > ROUNDING * given.detach().abs().amax()).any():
+    if concrete(out > ROUNDING * given.detach().abs().amax()).any():
         raise ValueError(f"{what} out of the plane {space.name!r} was given; one in it is wanted, or plane=None")

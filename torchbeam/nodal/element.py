@@ -71,7 +71,7 @@ def halved(q_i: Tensor, q_j: Tensor, relative: Tensor) -> tuple[Tensor, Tensor]:
     return relative * sign, quat.normalize(q_i + sign * q_j)
 
 
-def strain(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
+def strains(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
     """[gamma; kappa] (..., N, 6), frame B, less the reference's."""
     vectors = torch.stack(torch.broadcast_tensors(kin.d, 2 * kin.g / length * kin.l), -2)
     return (vectors @ kin.R).flatten(-2) - reference

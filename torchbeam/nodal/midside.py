@@ -34,7 +34,7 @@ class Midside(NamedTuple):
 
     def restore(self, x: Tensor, own: Tensor) -> Tensor:
         """(..., 2 N + 1, w) of all nodes from x (..., N+1, w) of the end nodes and D^-1 b."""
-        middle = own - (self.by_i @ x[..., :-1, :, None] + self.by_j @ x[..., 1:, :, None])[..., 0]
+        middle = following(own, self.by_i, self.by_j, x[..., :-1, :], x[..., 1:, :])
         inner = torch.stack(torch.broadcast_tensors(x[..., :-1, :], middle), -2).flatten(-3, -2)
         return torch.cat((inner, x[..., -1:, :].expand(*inner.shape[:-2], 1, -1)), -2)
 
@@ -49,3 +49,8 @@ def condensed(D: Tensor, L: Tensor, U: Tensor, far_U: Tensor, far_L: Tensor) -> 
     to_i, to_j = U[..., ::2, :, :], L[..., 1::2, :, :]
     D = D[..., ::2, :, :] - at_i(to_i @ by_i, 2) - at_j(to_j @ by_j, 2)
     return D, far_L - to_j @ by_i, far_U - to_i @ by_j, Midside(middle, by_i, by_j, to_i, to_j)
+
+
+def following(own: Tensor, by_i: Tensor, by_j: Tensor, x_i: Tensor, x_j: Tensor) -> Tensor:
+    """(..., w) of midside nodes from those of their elements' ends, see `Midside`, and D^-1 b."""
+    return own - (by_i @ x_i[..., None] + by_j @ x_j[..., None])[..., 0]

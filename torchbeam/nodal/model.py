@@ -57,6 +57,11 @@ class Model(Tree):
         return turning(self.scene)
 
     @property
+    def conservative(self) -> bool:
+        """Whether the work of all loads is independent of the path, and frame a does not turn: tangents are symmetric."""
+        return all(load.conservative for load in self.scene.loads) and not self.turning
+
+    @property
     def internal_states(self) -> int:
         """How many numbers the loads remember."""
         return sum(self.scene.internal_states)

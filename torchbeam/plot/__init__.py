@@ -12,6 +12,7 @@ from .canvas import axes, grid, save
 from .curves import campbell, energies, history, load_path
 from .identification import correlation, fit, profile
 from .shapes import mode_shapes, shape
+from .uncertainty import bands, convergence, histogram, tornado
 
-__all__ = ["animate", "axes", "campbell", "correlation", "energies", "fit", "grid", "history", "load_path", "mode_shapes",
-           "profile", "save", "shape"]
+__all__ = ["animate", "axes", "bands", "campbell", "convergence", "correlation", "energies", "fit", "grid", "histogram",
+           "history", "load_path", "mode_shapes", "profile", "save", "shape", "tornado"]

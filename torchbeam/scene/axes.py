@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ..core.validation import concrete, positive, rotations
 from ..math import quaternions as quat
@@ -55,14 +54,7 @@ def axes_between(frames: Tensor, order: int) -> Tensor:
     """Axes of the elements, half way between those of their nodes; of order 2 at the stations, see `quadratic_element`."""
     if order == 1:
         return quat.half_way(frames[..., :-1, :], frames[..., 1:, :])
-    each = aligned(torch.stack(threes(frames), -2))
-    return quat.normalize(at_points(frames)[0] @ each).flatten(-3, -2)
-
-
-def aligned(q: Tensor) -> Tensor:
-    """The same rotations (..., n, 4), each by that of its two quaternions which is nearer to the one before."""
-    turns = torch.where((q[..., 1:, :] * q[..., :-1, :]).sum(-1, keepdim=True) < 0, -1.0, 1.0).to(q)
-    return torch.cat((q[..., :1, :], turns.cumprod(-2) * q[..., 1:, :]), -2)
+    return quat.normalize(at_points(frames)[0] @ quat.aligned(*threes(frames))).flatten(-3, -2)
 
 
 def parabolas(nodes: Tensor) -> tuple[Tensor, Tensor]:
@@ -82,18 +74,3 @@ def parabolas(nodes: Tensor) -> tuple[Tensor, Tensor]:
     ends = torch.cat((first[..., :1, :], (first[..., 1:, :] + last[..., :-1, :]) / 2, last[..., -1:, :]), -2)
     inner = torch.stack((ends[..., :-1, :], (r_3 - r_1) / 2), -2).flatten(-3, -2)
     return torch.linalg.vector_norm(along, dim=-1), torch.cat((inner, ends[..., -1:, :]), -2)
-
-
-def advance(turn: Tensor) -> Tensor:
-    """The integral of exp(x ~turn) e1 over x from 0 to 1, (..., 3): e1 + b turn x e1 + c turn x (turn x e1), with
-    b = (1 - cos t)/t^2 and c = (t - sin t)/t^3 at t = |turn|.
-    """
-    t2 = (turn * turn).sum(-1, keepdim=True)
-    small = t2 < 1e-4
-    t = torch.where(small, torch.ones_like(t2), t2).sqrt()
-    half = torch.sin(t / 2) / t
-    b = torch.where(small, 0.5 - t2 / 24 + t2 * t2 / 720, 2 * half * half)
-    c = torch.where(small, 1 / 6 - t2 / 120 + t2 * t2 / 5040, (t - torch.sin(t)) / t**3)
-    e1 = pad(torch.ones_like(t2), (0, 2))
-    across = torch.linalg.cross(turn, e1)
-    return e1 + b * across + c * torch.linalg.cross(turn, across)

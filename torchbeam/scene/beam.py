@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.arguments import count
 from ..core.leaves import Tree, batch_shapes, leaf
 from ..core.summary import counted, kind, lines, point, span
-from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive, shown
+from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive
 from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
-from .axes import advance, axes_along, axes_between, axes_of_nodes, orthonormal, parabolas, upright
+from .axes import axes_between, axes_of_nodes, orthonormal, parabolas, upright
+from .beam_arguments import Sections, check_order, dtype_with, intervals, placed
+from .curve import curve, places, screws
 from .section import Section, notes
-from .stations import Stations, of_elements
-
-Sections = Section | Sequence[Section] | Callable[[Tensor], Section]  # the last: a function of s, see `Beam.straight`
+from .stations import of_elements
 
 
 @dataclass(frozen=True)
@@ -127,8 +126,8 @@ class Beam(Tree):
 
         Raises ValueError for a length that is not positive, fewer than one element, `up` along `direction`, or another order.
         """
-        N = _intervals(elements, order)
-        (length,), axes, root = _placed(section, direction, up, root, length=length, _twist=twist)
+        N = intervals(elements, order)
+        (length,), axes, root = placed(section, direction, up, root, length=length, _twist=twist)
         s = torch.linspace(0, 1, N + 1, dtype=length.dtype, device=length.device)
         nodes = root[..., None, :] + (length[..., None] * s)[..., None] * axes[..., None, :, 0]
         q = quat.from_matrix(axes)[..., None, :]
@@ -161,35 +160,30 @@ class Beam(Tree):
 
         length     (...) m, along the axis
         curvature  (..., 3) 1/m in section axes: rate of twist, of turning about y and about z. Constant (an arc, a helix), or
-                   a function of s (..., m) m that gives (..., m, 3): then of each element's middle, and constant over it
-                   (of order 2: of the middle between neighbouring nodes)
+                   a function of s (..., m) m that gives (..., m, 3): then of each element's middle, and constant over it; of
+                   order 2 of two Gauss points between neighbouring nodes, which lie where the curve has them to fourth order
         section, direction, up, root, order: as in `straight`, direction and up at node 0
 
-        Each element is integrated exactly: over a length h of constant curvature k the axes turn by exp(h ~k) and the axis
-        advances by the integral of exp(s ~k) e1. No element may turn by pi.
+        Over a length h of constant curvature k the axes turn by exp(h ~k) and the axis advances by the integral of exp(s ~k)
+        e1, exactly. No element may turn by pi.
 
         Raises ValueError for a length that is not positive, fewer than one element, or elements that turn by pi or more.
         """
-        N = _intervals(elements, order)
-        (length,), axes, root = _placed(section, direction, up, root, length=length, _curvature=curvature)
+        N = intervals(elements, order)
+        (length,), axes, root = placed(section, direction, up, root, length=length, _curvature=curvature)
         h = (length / N)[..., None].expand(*length.shape, N)
-        if callable(curvature):
-            curvature = curvature(h.cumsum(-1) - h / 2)
-            k = finite("curvature", axis_last("curvature", as_tensor(curvature, length.dtype, length.device), 3))
-            if k.ndim < 2 or k.shape[-2] != N:
-                raise ValueError(f"a curvature of shape {tuple(k.shape)} was given for {N} places; (..., {N}, 3) is wanted")
-        else:
-            k = as_tensor(curvature, length.dtype, length.device)
-            k = finite("curvature", axis_last("curvature", k, 3))[..., None, :]
-        turn = h[..., None] * k
+        s = places(h, order)
+        k = as_tensor(curvature(s) if callable(curvature) else curvature, length.dtype, length.device)
+        k = finite("curvature", axis_last("curvature", k, 3))
+        if not callable(curvature):
+            k = k[..., None, :]
+        elif k.ndim < 2 or k.shape[-2] != s.shape[-1]:
+            raise ValueError(f"a curvature of shape {tuple(k.shape)} was given for {s.shape[-1]} places; "
+                             f"(..., {s.shape[-1]}, 3) is wanted")
+        turn, along = screws(k, h)
         if concrete(torch.linalg.vector_norm(turn, dim=-1) >= math.pi).any():
             raise ValueError(f"a curvature that turns one of {N} elements by pi or more was given; more elements are wanted")
-        each, step = quat.exponential(turn), h[..., None] * advance(turn)
-        frames, nodes = [quat.from_matrix(axes)], [root]
-        for i in range(N):
-            nodes.append(nodes[-1] + quat.rotate(frames[-1], step[..., i, :]))
-            frames.append(quat.normalize(quat.multiply(frames[-1], each[..., i, :])))
-        nodes, frames = (torch.stack(torch.broadcast_tensors(*x), -2) for x in (nodes, frames))
+        nodes, frames = curve(root, quat.from_matrix(axes), turn, along)
         return cls._with_section(section, nodes, frames, axes_between(frames, order), h, curved=True, order=order)
 
     @classmethod
@@ -204,8 +198,8 @@ class Beam(Tree):
         Raises ValueError for fewer than two nodes, coinciding neighbours, or frames that are left-handed or whose x axis leaves
         the chord; of order 2 for a number of nodes that is even, or a midside node off the middle.
         """
-        _order(order)
-        dtype, device = _dtype_with(section, nodes, frames)
+        check_order(order)
+        dtype, device = dtype_with(section, nodes, frames)
         if isinstance(nodes, (list, tuple)) and any(isinstance(point, Tensor) for point in nodes):  # (..., 3) each
             nodes = torch.stack(torch.broadcast_tensors(*(as_tensor(point, dtype, device) for point in nodes)), -2)
         nodes = finite("nodes", axis_last("nodes", as_tensor(nodes, dtype, device), 3))
@@ -242,8 +236,8 @@ class Beam(Tree):
 
         Raises ValueError for a radius or angle that is not positive, an angle above 2 pi or fewer than one element.
         """
-        N = _intervals(elements, order)
-        (radius, angle), axes, root = _placed(section, direction, up, root, radius=radius, angle=angle)
+        N = intervals(elements, order)
+        (radius, angle), axes, root = placed(section, direction, up, root, radius=radius, angle=angle)
         if concrete(angle > 2 * math.pi * (1 + 1e-6)).any():
             raise ValueError(f"angle = {concrete(angle).max().item():g} was given; an arc of up to 2 pi is wanted")
         s = torch.linspace(0, 1, N + 1, dtype=angle.dtype, device=angle.device) * angle[..., None]
@@ -275,39 +269,3 @@ class Beam(Tree):
         compliance, mass = (x[..., None, :, :] if one else x for x in (section.compliance, section.mass))
         return cls(nodes, frames, elements, length, compliance, mass, rigid=section.rigid, coupled=section.coupled,
                    offset=section.offset, rotary=section.rotary, curved=curved, order=order)
-
-
-def _intervals(elements: int, order: int) -> int:
-    """Between nodes. Raises ValueError for fewer than one element, or another order than 1 or 2."""
-    return count("elements", elements) * _order(order)
-
-
-def _order(order: int) -> int:
-    """`order` if it is 1 or 2; ValueError otherwise."""
-    if isinstance(order, bool) or order not in (1, 2):
-        raise ValueError(f"order = {shown(order)} was given; 1 or 2 is wanted")
-    return order
-
-
-def _placed(section: Sections, direction: Value, up: Value, root: Value, **sizes: Value
-            ) -> tuple[list[Tensor], Tensor, Tensor]:
-    """Arguments common to beams that start at a root: sizes by name, positive (those whose name begins with _ only take part in
-    the dtype); axes (..., 3, 3) of the root; its position (..., 3).
-    """
-    dtype, device = _dtype_with(section, direction, up, root, *(x for x in sizes.values() if not callable(x) and x is not None))
-    values = [positive(name, as_tensor(x, dtype, device)) for name, x in sizes.items() if not name.startswith("_")]
-    direction, up, root = (finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
-                           for name, value in (("direction", direction), ("up", up), ("root", root)))
-    return values, axes_along(direction, up), root
-
-
-def _dtype_with(section: Sections, *values: Value) -> tuple[torch.dtype, torch.device]:
-    if isinstance(section, Stations):
-        return common_dtype(*values, section.s, section.section.compliance)
-    if callable(section):
-        return common_dtype(*values)
-    sections = tuple(section) if isinstance(section, Sequence) else (section,)
-    for s in sections:
-        if not isinstance(s, Section):
-            raise ValueError(f"a section of type {type(s).__name__} was given; a torchbeam.Section is wanted")
-    return common_dtype(*values, *(s.compliance for s in sections))

@@ -1,4 +1,4 @@
-"""Section axes along a curve through nodes: second-order tangents and parallel transport."""
+"""Curves: from a curvature; and section axes along one through nodes, by second-order tangents and parallel transport."""
 
 from __future__ import annotations
 
@@ -11,7 +11,47 @@ from ..math import quaternions as quat
 
 BACK = 1e-6  # 1 + cosine of the turn from one tangent to the next: less, and the curve turns back on itself
 
+GAUSS = 3**-0.5 / 2  # of an interval: how far its two Gauss points are from its middle
+
 TURNS_BACK = "a curve that turns back on itself at a node was given; nodes that are nearer to each other are wanted"
+
+
+def places(h: Tensor, order: int) -> Tensor:
+    """Arc lengths s m at which a curvature is asked for over intervals h (..., n) m: the middles (..., n), or, of order 2, the
+    two Gauss points of each (..., 2 n).
+    """
+    middle = h.cumsum(-1) - h / 2
+    if order == 1:
+        return middle
+    return (middle[..., None] + h[..., None] * h.new_tensor((-GAUSS, GAUSS))).flatten(-2)
+
+
+def screws(curvature: Tensor, h: Tensor) -> tuple[Tensor, Tensor]:
+    """Over intervals h (..., n) m, of curvatures (..., n or 1, 3) 1/m that are constant over each, or (..., 2 n, 3) at the
+    Gauss points: the rotation vector `turn` rad and the vector `along` m (..., n, 3) of the screw that leads to its end (see
+    `curve`). Of two points k_1, k_2 by the fourth-order Magnus expansion of R' = R ~k, r' = R e_1 (Iserles and Norsett 1999):
+
+        turn = h (k_1 + k_2)/2 + sqrt(3)/12 h^2 k_1 x k_2      along = h e_1 + sqrt(3)/12 h^2 (k_1 - k_2) x e_1
+    """
+    h, e_1 = h[..., None], h.new_tensor((1.0, 0, 0))
+    if curvature.shape[-2] in (1, h.shape[-2]):
+        return h * curvature, h * e_1
+    (k_1, k_2), c = curvature.unflatten(-2, (-1, 2)).unbind(-2), 3**0.5 / 12 * h**2
+    turn = h / 2 * (k_1 + k_2) + c * torch.linalg.cross(k_1, k_2)
+    return turn, h * e_1 + c * torch.linalg.cross(k_1 - k_2, e_1.expand_as(k_1))
+
+
+def curve(root: Tensor, axes: Tensor, turn: Tensor, along: Tensor) -> tuple[Tensor, Tensor]:
+    """Nodes (..., n+1, 3) m and axes (..., n+1, 4) from the root (..., 3) and its axes (..., 4) on, by screws (..., n, 3): the
+    axes turn by exp(~turn), and the node moves by the integral of exp(x ~turn) along over x from 0 to 1, in its axes.
+    """
+    each, step = quat.exponential(turn), quat.spin_of_vector(*torch.broadcast_tensors(turn, along))
+    frames, nodes = [axes], [root]
+    for i in range(each.shape[-2]):
+        nodes.append(nodes[-1] + quat.rotate(frames[-1], step[..., i, :]))
+        frames.append(quat.normalize(quat.multiply(frames[-1], each[..., i, :])))
+    nodes, frames = (torch.stack(torch.broadcast_tensors(*x), -2) for x in (nodes, frames))
+    return nodes, frames
 
 
 def tangents(nodes: Tensor, length: Tensor) -> Tensor:

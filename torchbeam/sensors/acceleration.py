@@ -14,11 +14,11 @@ from ..core.functions_of_time import shared
 from ..core.validation import as_tensor, axis_last, concrete, finite
 from ..math import quaternions as quat
 from ..math.block_tridiagonal import block_tridiagonal
+from ..nodal import assembly, quadratic_assembly
 from ..nodal.constraints import masked
 from ..nodal.discretise import discretise
 from ..nodal.loads import Nodes, added_mass
 from ..nodal.midside import condensed
-from ..nodal.quadratic_assembly import spread
 from ..nodal.rates import Rates
 from ..scene.scene import Scene
 from ..state.state import State
@@ -135,10 +135,7 @@ def _trajectory(t: Tensor) -> bool:
 
 def _times(D: Tensor, L: Tensor, U: Tensor, x: Tensor, *far: Tensor) -> Tensor:
     """A chain's matrix times x (..., N+1, w), `far` as in `masked`."""
-    ahead, behind = ((A @ part[..., None])[..., 0] for A, part in ((U, x[..., 1:, :]), (L, x[..., :-1, :])))
-    found = (D @ x[..., None])[..., 0] + pad(ahead, (0, 0, 0, 1)) + pad(behind, (0, 0, 1, 0))
-    if not far:
-        return found
-    ahead, behind = ((A @ part[..., None])[..., 0] for A, part in zip(far, (x[..., 2::2, :], x[..., :-1:2, :]), strict=True))
-    zero = torch.zeros_like(ahead)
-    return found + spread(ahead, zero, zero) + spread(zero, zero, behind)
+    _, columns = (quadratic_assembly if far else assembly).coupled(x)
+    ahead, behind, *far = ((A @ column[..., None])[..., 0] for A, column in zip((U, L, *far), columns, strict=True))
+    found = (D @ x[..., None])[..., 0] + assembly.at_i(ahead) + assembly.at_j(behind)
+    return found + quadratic_assembly.spread(far[0], torch.zeros_like(far[0]), far[1]) if far else found

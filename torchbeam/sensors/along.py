@@ -11,8 +11,7 @@ from torch import Tensor
 from ..core.validation import Value, as_tensor, finite
 from ..math.shapes import broadcast_shapes
 from ..nodal.constitutive_law import without_residual_bending
-from ..nodal.coordinates.quadratic import QuadraticSpace
-from ..nodal.coordinates.spatial import Space
+from ..nodal.coordinates.selection import in_space
 from ..scene.beam import Beam
 from ..scene.stations import stations_of
 from ..state.state import State
@@ -84,27 +83,27 @@ def _within(station: Tensor, length: Tensor) -> None:
 def line_weights(station: Tensor, length: Tensor) -> Tensor:
     """(..., 2 N): what the stations of elements of order 2, standing for a length (..., 2 N) m, count for at places (...)."""
     _within(station, length)
-    places, N = stations_of(length), length.shape[-1] // 2
-    shape = broadcast_shapes(station.shape, places.shape[:-1])
-    at, places, ends = station.expand(shape)[..., None], places.expand(*shape, 2 * N), length.cumsum(-1).expand(*shape, 2 * N)
-    k = 2 * torch.searchsorted(ends[..., 1::2].detach().contiguous(), at.detach().contiguous()).clamp(0, N - 1)
-    a, b = places.gather(-1, k), places.gather(-1, k + 1)
-    share, one = (at - a) / (b - a), torch.arange(2 * N, device=k.device)
-    return torch.where(one == k, 1 - share, 0.0) + torch.where(one == k + 1, share, 0.0)
+    return _on_lines(station, stations_of(length), length.cumsum(-1)[..., 1:-1:2], 2)
 
 
 def station_weights(station: Tensor, length: Tensor) -> Tensor:
     """(..., N): what the elements, of length (..., N) m, count for at stations (...) m: see `_Along`."""
-    middle, N = length.cumsum(-1) - length / 2, length.shape[-1]
     _within(station, length)
-    if N == 1:
+    if length.shape[-1] == 1:
         return torch.ones_like(station)[..., None]
-    shape = broadcast_shapes(station.shape, middle.shape[:-1])
-    at, middle = station.expand(shape)[..., None], middle.expand(*shape, N)
-    k = (torch.searchsorted(middle.detach().contiguous(), at.detach().contiguous()) - 1).clamp(0, N - 2)
-    a, b = middle.gather(-1, k), middle.gather(-1, k + 1)
-    share = (at - a) / (b - a)
-    one = torch.arange(N, device=k.device)
+    middle = length.cumsum(-1) - length / 2
+    return _on_lines(station, middle, middle[..., 1:-1], 1)
+
+
+def _on_lines(station: Tensor, places: Tensor, ends: Tensor, step: int) -> Tensor:
+    """(..., n): what values at `places` (..., n) m count for at stations (...) m on straight lines between `ends` (..., m) m,
+    each through two of the places, that of the next line through those `step` further on.
+    """
+    shape, n = broadcast_shapes(station.shape, places.shape[:-1]), places.shape[-1]
+    at, places, ends = station.expand(shape)[..., None], places.expand(*shape, n), ends.expand(*shape, ends.shape[-1])
+    k = step * torch.searchsorted(ends.detach().contiguous(), at.detach().contiguous())
+    a, b = places.gather(-1, k), places.gather(-1, k + 1)
+    share, one = (at - a) / (b - a), torch.arange(n, device=k.device)
     return torch.where(one == k, 1 - share, 0.0) + torch.where(one == k + 1, share, 0.0)
 
 
@@ -123,7 +122,7 @@ class _Strains(_Along):
 
     def _strain(self, position: Tensor, rotation: Tensor) -> Tensor:
         length, p = self.beam.length[..., None], self.beam.order
-        space = QuadraticSpace() if p == 2 else Space()
+        space = in_space(self.beam)
         if self.element is not None:  # that element alone
             i = p * (self.element % self.beam.element_count)
             position, rotation, length = position[..., i:i + p + 1, :], rotation[..., i:i + p + 1, :], length[..., i:i + p, :]

@@ -41,7 +41,7 @@ class LeastSquares(Protocol):
 @dataclass
 class Found:
     """Where each start ends: x (S, p), residuals r (S, T), J (S, T, p), status (S,); history (iterations + 1, S, p); what the
-    model raised at trials; evaluations of the model, in samples.
+    model raised at trials; `first` the residuals (S, T) at the starts, where they are known.
     """
 
     x: Tensor
@@ -50,31 +50,34 @@ class Found:
     status: Tensor
     history: Tensor
     raised: list[str] = field(default_factory=list)
+    first: Tensor | None = None
 
 
 def search(problem: LeastSquares, x: Tensor, region: Region, iterations: int, tolerance: float,
-           known: tuple[Tensor, Tensor] | None = None, follow: int | None = None,
+           known: tuple[Tensor, Tensor] | None = None, follow: int | None = None, negligible: float = 0.0,
            progress: Callable[[int, int, float], None] | None = None) -> Found:
     """By the method of Levenberg and Marquardt, each start (S, p) by itself, those that are not done as one batch.
 
     known     r (S, T) and J (S, T, p) at x, which is near the end: J is then carried along by Broyden's update (1965), and
-              found anew where a step does less than it promises, and before a start counts as converged
+              found anew, by differences of one side, where a step does less than it promises, and once before a start
+              counts as converged
+    negligible  decrease of the squares: a step that promises no more is the last
     follow    so many starts at most, those that are best at first; the others stay where they are, with the status LEFT
     progress  gets the iteration, how many starts are at work, and the least squares so far
 
     Few starts have their derivatives at each trial, in one call of the model; those of many at steps that are taken, by
     differences of one side while the squares fall fast.
     """
-    return _Search(problem, x, region, tolerance, known, follow).run(iterations, progress)
+    return _Search(problem, x, region, tolerance, known, follow, negligible).run(iterations, progress)
 
 
 class _Search:
     """State of a search: x, r, J of all starts, damping, status; which J are those of x (`fresh`), and not rough (`exact`)."""
 
     def __init__(self, problem: LeastSquares, x: Tensor, region: Region, tolerance: float,
-                 known: tuple[Tensor, Tensor] | None, follow: int | None) -> None:
+                 known: tuple[Tensor, Tensor] | None, follow: int | None, negligible: float) -> None:
         self.problem, self.x, self.region, self.tolerance, self.carry = problem, x, region, tolerance, known is not None
-        self.raised: list[str] = []
+        self.negligible, self.raised = negligible, list[str]()
         S = len(x)
         self.status = torch.full((S,), UNFINISHED, device=x.device)
         self.fresh = torch.ones(S, dtype=torch.bool, device=x.device)
@@ -87,7 +90,7 @@ class _Search:
         self.damping = torch.full((S,), DAMPING, dtype=x.dtype, device=x.device)
         self.size = torch.zeros_like(x)  # (S, p) squares of the columns of J, which damp: none falls at once
         self.blocked = torch.zeros_like(self.fresh)  # steps are small because longer ones fail
-        self.history = [x]
+        self.history, self.first = [x], self.r.clone()
 
     def run(self, iterations: int, progress: Callable[[int, int, float], None] | None) -> Found:
         for k in range(iterations):
@@ -98,8 +101,9 @@ class _Search:
                 break
             self._iterate(active)
             self.history.append(self.x)
-        self._refresh((~(self.fresh & self.exact) & (self.status < FAILED)).nonzero()[:, 0])
-        return Found(self.x, self.r, self.J, self.status, torch.stack(self.history), self.raised)
+        if not self.carry:
+            self._refresh((~(self.fresh & self.exact) & (self.status < FAILED)).nonzero()[:, 0])
+        return Found(self.x, self.r, self.J, self.status, torch.stack(self.history), self.raised, self.first)
 
     def _iterate(self, active: Tensor) -> None:
         """One trial of each active start."""
@@ -126,10 +130,13 @@ class _Search:
         failed = ~(torch.isfinite(after) & good)
         lower = (after <= before) & ~failed & whole
         blocked = (self.blocked[active] | failed) & ~(lower & (damping <= 1))
-        done = whole & self._settled(x, moved, before, after, lower) & (lower | (moved == 0).all(-1) | (damping <= 1))
         promised = -((gradient * moved).sum(-1) * 2 + (J @ moved[..., None])[..., 0].square().sum(-1)
                      + (self.bend[active] * moved.square()).sum(-1))
         short = ~(before - after >= POOR * promised)
+        settled = self._settled(x, moved, before, after, lower)
+        if self.negligible:
+            settled = settled | (promised.abs() <= self.negligible)
+        done = whole & settled & (lower | (moved == 0).all(-1) | (damping <= 1))
         take = lower[:, None]
         self.x = self.x.index_put((active,), torch.where(take, trial, x))
         self.r[active] = torch.where(take, r_trial, r)
@@ -137,7 +144,7 @@ class _Search:
         self.phi[active] = torch.where(lower, phi, self.phi[active])
         self.slope[active] = torch.where(take, slope, self.slope[active])
         self.bend[active] = torch.where(take, bend, self.bend[active])
-        sure = (fresh & exact) | torch.full_like(fresh, at_once)  # derivatives by which a start may fail or end
+        sure = (fresh & (exact | self.carry)) | torch.full_like(fresh, at_once)  # derivatives by which a start may fail or end
         self.fresh[active] = (fresh & ~lower) | at_once | (done & sure)
         self.exact[active] = exact | at_once
         done, again = done & sure, (done | ~lower) & ~sure
@@ -146,7 +153,7 @@ class _Search:
         self.damping[active], self.blocked[active] = more, blocked
         self.status[active] = torch.where(stuck, STUCK, torch.where(done, CONVERGED, UNFINISHED))
         if self.carry:
-            self._refresh(active[again | (lower & short & ~done)])
+            self._refresh(active[again | (lower & short & ~done)], rough=True)
         elif not at_once:
             fast = lower & (after < FAST * before)
             self._refresh(active[fast & ~done], rough=True)

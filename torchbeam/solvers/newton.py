@@ -36,10 +36,11 @@ def newton(problem: Problem, x: Any, active: Tensor | None = None, tolerance: fl
     those outside of `active` (...) never start. Once few are left, those alone go on (see `BatchSubset`): the same answers, but
     that products of another shape may round differently.
 
-    A sample has converged once its scaled residual is below `tolerance`, or sure to be after the update that is at hand:
+    A sample has converged once its scaled residual is below `tolerance`, or foreseen to be after the update that is at hand:
     from r to s, the next is s (s/r)^2 where convergence is quadratic, and s (s/r) where the tangent is not exact; this is
-    trusted once s < r/100. The update is made either way. A sample whose residual stops being finite has failed and is left
-    alone.
+    trusted once s < r/100. The update is made either way, and not measured: what is left can be larger than foreseen (of 1200
+    equilibria of cantilevers under tip forces, with 1e-8, one in twenty was above it, the worst at 2e-6). A sample whose
+    residual stops being finite has failed and is left alone.
 
     trust_start  whether r may be the residual of x; not where that is the size of a step to come, whatever the balance lacks
     """

@@ -20,7 +20,6 @@ from ..core.validation import concrete
 from ..dynamics.compiled.coverage import ENGINES
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
-from ..scene.prescribed_motion import turning
 from ..scene.scene import Scene
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..state.state import State, check_state, rest
@@ -47,7 +46,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which stands as at t = 0.
 
     initial    where to start, at no load; None = the undeformed beam. What supports hold is put where they have it
-    tolerance  of the scaled residual; default 1e-8 in float64
+    tolerance  of the scaled residual, as it is found or foreseen after the last update (see `newton`); default 1e-8 in float64
     throw      raise where a sample has no equilibrium; otherwise its `status` says so and it holds the last shape on the way
     branch     "first": the one that the way up leads to; "stable": a sample that is unstable there is followed again from no
                load on, by arc length (see `path`), along the branches that bifurcate, to the side to which it leans
@@ -82,11 +81,10 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     time = instant("t", t, scene.beam.nodes)
     start = model.space.start(start)
     start = Configuration(start.position, start.rotation, start.stress)
-    conservative = all(load.conservative for load in scene.loads) and not turning(scene)
     doubtful = found = None
     if engine != "eager" and not relax:
         native = compiled.climb if engine == "compiled" else compiled.automatic_climb
-        found = native(model, time, given, start, tolerance, judged=conservative or branch == "stable")
+        found = native(model, time, given, start, tolerance, judged=model.conservative or branch == "stable")
     if found is None:
         x, reaction, status = (relaxation.relax if relax else climb)(model, time, given, start, tolerance)
     else:
@@ -124,7 +122,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
         if loose:
             reason = f"nothing holds {loose}; a support or a spring would ({UNRELAXED if relax else SWING})"
         raise RuntimeError(f"{which} has no equilibrium: {reason}")
-    if conservative:
+    if model.conservative:
         unstable = ~failed & _unstable(problem, x, start, None if doubtful is None else doubtful & ~failed)
         if concrete(unstable).any():
             warnings.warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to "

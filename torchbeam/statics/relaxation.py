@@ -53,7 +53,7 @@ def relax(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Configuration, 
     """From x, each sample at its own pace: (shape, reaction, status). Where loads are conservative, every step and the end are
     minima of the energy, not saddles of it.
     """
-    downhill = all(load.conservative for load in model.scene.loads) and not model.turning
+    downhill = model.conservative
     with torch.no_grad():
         whole = SteadyProblem(model, t, inputs, t.new_ones(()))
         probe = whole.residual(x)[0]

@@ -12,7 +12,7 @@ from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
 from ..dynamics.step_element import ElementBalance
 from ..nodal import loads as external
-from ..nodal.balance import Linearisation, Residual, largest, restrained_forces, size_of_strain
+from ..nodal.balance import ChainTangent, Linearisation, Residual, largest, restrained_forces, size_of_strain
 from ..nodal.coordinates.spatial import Space
 from ..nodal.frame import FixedFrame
 from ..nodal.loads import STEADY, Nodes
@@ -127,11 +127,14 @@ class SteadyProblem(Tree):
         return Residual(model.constraints, model.space.to_nodes(element.forces) - load, element.gap, *sizes,
                         size_of_strain(element.felt, own)), element.acting
 
-    def linearise(self, x: Configuration, kin: Any) -> Linearisation:
+    def tangent(self, x: Configuration, kin: Any) -> ChainTangent:
         model, space = self.model, self.model.space
         B = space.strain_operator(kin, model.length)
-        return Linearisation.condense(model, space.geometric_stiffness(kin, x.stress, model.length), self.load_tangent(x),
-                                      model.length[..., None] * B, model.tangent_stiffness(), B)
+        return ChainTangent.condense(space, space.geometric_stiffness(kin, x.stress, model.length), self.load_tangent(x),
+                                     model.length[..., None] * B, model.tangent_stiffness(), B)
+
+    def linearise(self, x: Configuration, kin: Any) -> Linearisation:
+        return Linearisation.of(self.model, self.tangent(x, kin))
 
     def state(self, x: Configuration, reaction: Tensor, status: Tensor) -> State:
         """The public state of a solution: at rest in frame a."""

@@ -375,3 +375,27 @@ def test_a_measurement_is_refused(name):
     changed, sentence = MEASUREMENTS[name]
     with pytest.raises(ValueError, match=sentence):
         tb.Measurement(CLEAN, **changed)
+
+
+def test_a_fit_refined_by_a_finer_model():
+    """The fit of one model carried over to another: where a search with that ends, to a hundredth of a deviation, at one sample
+    an evaluation; a model that has little to do with it is refused.
+    """
+    asked = []
+
+    def finer(theta):
+        asked.append(len(theta["a"]))
+        return wave(theta) * (1 + 0.05 * T)
+
+    start = {"a": tb.Parameter(1.0, "log"), "b": tb.Parameter(1.0, "log")}
+    data = tb.Measurement(CLEAN + NOISE, 0.05, T, offset=True)
+    fit = tb.identify(wave, data, start).refined(finer)
+    assert set(asked) == {1} and len(asked) < 12 and fit.status == 0
+    direct = tb.identify(finer, data, start)
+    assert ((fit.theta - direct.theta).abs() < 0.02 * direct.deviation).all()
+    assert_close(fit.y, direct.y, rtol=0, atol=1e-3)
+    assert_close(fit.deviation, direct.deviation, rtol=0.1, atol=0)
+    with pytest.raises(ValueError, match="differs too much"):
+        fit.refined(lambda theta: -3 * wave(theta))
+    with pytest.raises(ValueError, match="models of x were given; those of None are wanted"):
+        fit.refined({"x": finer})

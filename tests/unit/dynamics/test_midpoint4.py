@@ -156,6 +156,15 @@ def test_what_is_refused(effects, options, sentence):
         stepper(stepper.rest())
 
 
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_one_step_of_many_that_is_too_long_is_refused(engine):
+    """alpha h = 4 of the last step alone."""
+    pytest.importorskip("llvmlite")
+    scene = tb.Scene(tb.Beam.straight(1.0, 1, SOFT), [tb.MassDamping(20.0)], plane="xz")
+    with pytest.raises(ValueError, match=r"MassDamping of 20 1/s was given to steps of 0\.2 s"):
+        tb.simulate(scene, [0, 0.01, 0.02, 0.22], method="midpoint4", step=1.0, engine=engine)
+
+
 def test_energy_of_the_coupled_case():
     """Undamped, sudden load, steps of 20 ms: the balance is off by 1.9e-7 of the strain energy (measured), where that of
     the midpoint step is by 2.6e-4 (over 2 s, properties/test_dynamics).

@@ -32,12 +32,14 @@ def extrapolated(coarse, fine):
 
 
 def test_euler(reference):
-    """Dead axial load: (pi/2)^2 EI/L^2, by a batch of EI; d(factor)/d(EI) is factor/EI, backward and forward."""
+    """Dead axial load: (pi/2)^2 EI/L^2, by a batch of EI; d(factor)/d(EI) is factor/EI, backward and forward. Divergence,
+    though rounding makes pairs of other eigenvalues complex where K is next to singular (as it does here with 9 points).
+    """
     want = reference("stability_limits")["values"][0]["value"]
     EI = torch.tensor([1.0, 3.0], requires_grad=True)
 
     def of(EI, N=8):
-        return tb.critical_load(lambda P: planar(N, tb.TipLoad(force=along_x(-P)), EI=EI), 12.0)
+        return tb.critical_load(lambda P: planar(N, tb.TipLoad(force=along_x(-P)), EI=EI), 12.0, points=9)
 
     found = of(EI)
     assert found.divergence.all() and (found.frequency == 0).all()

@@ -273,3 +273,23 @@ def test_a_start_out_of_the_plane_is_refused():
         call(inside)
         with pytest.raises(ValueError, match="an initial state whose position leaves the plane 'xy' was given"):
             call(out)
+
+
+@pytest.mark.parametrize("plane", ["xz", "auto"])
+def test_a_plane_scene_is_made_under_vmap(plane):
+    """Each sample as alone, in a step; one whose force leaves the plane is refused, or has "auto" take 3D for all."""
+    def tip(EI, length, force):
+        section = tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=EI, mass=0.2, inertia=1e-3)
+        scene = tb.Scene(tb.Beam.straight(length, 2, section), [tb.TipLoad(force=force)], plane=plane)
+        stepper = tb.Stepper(scene, 0.01)
+        return stepper(stepper.rest()).tip.position
+
+    given = torch.tensor([1.0, 2.0]), torch.tensor([1.0, 1.2]), torch.tensor([[0.1, 0, 0.3], [0.0, 0, -0.2]])
+    alone = torch.stack([tip(*one) for one in zip(*given, strict=True)])
+    assert_close(torch.func.vmap(tip)(*given), alone, rtol=0, atol=1e-12)
+    aside = *given[:2], given[2] + torch.tensor([[0.0, 0, 0], [0, 0.1, 0]])
+    if plane == "xz":
+        with pytest.raises(ValueError, match="TipLoad out of the plane 'xz' was given"):
+            torch.func.vmap(tip)(*aside)
+    else:
+        assert torch.func.vmap(tip)(*aside)[1, 1] > 1e-6

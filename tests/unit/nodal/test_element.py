@@ -10,7 +10,7 @@ from torchbeam.math import quaternions as quat
 from torchbeam.nodal import element as local
 from torchbeam.nodal.assembly import ends
 from torchbeam.nodal.coordinates.spatial import Space
-from torchbeam.nodal.element import forces, geometric_stiffness, strain, strain_operator
+from torchbeam.nodal.element import forces, geometric_stiffness, strain_operator, strains
 
 N, BATCH = 3, (5,)
 to_nodes, to_blocks = Space().to_nodes, Space().to_blocks
@@ -53,7 +53,7 @@ def test_strain_operator_is_the_derivative_of_the_strain(element):
     """B (dr, spins) against forward mode."""
     position, rotation, length, _, move = element
     B = strain_operator(kinematics(position, rotation, length), length)
-    exact = along(lambda r, q: strain(kinematics(r, q, length), length), position, rotation, move)
+    exact = along(lambda r, q: strains(kinematics(r, q, length), length), position, rotation, move)
     assert_close((B @ nine(move)[..., None])[..., 0], exact, **ROUNDING)
 
 
@@ -64,11 +64,11 @@ def test_forces_are_the_gradient_of_the_energy(element):
 
     def energy(m):
         r, q = perturbed(position, rotation, m)
-        e = strain(kinematics(r, q, length), length, start)
+        e = strains(kinematics(r, q, length), length, start)
         return (length * e * (K @ e[..., None])[..., 0]).sum() / 2
 
     kin = kinematics(position, rotation, length)
-    stress = (K @ strain(kin, length, start)[..., None])[..., 0]
+    stress = (K @ strains(kin, length, start)[..., None])[..., 0]
     gradient = torch.func.grad(energy)(torch.zeros_like(move))
     assert_close(to_nodes(forces(kin, stress, length)), gradient, **ROUNDING)
 
@@ -96,10 +96,10 @@ def test_whole_tangent_is_the_second_derivative_along_a_line(element):
 
     def force(r, q):
         kin = kinematics(r, q, length)
-        return to_nodes(forces(kin, (K @ strain(kin, length)[..., None])[..., 0], length))
+        return to_nodes(forces(kin, (K @ strains(kin, length)[..., None])[..., 0], length))
 
     kin = kinematics(position, rotation, length)
-    stress = (K @ strain(kin, length)[..., None])[..., 0]
+    stress = (K @ strains(kin, length)[..., None])[..., 0]
     B = strain_operator(kin, length)
     D, U, L = to_blocks(geometric_stiffness(kin, stress, length) + length[..., None] * B.mT @ K @ B)
     product = (D @ move[..., None])[..., 0]
@@ -114,9 +114,9 @@ def test_strains_are_objective(element):
     Q = quat.normalize(torch.randn(4))
     moved = quat.rotate(Q, position) + torch.randn(3), quat.multiply(Q, rotation)
     sign = torch.where(torch.rand(*BATCH, N + 1, 1) < 0.5, -1.0, 1.0)
-    before = strain(kinematics(position, rotation, length), length)
-    assert_close(strain(kinematics(*moved, length), length), before, rtol=0, atol=1e-13)
-    assert_close(strain(kinematics(position, sign * rotation, length), length), before, rtol=0, atol=1e-14)
+    before = strains(kinematics(position, rotation, length), length)
+    assert_close(strains(kinematics(*moved, length), length), before, rtol=0, atol=1e-13)
+    assert_close(strains(kinematics(position, sign * rotation, length), length), before, rtol=0, atol=1e-14)
 
 
 def test_internal_forces_are_in_equilibrium(element):
@@ -146,5 +146,5 @@ def test_curvature_of_a_circle_is_exact():
     for phi in (0.1, 1.0, 3.0):
         angle = phi * torch.arange(4)
         rotation = quat.exponential(torch.stack((0 * angle, 0 * angle, angle), -1))
-        e = strain(kinematics(torch.zeros(4, 3), rotation, torch.full((3, 1), 0.5)), torch.full((3, 1), 0.5))
+        e = strains(kinematics(torch.zeros(4, 3), rotation, torch.full((3, 1), 0.5)), torch.full((3, 1), 0.5))
         assert_close(e[:, 5], torch.full((3,), 2 * phi), rtol=1e-14, atol=0)

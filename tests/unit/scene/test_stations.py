@@ -196,6 +196,17 @@ def test_curve_of_a_function_is_second_order():
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.05) and errors[1] / errors[2] == pytest.approx(4, rel=0.05)
 
 
+def test_curve_of_a_function_is_of_fourth_order_with_elements_of_order_2():
+    """In space: tip and axes there against 128 elements; the error falls by 16 as they are halved."""
+    def made(N):
+        beam = tb.Beam.curve(1.0, N, SECTION, lambda s: torch.stack((1 + s, 2 * torch.sin(3 * s), 3 - 2 * s**2), -1), order=2)
+        return torch.cat((beam.nodes[-1], beam.frames[-1]))
+
+    exact = made(128)
+    errors = [(made(N) - exact).norm().item() for N in (4, 8, 16)]
+    assert errors[0] / errors[1] == pytest.approx(16, rel=0.05) and errors[1] / errors[2] == pytest.approx(16, rel=0.05)
+
+
 def test_curves_carry_gradient():
     """Nodes and frames in length, curvature and direction; a straight one, where the closed forms are 0/0, among them."""
     for k in ((0.3, -0.2, 0.5), (0.0, 0.0, 0.0)):

@@ -14,7 +14,8 @@ from .problem import Problem
 from .transform import Transform
 
 ITERATIONS = 25
-TOLERANCE = 1e-4  # of a step: far below what the noise makes
+TOLERANCE = 1e-6  # of a step
+NEGLIGIBLE = 1e-4  # decrease of the squares over the noise's: a step of a hundredth of a deviation
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,8 @@ def bootstrap(problem: Problem, x: Tensor, scale: float, repeats: int, seed: int
         repeated = problem.with_targets(exact + noise)
         parameters = problem.parameters
         region = Region(starts, parameters.size, parameters.transform.additive, *parameters.bounds(starts), repeated.target)
-        found = search(repeated, starts, region, ITERATIONS, TOLERANCE, known=(-noise, J.expand(repeats, -1, -1)))
+        found = search(repeated, starts, region, ITERATIONS, TOLERANCE, known=(-noise, J.expand(repeats, -1, -1)),
+                       negligible=NEGLIGIBLE * scale**2)
         squares = found.r.square().sum(-1) / max(r.shape[1] - len(x), 1)
         own = torch.ones_like(squares) if problem.sigma_given else squares.sqrt() / scale
     return Bootstrap(parameters.transform.theta(found.x), found.status, found.x, x, own, parameters.transform)

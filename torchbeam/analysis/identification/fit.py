@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +11,18 @@ from torch import Tensor
 
 from ...core import files
 from ...core.arguments import choice, number
-from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED
+from ...solvers.least_squares import Found
+from ...solvers.region import Region
 from . import student
 from .bootstrap import Bootstrap, bootstrap
 from .problem import Problem
 from .profile import Profile, profiles
 from .readings import Readings
+from .refinement import refined
+from .result import REASON, conclusions
 from .table import table
 from .transform import Transform
 
-UNIDENTIFIABLE = 3
-REASON = {CONVERGED: "converged", UNFINISHED: "more iterations are wanted", STUCK: "no step makes the misfit smaller",
-          UNIDENTIFIABLE: "not identifiable", FAILED: "the model fails there", LEFT: "not followed"}
 INTERVALS = ("laplace", "profile", "bootstrap")
 FORMAT = 1  # of saved fits
 LOST = ("problem", "transform", "readings")  # of the fields, those that are not saved as they are
@@ -51,6 +51,7 @@ class Fit:
     history     (iterations + 1, starts, p) the parameters on the way
     starts      (starts, p) where each start ended;  misfits (starts,) with what misfit, statuses (starts,)
     readings    data beside the model's values, of each measurement
+    jacobian    (data, p) derivatives of the readings that were measured, over sigma, by the coordinates of the search
     """
 
     theta: Tensor
@@ -76,7 +77,13 @@ class Fit:
     bounds: Tensor = field(default_factory=lambda: torch.zeros(0, 2))
     transform: Transform | None = None
     readings: tuple[Readings, ...] = ()
+    jacobian: Tensor = field(default_factory=lambda: torch.zeros(0, 0))
     problem: Problem | None = None
+
+    @classmethod
+    def of(cls, problem: Problem, found: Found, region: Region, derivatives: str, tolerance: float) -> Fit:
+        """From what a search has found."""
+        return cls(**conclusions(problem, found, region, derivatives, tolerance))
 
     @property
     def deviation(self) -> Tensor:
@@ -131,6 +138,18 @@ class Fit:
         """Fits of so many sets of data that the fitted model and noise make, followed as one batch from here."""
         return bootstrap(self._problem("bootstrap"), self.x, self._scale, repeats, seed)
 
+    def refined(self, model: Any) -> Fit:
+        """The fit that a finer model finds, of a finer mesh or shorter steps: its readings with the derivatives of the model
+        at hand, by Gauss-Newton steps until these are a hundredth of a deviation (defect correction; Boehmer and Stetter 1984).
+        Some evaluations of one sample each, in place of a search with the finer model. What the parameters move by is the
+        error that the mesh has brought in.
+
+        model  as `identify` was given, for the same parameters and data
+
+        Raises ValueError where the finer model fails, or the steps do not become smaller: the models differ too much.
+        """
+        return Fit.of(*refined(self._problem("refined fit"), model, self.x, self.jacobian, self._scale), self.derivatives, 1e-6)
+
     def summary(self, level: float = 0.95) -> str:
         """A table for the reader: parameters with their intervals, the misfit, what is not told, and hints."""
         return table(self, level, REASON)
@@ -184,9 +203,6 @@ class Fit:
         low, high = interval.unbind(-1)
         found = torch.stack((torch.maximum(low, least), torch.minimum(high, largest)), -1)
         return torch.where(self.open[:, None] | ~torch.isfinite(found).all(-1, keepdim=True) & found.isnan(), all_, found)
-
-    def without_model(self) -> Fit:
-        return replace(self, problem=None)
 
 
 def _tail(level: float) -> float:

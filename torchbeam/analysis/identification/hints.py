@@ -19,7 +19,7 @@ def unit_hints(readings: Sequence[Readings]) -> tuple[str, ...]:
     said = []
     for one in readings:
         for label, data, y in one.channels():
-            known = ~data.isnan()
+            known = ~(data.isnan() | y.isnan())
             size, own = (v[known].square().mean().sqrt().item() for v in (data, y))
             if not size or not own or not math.isfinite(own):
                 continue

@@ -20,7 +20,6 @@ from .fit import Fit
 from .measurement import Measurement
 from .parameters import Parameters
 from .problem import Model, Problem, experiments_of
-from .result import fit_of
 
 DERIVATIVES = ("auto", "forward", "difference", "adjoint")
 STEP = 1e-4  # of differences
@@ -96,7 +95,7 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
             else:
                 most = count("follow", follow) if starts > 1 else None
                 found = search(problem, x, region, limit, tolerance, follow=most, progress=report)
-        return fit_of(problem, found, region, data, derivatives if derivatives == "adjoint" else way, tolerance)
+        return Fit.of(problem, found, region, derivatives if derivatives == "adjoint" else way, tolerance)
 
 
 def _each(data: Any) -> list[Any]:

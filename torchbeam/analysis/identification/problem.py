@@ -61,7 +61,7 @@ class Problem:
 
     known       (all numbers,) bool: which were measured;  weight (T,) of those
     target      (1 or S, T): weighted data, one set for all starts or each its own;  sigma_given: it is that of the noise
-    basis       (q, T) weighted: how linear parameters of measurements enter
+    nuisance    (q, all numbers): how linear parameters of measurements enter;  basis (q, T) the same, weighted
     method      "forward" or "difference", of relative_step
     """
 
@@ -70,6 +70,7 @@ class Problem:
     known: Tensor
     weight: Tensor
     target: Tensor
+    nuisance: Tensor
     basis: Tensor
     sigma_given: bool
     method: str = "difference"
@@ -107,7 +108,7 @@ class Problem:
                                  f"{', '.join(sorted(known_names)) or 'none by name'}")
         weight = weight[known]
         return cls(tuple(experiments), parameters, known, weight, (values[known] * weight)[None],
-                   torch.cat(rows)[:, known] * weight, scaled)
+                   torch.cat(rows), torch.cat(rows)[:, known] * weight, scaled)
 
     def values(self, theta: Tensor) -> Tensor:
         """Readings (N, all numbers), measured or not, without offsets and drifts."""

@@ -1,26 +1,28 @@
-"""Result of a search as a `Fit`: the best start, its covariance, what is not told, hints."""
+"""What a search has found: the best start, its covariance, what is not told, hints."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ...solvers.least_squares import FAILED, LEFT, Found
+from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED, Found
 from ...solvers.region import Region
-from .fit import REASON, UNIDENTIFIABLE, Fit
 from .hints import bound_hints, fit_hints, unit_hints
-from .measurement import Measurement
 from .problem import Problem
 from .readings import Readings
 from .undetermined import undetermined
 
+UNIDENTIFIABLE = 3
+CURVED = 100.0  # error of central differences over the squared step, with room
+REASON = {CONVERGED: "converged", UNFINISHED: "more iterations are wanted", STUCK: "no step makes the misfit smaller",
+          UNIDENTIFIABLE: "not identifiable", FAILED: "the model fails there", LEFT: "not followed"}
 
-def fit_of(problem: Problem, found: Found, region: Region, data: Any, derivatives: str, tolerance: float) -> Fit:
-    """The fit of the best of the starts; `data` as they were given, whose form `Fit.y` has."""
+
+def conclusions(problem: Problem, found: Found, region: Region, derivatives: str, tolerance: float) -> dict[str, Any]:
+    """Fields of a `Fit`, of the best of the starts."""
     parameters, T = problem.parameters, problem.parameters.transform
     x, r, J = found.x, found.r, found.J
     phi, _, bend = problem.prior(x)
@@ -32,10 +34,11 @@ def fit_of(problem: Problem, found: Found, region: Region, data: Any, derivative
     target = problem.target
     least_seen = torch.maximum(tolerance * torch.linalg.vector_norm(r, dim=-1),
                                rounding * torch.linalg.vector_norm(r + target, dim=-1))
+    resolution = max(torch.finfo(x.dtype).eps**0.5, CURVED * problem.relative_step**2 * (problem.method == "difference"))
     away, shown, open_ = region.away(x), [], []
     for k in range(len(x)):
         J_size = torch.nan_to_num(torch.cat((J[k], torch.diag(bend[k].sqrt()))) * at_unit[k])
-        said, which = undetermined(parameters.names, theta[k], parameters.start[k], away[k], J_size, least_seen[k])
+        said, which = undetermined(parameters.names, theta[k], parameters.start[k], away[k], J_size, least_seen[k], resolution)
         good = torch.isfinite(squares[k]) & (found.status[k] < FAILED)
         shown.append(said if good else ())
         open_.append(which & good)
@@ -47,16 +50,15 @@ def fit_of(problem: Problem, found: Found, region: Region, data: Any, derivative
     scale = 1.0 if problem.sigma_given else squares[best] / freedom
     x_covariance = scale * _inverse(J[best].mT @ J[best] + torch.diag(bend[best]))
     slope = T.slope(x[best])
-    known = torch.full(problem.known.shape, torch.nan, dtype=x.dtype, device=x.device)
     told = ~open_[best]
     seen = J[best][:, told]
-    known[problem.known] = ((seen @ x_covariance[told][:, told]) * seen).sum(-1).clamp(min=0).sqrt() / problem.weight
-    readings, y = _readings(problem, x[best], known)
-    first, _ = _readings(problem, parameters.x[best])
-    hints = (*unit_hints(first), *fit_hints(readings, squares[best].item(), numbers - p, problem.sigma_given),
+    deviation = _everywhere(problem, ((seen @ x_covariance[told][:, told]) * seen).sum(-1).clamp(min=0).sqrt() / problem.weight)
+    readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
+    odd = () if found.first is None else unit_hints(_readings(problem, _known(problem, found.first[best])))
+    hints = (*odd, *fit_hints(readings, squares[best].item(), numbers - p, problem.sigma_given),
              *bound_hints(parameters.names, x[best], *parameters.bounds(x[best])))
-    if unit_hints(first):
-        warnings.warn(hints[0], UserWarning, stacklevel=4)
+    if odd:
+        warnings.warn(odd[0], UserWarning, stacklevel=5)
     status, misfits = int(statuses[best]), (squares / numbers).sqrt()
     failed = int((statuses == FAILED).sum())
     message = "; ".join((REASON[status], *shown[best], *hints, *(
@@ -64,41 +66,54 @@ def fit_of(problem: Problem, found: Found, region: Region, data: Any, derivative
         [f"at {len(found.raised)} trials the model raised, last {found.raised[-1]!r}"] if found.raised else [])))
     shapes = {e.name if e.experiment is None else f"{e.experiment}.{e.name}": (e.first, tuple(e.shape))
               for e in parameters.entries}
-    return Fit(theta[best], parameters.names, slope[:, None] * x_covariance * slope, _as_given(y, data), misfits[best], status,
-               len(found.history) - 1, history, theta, misfits, statuses, shown[best], message, hints, open_[best], freedom,
-               derivatives, shapes, x[best], x_covariance, torch.stack((parameters.least, parameters.largest), -1), T, readings,
-               problem)
+    return dict(theta=theta[best], names=parameters.names, covariance=slope[:, None] * x_covariance * slope,
+                y=_as_given(readings, problem), misfit=misfits[best], status=status, iterations=len(found.history) - 1,
+                history=history, starts=theta, misfits=misfits, statuses=statuses, unidentifiable=shown[best],
+                message=message, hints=hints, open=open_[best], freedom=freedom, derivatives=derivatives, shapes=shapes,
+                x=x[best], x_covariance=x_covariance, bounds=torch.stack((parameters.least, parameters.largest), -1),
+                transform=T, readings=readings, jacobian=J[best], problem=problem)
 
 
-def _readings(problem: Problem, x: Tensor, deviation: Tensor | None = None) -> tuple[tuple[Readings, ...], list[list[Tensor]]]:
-    """Data beside the model at coordinates (p,), offsets and drifts included, by experiment and measurement."""
-    parameters = problem.parameters
-    theta = parameters.transform.theta(x)
-    values = problem.values(theta[None])[0]
-    own, found, all_, first = theta[parameters.model:], [], [], 0
+def _everywhere(problem: Problem, known: Tensor) -> Tensor:
+    """(all numbers,) of what is known where something was measured, NaN elsewhere."""
+    found = torch.full(problem.known.shape, torch.nan, dtype=known.dtype, device=known.device)
+    found[problem.known] = known
+    return found
+
+
+def _known(problem: Problem, r: Tensor) -> Tensor:
+    """The model's values (all numbers,) from residuals (T,), NaN where nothing was measured; offsets and drifts are in them."""
+    return _everywhere(problem, (r + problem.target[0]) / problem.weight)
+
+
+def _values(problem: Problem, x: Tensor, r: Tensor) -> Tensor:
+    """The model's values (all numbers,) at coordinates (p,); it is asked for those alone that residuals do not tell."""
+    if problem.known.all():
+        return _known(problem, r)
+    theta = problem.parameters.transform.theta(x)
+    return problem.values(theta[None])[0] + theta[problem.parameters.model:] @ problem.nuisance
+
+
+def _readings(problem: Problem, values: Tensor, deviation: Tensor | None = None) -> tuple[Readings, ...]:
+    """Data beside the model's values (all numbers,), by measurement."""
+    found, first = [], 0
     for e in problem.experiments:
-        parts = []
         for m in e.measurements:
-            names, basis = m.nuisance()
-            y = values[first:first + m.values.numel()].reshape(m.values.shape)
-            y = y + (own[:len(names)] @ basis.reshape(len(names), y.numel())).reshape(y.shape)
-            off = None if deviation is None else deviation[first:first + m.values.numel()].reshape(m.values.shape)
-            own, first = own[len(names):], first + m.values.numel()
+            here, shape = slice(first, first + m.values.numel()), m.values.shape
+            y, off = (None if v is None else v[here].reshape(shape) for v in (values, deviation))
             found.append(Readings(e.name, m.labels, m.times, m.values, y, m.sigma, off))
-            parts.append(y)
-        all_.append(parts)
-    return tuple(found), all_
+            first += m.values.numel()
+    return tuple(found)
 
 
-def _as_given(y: list[list[Tensor]], data: Any) -> Any:
-    """The model's values in the form of the data."""
-    def one(parts: list[Tensor], given: Any) -> Any:
-        several = isinstance(given, (list, tuple)) and any(isinstance(d, Measurement) for d in given)
-        return tuple(parts) if several else parts[0]
-
-    if isinstance(data, Mapping):
-        return {name: one(parts, data[name]) for name, parts in zip(data, y, strict=True)}
-    return one(y[0], data)
+def _as_given(readings: tuple[Readings, ...], problem: Problem) -> Any:
+    """The model's values in the form in which the data were given."""
+    rest = iter(readings)
+    parts = {}
+    for e in problem.experiments:
+        own = tuple(next(rest).y for _ in e.measurements)
+        parts[e.name] = own[0] if e.single else own
+    return parts[None] if None in parts else parts
 
 
 def _inverse(A: Tensor) -> Tensor:

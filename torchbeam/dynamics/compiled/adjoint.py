@@ -6,14 +6,15 @@ from functools import partial
 from math import prod
 
 from ...solvers.compiled.derivative import bar, vjp
-from ...solvers.compiled.ends import END, share_ends
+from ...solvers.compiled.ends import END
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.packing import Packing
+from . import midsides
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
-from .layout import BETWEEN, ELEMENTS, MOVES, NODES, ONE, OWN, SUPPORTS, TWO, Layout
+from .layout import BETWEEN, ELEMENTS, ENDS, INNER, MOVES, NODES, ONE, OWN, SUPPORTS, TURNS, Layout
 from .local_functions import LocalFunctions
-from .local_problem import EndKind, Kinds
+from .local_problem import Kinds, without_side
 from .native import NativeProgram
 from .tracing import Tracing
 
@@ -32,16 +33,16 @@ class AdjointProgram(NativeProgram):
         super().__init__(local, kinds, held, key)
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        wanted, w, shapes, node = self.wanted, self.w, self.shapes, traced.node
+        wanted, w, shapes, node = sorted(self.wanted), self.w, self.shapes, traced.node
         start = (*self.state, *wanted)
         found = {"solution": traced(local.solution, {
             "position": shapes["position"], "rotation": shapes["rotation"], "after_position": shapes["position"],
             "after_rotation": shapes["rotation"]})}
-        nodes, elements = [], []
+        nodes, elements, finishes = [], [], []
         for k, kind in enumerate(self.kinds.nodes):
             nodes.append(whole := traced(partial(local.node, kind), node))
             found[f"node bar {k}"] = _derivative(whole.only(["balance"]), start)
-            finish = traced(partial(local.finish, kind), node)
+            finishes.append(finish := traced(partial(local.finish, kind), node))
             found[f"finish bar {k}"] = _derivative(finish, (*start, "u", "m", "found", "last"), keep=("u", "m"))
             update = traced(partial(local.update, kind), {**node, "move": (w,)})
             if "move" in update.inputs:  # a clamp that moves goes its own way
@@ -51,33 +52,40 @@ class AdjointProgram(NativeProgram):
             scaled = traced(local.scaled, {**{name: shapes[name] for name in ENDED}, "scale": ()})
             found |= {"project": project.only(["scale"]), "project bar": vjp(project, ["defect", "kinetic", "rise"]),
                       "scaled bar": vjp(scaled, [*ENDED, "scale"])}
-            for k, kind in enumerate(self.kinds.nodes):
-                found[f"ended {k}"] = traced(partial(local.finish, kind), node).only([*ENDED, *ENERGIES])
-        ends = [f"{side}.{name}" for side in "ij" for name in start if not name.startswith(("element", "common"))]
+            found |= {f"ended {k}": finish.only([*ENDED, *ENERGIES]) for k, finish in enumerate(finishes)}
+        ends = [f"{side}.{name}" for side in self.sides for name in start if not name.startswith(("element", "common"))]
+        ended = [f"{side}.{name}" for side in self.sides for name in ("u", "m")]
         ends += [*local.element_state, *(name for name in wanted if name.startswith(("element", "common")))]
         for k, kind in enumerate(self.kinds.elements):
             elements.append(whole := traced(partial(local.element, kind), traced.element))
-            found[f"element bar {k}"] = _derivative(whole.only(["i.balance", "j.balance", "gap"]), ends)
+            found[f"element bar {k}"] = _derivative(whole.only([*(f"{side}.balance" for side in self.sides), "gap"]), ends)
             if local.element_ends:
                 finish = traced(partial(local.finish_element, kind), traced.element)
                 if "kinetic" in finish.outputs:
                     found[f"ended element {k}"] = finish
-                found[f"finish element bar {k}"] = _derivative(finish, [*ends, *(f"{side}.{x}" for side in "ij" for x in "um")])
+                found[f"finish element bar {k}"] = _derivative(finish, [*ends, *ended])
         own = Packing(OWN, nodes, ["D"])
-        between = Packing(BETWEEN, elements, ["i.D", "j.D", "U", "L"])
+        blocks = [*(f"{side}.D" for side in self.sides), *(name for name in midsides.BLOCKS if name in whole.outputs)]
+        between = Packing(BETWEEN if self.order == 1 else INNER, elements, blocks)
         nodes = [one.only([OWN]) for one in own.made()]
-        elements = [one.only([BETWEEN, "E", "hB"]) for one in between.made()]
-        elements, ends = share_ends([(one, dict(zip("ij", kind, strict=True)))
-                                     for one, kind in zip(elements, self.kinds.elements, strict=True)],
-                                    (*self.state, "u", "m"), traced.constants["common"])
-        for k, (one, kind) in enumerate(zip(nodes, self.kinds.nodes, strict=True)):
-            end = ends.get(EndKind(kind.hinge, kind.support), ends.get(EndKind()))
-            found[f"block {k}"] = one if end is None else one.joined(end)
+        elements = [one.only([between.name, "E", "hB"]) for one in between.made()]
+        nodes, elements = self.with_ends(nodes, elements, (*self.state, "u", "m"), traced.constants["common"])
+        found |= {f"block {k}": one for k, one in enumerate(nodes)}
         found |= {f"blocks {k}": one for k, one in enumerate(elements)}
         law = {name: whole.outputs[name].shape for name in ("gap", "E", "hB")}
-        stress = traced(local.stress, {**traced.element, **law, "move_i": (w,), "move_j": (w,)})
-        found["stress bar"] = vjp(stress, ["gap", "move_i", "move_j"])
+        moves = {f"{side}.move": (w,) for side in self.sides}
+        found["stress bar"] = vjp(traced(local.stress, {**traced.element, **law, **moves}), ["gap", *moves])
         found["pushed bar"] = vjp(traced(local.pushed, {**traced.element, **law}), ["gap"])
+        if self.order == 2:
+            inner = {"own.D": (w, w), "right": (w,), **{f"element.{name}": whole.outputs[name].shape for name in blocks}}
+            condense = {"condense": traced(partial(local.transposed_condense, False), inner)}
+            if self.held:
+                held = inner | {"free": (w,), "push": (w,)}
+                condense["held condense"] = traced(partial(local.transposed_condense, True), held)
+            restore = traced(local.transposed_restore, {
+                "own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)})
+            more, between, _ = midsides.eliminating(condense, restore, own, between)
+            found |= more
         row = {"own.D": (w, w), "left.D": (w, w), "right.D": (w, w), "left.U": (w, w), "right.L": (w, w), "right": (w,),
                "ahead": (w, w), "y": (w,)}
         near = {f"{name}_{at}": (w,) for name in ("free", "push") for at in ("before", "here", "after")}
@@ -100,7 +108,7 @@ class AdjointProgram(NativeProgram):
         for kind, rows in (("node", NODES), ("element", ELEMENTS), ("common", ONE), *((("support", SUPPORTS),) * self.held)):
             outputs = (one for name in self.functions for one in self.outputs(name))  # a derivative need not read what it is by
             found = {name: size for out, size in outputs
-                     if (name := out.removeprefix("i.").removeprefix("j.").removesuffix("_bar")).startswith(f"{kind}.")}
+                     if (name := without_side(out).removesuffix("_bar")).startswith(f"{kind}.")}
             layout.record(kind, rows, self.constants(kind))
             layout.record(f"{kind}_bar", rows, sorted(found.items()))
         for name in ("state", "state_bar", "state_grad", "start_bar"):
@@ -123,11 +131,10 @@ class AdjointProgram(NativeProgram):
         for name in ("asked", "push", "move", "found"):
             layout.record(name, MOVES, [(name, w)])
         layout.record("law", ELEMENTS, [*self.outputs("blocks 0", "E", "hB"), ("gap_bar", k)])
-        layout.record("at_node", TWO, self.outputs("block 0", OWN))
-        ends = [size for k in range(len(self.kinds.nodes)) for _, size in self.outputs(f"block {k}", END)]
-        layout.record("at_end", TWO, [(END, max(ends, default=0))])
-        layout.record("between", TWO, self.outputs("blocks 0", BETWEEN))
-        layout.record("row", NODES, [("ahead", w * w), ("y", w)])
+        layout.record("at_node", TURNS, self.outputs("block 0", OWN))
+        layout.record("at_end", TURNS, self.largest("block", len(self.kinds.nodes), END))
+        midsides.record(layout, self.functions, "blocks 0")
+        layout.record("row", ENDS, [("ahead", w * w), ("y", w)])
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
         change = layout.record("change", ONE, [("gap_bar", k)])
         for name in self.functions:

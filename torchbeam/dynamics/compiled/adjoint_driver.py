@@ -11,7 +11,8 @@ from __future__ import annotations
 from ...solvers.compiled.derivative import bar
 from ...solvers.compiled.ends import END
 from .chain_code import ChainCode
-from .layout import BETWEEN
+from .layout import BETWEEN, INNER, MIDDLE, OWN
+from .local_problem import SIDES, without_side
 
 
 class AdjointDriver(ChainCode):
@@ -22,9 +23,9 @@ class AdjointDriver(ChainCode):
             "end_group")
 
     def _group(self, first: str) -> None:
-        code, N = self.code, self.args["elements"]
+        code, N, nodes = self.code, self.args["elements"], self.args["nodes"]
         last = code.sub(self.args["steps"], 1)
-        nodes, supports = code.add(N, 1), [(f"{of}_bar", self.args["supports"]) for of in ("reaction", "support") * self.held]
+        supports = [(f"{of}_bar", self.args["supports"]) for of in ("reaction", "support") * self.held]
         more = [("element_state_bar", N)] * ("element_state" in self.layout.records)
         for record, count in (("state_bar", nodes), ("stress_bar", N), *more, *supports, ("node_bar", nodes),
                               ("element_bar", N), ("common_bar", 1)):
@@ -39,8 +40,8 @@ class AdjointDriver(ChainCode):
         self._transfer("scatter", "output", first, 0)
 
     def _step(self) -> None:
-        code, N = self.code, self.args["elements"]
-        nodes, moves = code.add(N, 1), self.layout.records["move"].size
+        code, N, nodes = self.code, self.args["elements"], self.args["nodes"]
+        moves = self.layout.records["move"].size
         rates = "element_state" in self.layout.records
         for to, source, count in (("state_bar", "state_grad", nodes), ("stress_bar", "stress_grad", N),
                                   *((("element_state_bar", "element_state_grad", N),) if rates else ()),
@@ -50,7 +51,7 @@ class AdjointDriver(ChainCode):
         for to, source in zip(self._of_samples("_bar"), self._of_samples("_grad"), strict=True):
             self._add(self.at("sample", 0, to), self.at("sample", 0, source), 1)
         self._fill(self.at("nothing"), self.layout.records["nothing"].size)
-        with code.loop(0, code.add(N, 3)) as j:
+        with code.loop(0, self._move_of(nodes, self.order)) as j:
             for record in ("asked", "push", "move", "found"):
                 self._fill(self.at(record, j), moves)
         if self.held:
@@ -69,24 +70,24 @@ class AdjointDriver(ChainCode):
             with code.loop(0, self.args["supports"]) as k:
                 node = code.load(code.at(self.args["support_nodes"], k))
                 places = {"reaction_bar": self.at("reaction_bar", k), "free": self.at("free", node),
-                          "> push": self.at("push", code.add(node, 1))}
+                          "> push": self.at("push", self._move_of(node))}
                 self._call("push", lambda f: places[f])
-        self._block("0")
-        with code.loop(0, nodes) as j:
-            self._row(j)
-        with code.loop(N, -1, -1) as j:
-            places = {"next": code.add(j, 2), "> move": code.add(j, 1)}
-            self._call("back", lambda f: self.at("move", places[f]) if f in places else self.at("row", j, f))
-            places = {"move": ("move", code.add(j, 1)), "push": ("push", code.add(j, 1)), "free": ("free", j),
-                      f"> {bar('balance')}": ("found", code.add(j, 1))}
-            self._call("balance_bar", lambda f: self.at(*places[f]))
+        self._block("0", 0)
+        with code.loop(0, code.add(N, 1)) as v:
+            self._row(v)
+        with code.loop(N, -1, -1) as v:
+            node = self._end(v)
+            places = {"next": self._move_of(node, self.order), "> move": self._move_of(node)}
+            self._call("back", lambda f: self.at("move", places[f]) if f in places else self.at("row", v, f))
+            self._balance_bar(node)
+        self._restore("found", self._balance_bar)
         with code.loop(0, N) as e:
             self._element(e)
         with code.loop(0, nodes) as j:
             with self._kind(j) as kinds:
                 for k in kinds:
                     self._call(f"node bar {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
-                               self.at("found", code.add(j, 1)) if f == bar("balance") else self._of_node(f, j))
+                               self.at("found", self._move_of(j)) if f == bar("balance") else self._of_node(f, j))
                     self._spread(f"node bar {k}", j)
         good = self.at("sample", 0, "good")
         with code.loop(0, nodes) as j:
@@ -99,6 +100,12 @@ class AdjointDriver(ChainCode):
         if self.held:
             with code.loop(0, self.args["supports"]) as k:
                 self._take(self.at("reaction_bar", k), self.at("last_bar", k), good, moves)
+
+    def _balance_bar(self, j: str) -> None:
+        """Of node j, whose move is known."""
+        at = self._move_of(j)
+        places = {"move": ("move", at), "push": ("push", at), "free": ("free", j), f"> {bar('balance')}": ("found", at)}
+        self._call("balance_bar", lambda f: self.at(*places[f]))
 
     def _solution(self, j: str) -> None:
         """Of a node: the solution between its states."""
@@ -134,26 +141,22 @@ class AdjointDriver(ChainCode):
 
     def _energies(self) -> None:
         """The scale of the velocities, and the cotangents of what it is made from and of the velocities before."""
-        code, N, records = self.code, self.args["elements"], self.layout.records
-        good, nodes = self.at("sample", 0, "good"), code.add(N, 1)
+        code, N, nodes, records = self.code, self.args["elements"], self.args["nodes"], self.layout.records
+        good = self.at("sample", 0, "good")
         self._fill(self.at("energy"), records["energy"].size)
-
-        def add() -> None:
-            for name in ("kinetic", "rise"):
-                self._add(self.at("energy", 0, name), self.at("change", 0, name), 1)
 
         with code.loop(0, N) as e:
             with self._element_kind(e) as kinds:
                 for k in kinds:
                     self._call(f"ended element {k}", lambda f: self.at("change", 0, f[2:]) if f[0] == ">" else
                                self._of_element(f, e))
-            add()
+            self._add_energies()
         with code.loop(0, nodes) as j:
             with self._kind(j) as kinds:
                 for k in kinds:
                     self._call(f"ended {k}", lambda f: self._of_node(f, j) if f[0] != ">" else
                                self.at("ended", j, f[2:]) if f[2:] in records["ended"].fields else self.at("change", 0, f[2:]))
-            add()
+            self._add_energies()
 
         def of_sample(f: str) -> str:
             name = f.removeprefix("> ")
@@ -173,8 +176,6 @@ class AdjointDriver(ChainCode):
 
     def _ends(self, j: str) -> None:
         """Of a node: what its end's cotangents ask of the start and of the move."""
-        code = self.code
-
         def where(f: str) -> str:
             if f[0] == ">":
                 return self.at("change", 0, f[2:])
@@ -188,74 +189,83 @@ class AdjointDriver(ChainCode):
             for k in kinds:
                 self._call(f"finish bar {k}", where)
                 self._spread(f"finish bar {k}", j)
-                for name, (_, size) in getattr(self.layout.records.get("unknown_bar"), "fields", {}).items():
+                for name, (_, size) in self.layout.fields("unknown_bar").items():
                     self._add(self.at("change", 0, name), self.at("unknown_bar", j, name), size)
                 if f"update bar {k}" in self.functions:
-                    self._call(f"update bar {k}", lambda f: self.at("asked", code.add(j, 1)) if f[0] == ">" else
+                    self._call(f"update bar {k}", lambda f: self.at("asked", self._move_of(j)) if f[0] == ">" else
                                self.at("change", 0, f) if f.endswith("_bar") else self._of_node(f, j))
-
-    def _of_element(self, field: str, e: str) -> str:
-        side, _, name = field.partition(".")
-        if side in ("i", "j"):
-            node = e if side == "i" else self.code.add(e, 1)
-            return self.at("at_end", self._odd(node)) if name == END else self._of_node(name, node)
-        for record in ("element", "stress", "law", "element_state"):
-            if record in self.layout.records and field in self.layout.records[record].fields:
-                return self.at(record, e, field)
-        return self.at("common", 0, field)
 
     def _blocks(self, e: str) -> None:
         """Of an element: what it adds to the matrix, and what its stress's cotangent asks of its nodes' moves."""
-        code = self.code
+        packed = {f"> {BETWEEN}": ("between", self._odd(e)), f"> {INNER}": ("inner",)}
         with self._element_kind(e) as kinds:
             for k in kinds:
-                self._call(f"blocks {k}", lambda f: self.at("between", self._odd(e)) if f == f"> {BETWEEN}" else
+                self._call(f"blocks {k}", lambda f: self.at(*packed[f]) if f in packed else
                            self.at("law", e, f[2:]) if f[0] == ">" else self._of_element(f, e))
         places = {f"> {bar('gap')}": ("law", e, "gap_bar"), bar("stress"): ("stress_bar", e)}
         self._call("stress bar", lambda f: self.at(*places[f]) if f in places else
                    self.at("change", 0, f[2:]) if f[0] == ">" else self._of_element(f, e))
-        for k, name in enumerate(("move_i", "move_j"), 1):
-            self._add(self.at("asked", code.add(e, k)), self.at("change", 0, bar(name)), self.layout.records["move"].size)
+        for side in SIDES[self.order]:
+            self._ask(self._node_of(e, side), bar(f"{side}.move"), "change")
+        if self.order == 2:
+            self._condense(e)
 
-    def _block(self, j: str) -> None:
+    def _ask(self, node: str, field: str, record: str) -> None:
+        """Add a field to what is asked of a node's move."""
+        self._add(self.at("asked", self._move_of(node)), self.at(record, 0, field), self.layout.records["move"].size)
+
+    def _condense(self, e: str) -> None:
+        """What element e gives its ends, and asks of them, once its midside node is eliminated."""
+        node = self._node_of(e, "m")
+        move = self._move_of(node)
+        places = {"element.inner": ("inner",), f"own.{OWN}": ("at_node", self._turn(e, "m")), "right": ("asked", move),
+                  "free": ("free", node), "push": ("push", move), f"> {BETWEEN}": ("between", self._odd(e)),
+                  f"> {MIDDLE}": ("middle", e)}
+        self._call_held("condense", node, lambda f: self.at(*places.get(f, ("at_middle", 0, f[2:]))))
+        for side in SIDES[1]:
+            self._ask(self._node_of(e, side), f"right_{side}", "at_middle")
+
+    def _block(self, j: str, turn: str | int) -> None:
         """Of node j: what it adds to the matrix, and what is computed there for the elements at it."""
-        odd = self._odd(j)
         with self._kind(j) as kinds:
             for k in kinds:
-                self._call(f"block {k}", lambda f: self.at("at_end" if f == f"> {END}" else "at_node", odd) if f[0] == ">" else
+                self._call(f"block {k}", lambda f: self.at("at_end" if f == f"> {END}" else "at_node", turn) if f[0] == ">" else
                            self._of_node(f, j))
 
-    def _row(self, j: str) -> None:
-        code = self.code
-        last, left, right = self._sides(j)
+    def _row(self, v: str) -> None:
+        code, node = self.code, self._end(v)
+        last, left, right = self._sides(v)
         with code.when(code.new(f"xor i1 {last}, true")):
-            self._block(code.add(j, 1))
-            self._blocks(j)
-        sides = {"left": left, "right": right, "own": self.at("at_node", self._odd(j))}
-        near = self._near(j) if self.held else {}
+            for side in SIDES[self.order][1:]:
+                self._block(self._node_of(v, side), self._turn(v, side))
+            self._blocks(v)
+        sides = {"left": left, "right": right, "own": self.at("at_node", self._odd(v))}
+        near, order = self._near(v) if self.held else {}, self.order
         if self.held:
-            near |= {f"push_{name}": self.at("push", code.add(j, k)) for k, name in enumerate(("before", "here", "after"))}
+            near |= {f"push_{name}": self.at("push", self._move_of(node, k))
+                     for name, k in (("before", -order), ("here", 0), ("after", order))}
 
         def where(field: str) -> str:
             side, dot, _ = field.partition(".")
             if field[0] == ">":
-                return self.at("row", j, field[2:])
+                return self.at("row", v, field[2:])
             if dot and side in sides:
                 return sides[side]
             if field == "right":
-                return self.at("asked", code.add(j, 1))
-            return near[field] if field in near else self._row_before(field, j)
+                return self.at("asked", self._move_of(node))
+            return near[field] if field in near else self._row_before(field, v)
 
-        self._call_row(j, where)
+        self._call_held("row", node, where)
 
     def _element(self, e: str) -> None:
         """What the solution asks of an element: of its gap through the balance, then of its start and its constants."""
-        code = self.code
-        found = {f"{side}_bar": self.at("found", code.add(e, k)) for k, side in enumerate("ij", 1)}
+        found = {side: self.at("found", self._move_of(self._node_of(e, side))) for side in SIDES[self.order]}
+        pushed = {bar(side): place for side, place in found.items()}
         self._call("pushed bar", lambda f: self.at("change", 0, "gap_bar") if f[0] == ">" else
-                   found[f] if f in found else self._of_element(f, e))
+                   pushed[f] if f in pushed else self._of_element(f, e))
         self._add(self.at("law", e, "gap_bar"), self.at("change", 0, "gap_bar"), self.layout.records["stress"].size)
-        given = {bar("i.balance"): found["i_bar"], bar("j.balance"): found["j_bar"], bar("gap"): self.at("law", e, "gap_bar")}
+        given = {bar("gap"): self.at("law", e, "gap_bar")}
+        given |= {bar(f"{side}.balance"): place for side, place in found.items()}
         with self._element_kind(e) as kinds:
             for k in kinds:
                 self._call(f"element bar {k}", lambda f: self.at("of_element", 0, f[2:]) if f[0] == ">" else
@@ -270,12 +280,12 @@ class AdjointDriver(ChainCode):
         source = "of_element" if name.startswith(("element bar", "finish element bar")) else "change"
         for out in self.functions[name].outputs:
             field, at = out.removesuffix("_bar"), j
-            if field[:2] in ("i.", "j."):
-                at, field = (j if field[0] == "i" else self.code.add(j, 1)), field[2:]
+            if field != without_side(field):
+                at, field = self._node_of(j, field[0]), without_side(field)
             record = field.partition(".")[0] + "_bar" if "." in field else "start_bar"
             if field in ("found", "last"):
                 record, field = "reaction_bar" if field == "found" else "last_bar", "reaction"
-            if field in getattr(records.get("element_state"), "fields", ()):
+            if field in self.layout.fields("element_state"):
                 record = "element_state_start_bar"
             elif source == "of_element" and field in ("u", "m"):
                 record, field = "unknown_bar", f"{field}_bar"

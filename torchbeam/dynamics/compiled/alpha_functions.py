@@ -75,7 +75,7 @@ class AlphaFunctions(LocalFunctions):
         """The element's state at the end of the step."""
         problem, x = self.of_element(fields, kind)
         x = problem.apply_supports(x)
-        return {STRAINING: problem.straining(problem.motion.kinematics(x.u, x.m))[0]}
+        return {STRAINING: problem.straining(problem.motion.kinematics(x.u, x.m))}
 
     def solution(self, position: Tensor, rotation: Tensor, after_position: Tensor, after_rotation: Tensor) -> Fields:
         space = self.model.space

@@ -13,7 +13,6 @@ from torch import Tensor
 
 from ...nodal.model import Model
 from .chain_code import ENTRY, POINTERS
-from .layout import ONE
 from .local_problem import Kinds
 from .native import NativeProgram
 
@@ -23,7 +22,8 @@ WORK = 4096  # samples times elements times steps that are worth a thread of the
 
 class Field(NamedTuple):
     """A tensor that stands for a field of a record: `axes` of its own, of which the first are the record's rows, if it has any;
-    before them the samples', and before these, where it has more, one of steps. flat: the samples' axes are one.
+    before them the samples', and before these, where it has more, one of steps. flat: the samples' axes are one; every: so many
+    steps have one place, that is the last one's.
     """
 
     record: str
@@ -31,6 +31,7 @@ class Field(NamedTuple):
     value: Tensor
     axes: int
     flat: bool = False
+    every: int = 1
 
 
 class Chain:
@@ -40,23 +41,23 @@ class Chain:
 
     def __init__(self, program: NativeProgram, model: Model, kinds: Kinds) -> None:
         self.program, self.dtype = program, model.length.dtype
-        self.N, self.supports, self.free = model.count, model.constraints.nodes, model.constraints.moving
-        records, N = program.layout.records, self.N
-        bases, self.size = program.layout.bases(N, len(self.supports))
+        self.N, self.supports, self.free = model.scene.beam.element_count, model.constraints.nodes, model.constraints.moving
+        records, order, nodes = program.layout.records, program.order, range(model.count + 1)
+        bases, self.size = program.layout.bases(order, self.N, len(self.supports))
         self.base = dict(zip(records, bases, strict=True))
-        support_of = [self.supports.index(j) if j in self.supports else -1 for j in range(N + 1)]
-        near = [int(any(support_of[i] >= 0 for i in range(max(j - 1, 0), min(j + 2, N + 1)))) for j in range(N + 1)]
+        support_of = [self.supports.index(j) if j in self.supports else -1 for j in nodes]
+        near = [int(any(i in self.supports for i in ((j,) if j % order else (j - order, j, j + order)))) for j in nodes]
         nodes, elements = ([there.index(kind) for kind in own] for there, own in zip(program.kinds, kinds, strict=True))
         lists = bases, nodes, elements, near, support_of, [*self.supports, 0]
         self.lists = dict(zip(POINTERS[1:], map(_integers, lists), strict=True))
         self._blocks: dict[int, list[Tensor]] = {}  # of memory that no call uses, by lanes
 
     def has(self, record: str, name: str) -> bool:
-        return name in getattr(self.program.layout.records.get(record), "fields", ())
+        return name in self.program.layout.fields(record)
 
     def rows(self, record: str) -> int:
         """How many there are."""
-        return self.program.layout.rows(self.program.layout.records[record], self.N, len(self.supports))
+        return self.program.layout.rows(self.program.layout.records[record], self.program.order, self.N, len(self.supports))
 
     def lanes(self, samples: int) -> int:
         """As this processor has them; one for a sample alone."""
@@ -117,7 +118,10 @@ class Table:
             x = x.to(self.chain.dtype)
         if 1 < samples < batch.numel():
             x, samples = x.reshape(steps, *lead, *own).expand(steps, *batch, *own), batch.numel()
-        x = x.reshape(steps, samples, 1 if record.rows == ONE else own[0], components)
+        rows = own.numel() // components
+        if not rows and own[0] == 1:  # all stations of all elements have it in common
+            x, rows = x.expand(*x.shape[:x.ndim - one.axes], self.chain.program.order, *own[1:]), 1
+        x = x.reshape(steps, samples, rows, components)
         return x.contiguous() if components > 1 and x.stride(-1) != 1 else x
 
     def _row(self, one: Field, x: Tensor) -> tuple[int, ...]:
@@ -125,7 +129,7 @@ class Table:
         record = chain.program.layout.records[one.record]
         first, components = record.fields[one.name]
         step, sample, row = (0 if n == 1 else stride for n, stride in zip(x.shape[:3], x.stride()[:3], strict=True))
-        return (x.data_ptr(), sample, step, row, chain.rows(one.record), components,
+        return (x.data_ptr(), sample, step, one.every, row, chain.rows(one.record), components,
                 chain.base[one.record] + first, record.size)
 
 

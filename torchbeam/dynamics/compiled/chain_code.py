@@ -9,13 +9,15 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 
 from ...solvers.compiled.denormals import flushing
+from ...solvers.compiled.ends import END
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.llvm import Module
 from .code import Code
+from .conserving_functions import ENERGIES
 from .layout import Layout
-from .local_problem import Kinds
+from .local_problem import SIDES, Kinds
 
-ENTRY = ("pointer", "sample", "step", "row", "rows", "components", "place", "row_size")  # strides and places in numbers
+ENTRY = ("pointer", "sample", "step", "every", "row", "rows", "components", "place", "row_size")  # strides, places in numbers
 POINTERS = ("memory", "bases", "kinds", "element_kinds", "held", "support_of", "support_nodes")
 
 
@@ -28,7 +30,7 @@ class ChainCode:
 
     def __init__(self, module: Module, functions: dict[str, Function], layout: Layout, kinds: Kinds, held: bool) -> None:
         self.module, self.functions, self.layout, self.kinds, self.held = module, functions, layout, kinds, held
-        self.lanes = module.lanes
+        self.lanes, self.order = module.lanes, len(kinds.elements[0]) - 1
         self.bytes = self.lanes.count * self.lanes.bytes  # of a component
         self.code = Code("chain", ["ptr %args"])
         self.args: dict[str, str] = {}
@@ -41,6 +43,7 @@ class ChainCode:
             self.args[name] = code.load(code.at("%args", k))
         pointer = {name: code.new(f"inttoptr i64 {self.args[name]} to ptr") for name in POINTERS}
         self.args |= pointer
+        self.args["nodes"] = code.add(self._end(self.args["elements"]), 1)
         for k, name in enumerate(self.layout.records):
             begin = code.mul(code.load(code.at(pointer["bases"], k)), self.bytes)
             self.base[name] = code.at(pointer["memory"], begin, "i8")
@@ -71,55 +74,96 @@ class ChainCode:
     def _of_node(self, field: str, j: str) -> str:
         """A field that is held at a node, or by its support, or by all."""
         for record in ("node", "state", "unknown"):
-            if field in self.layout.records[record].fields:
+            if field in self.layout.fields(record):
                 return self.at(record, j, field)
-        if self.held and field in self.layout.records["support"].fields:
+        if self.held and field in self.layout.fields("support"):
             return self.at("support", self._support_of(j), field)
+        return self.at("common", 0, field)
+
+    def _of_element(self, field: str, e: str) -> str:
+        """A field that is held by element e, or at one of its nodes, or by all."""
+        side, _, name = field.partition(".")
+        if side in SIDES[self.order]:
+            return self.at("at_end", self._turn(e, side)) if name == END else self._of_node(name, self._node_of(e, side))
+        for record in ("element", "stress", "law", "element_state"):
+            if field in self.layout.fields(record):
+                return self.at(record, e, field)
         return self.at("common", 0, field)
 
     def _support_of(self, j: str) -> str:
         """Which support is that of node j; -1 where it has none."""
         return self.code.load(self.code.at(self.args["support_of"], j))
 
-    def _near(self, j: str) -> dict[str, str]:
-        """What is free of the node before, of node j and of the next, where there are any."""
-        code = self.code
-        before = code.choose(code.compare("eq", j, 0), 0, code.sub(j, 1))
-        after = code.choose(code.compare("eq", j, self.args["elements"]), j, code.add(j, 1))
-        return {f"free_{name}": self.at("free", at, "free") for name, at in (("before", before), ("here", j), ("after", after))}
+    def _end(self, v: str) -> str:
+        """Node v of those that elements end at."""
+        return v if self.order == 1 else self.code.mul(v, self.order)
 
-    def _row_before(self, field: str, j: str) -> str:
+    def _node_of(self, e: str, side: str) -> str:
+        """The node of element e that is called so."""
+        k, first = SIDES[self.order].index(side), self._end(e)
+        return self.code.add(first, k) if k else first
+
+    def _turn(self, e: str, side: str) -> str | int:
+        """Which of the records that take turns belongs to that node."""
+        return self._odd(e if side == "i" else self.code.add(e, 1)) if side in SIDES[1] else 2
+
+    def _move_of(self, node: str, ahead: int = 0) -> str:
+        """Which of the nodes' moves is that of a node, or of one so far ahead; on either side of the chain some do not move."""
+        return self.code.add(node, self.order + ahead)
+
+    def _near(self, v: str) -> dict[str, str]:
+        """What is free of the end before, of end v and of the next, where there are any."""
+        code = self.code
+        before = code.choose(code.compare("eq", v, 0), 0, code.sub(v, 1))
+        after = code.choose(code.compare("eq", v, self.args["elements"]), v, code.add(v, 1))
+        return {f"free_{name}": self.at("free", self._end(at), "free")
+                for name, at in (("before", before), ("here", v), ("after", after))}
+
+    def _row_before(self, field: str, v: str) -> str:
         """ahead or y of the row before; zeros in front of the first."""
         code = self.code
-        first = code.compare("eq", j, 0)
-        at = self.at("row", code.choose(first, j, code.sub(j, 1)), field)
+        first = code.compare("eq", v, 0)
+        at = self.at("row", code.choose(first, v, code.sub(v, 1)), field)
         return code.choose(first, self.at("nothing"), at, "ptr")
 
-    def _sides(self, j: str) -> tuple[str, str, str]:
-        """Whether node j is the last; what the elements before and behind it leave, zeros where there is none."""
+    def _sides(self, v: str) -> tuple[str, str, str]:
+        """Whether end v is the last; what the elements before and behind it leave, zeros where there is none."""
         code = self.code
-        last, odd, nothing = code.compare("eq", j, self.args["elements"]), self._odd(j), self.at("nothing")
-        left = code.choose(code.compare("eq", j, 0), nothing, self.at("between", code.sub(1, odd)), "ptr")
+        last, odd, nothing = code.compare("eq", v, self.args["elements"]), self._odd(v), self.at("nothing")
+        left = code.choose(code.compare("eq", v, 0), nothing, self.at("between", code.sub(1, odd)), "ptr")
         return last, left, code.choose(last, nothing, self.at("between", odd), "ptr")
 
-    def _odd(self, j: str) -> str:
-        """Which of two records that take turns is node j's."""
-        return self.code.new(f"and i64 {j}, 1")
+    def _odd(self, v: str) -> str:
+        """Which of two records that take turns is that of end v."""
+        return self.code.new(f"and i64 {v}, 1")
 
     # Pieces
 
-    def _call_row(self, j: str, where: Callable[[str], str], after: Callable[[], None] = lambda: None) -> None:
-        """`row` of node j; where supports hold nodes, `held row` and what comes `after` it at those."""
+    def _call_held(self, name: str, j: str, where: Callable[[str], str], after: Callable[[], None] = lambda: None) -> None:
+        """A function of node j; where supports hold nodes, "held" in front of its name, and what comes `after` it at those."""
         if not self.held:
-            self._call("row", where)
+            self._call(name, where)
             return
         code = self.code
         held = code.compare("ne", code.load(code.at(self.args["held"], j)), 0)
         with code.when(code.new(f"xor i1 {held}, true")):
-            self._call("row", where)
+            self._call(name, where)
         with code.when(held):
-            self._call("held row", where)
+            self._call(f"held {name}", where)
             after()
+
+    def _restore(self, record: str, then: Callable[[str], None] = lambda node: None) -> None:
+        """Moves of midside nodes, if there are any, from what a record has for their elements' ends; `then`: what is to be done
+        with each.
+        """
+        if self.order == 1:
+            return
+        with self.code.loop(0, self.args["elements"]) as e:
+            node = self._node_of(e, "m")
+            places = {"before": (record, self._move_of(node, -1)), "after": (record, self._move_of(node, 1)),
+                      "> move": ("move", self._move_of(node))}
+            self._call("restore", lambda f: self.at(*places.get(f, ("middle", e))))
+            then(node)
 
     def _kind(self, j: str) -> AbstractContextManager[Iterator[int]]:
         """The kinds of nodes one after the other; what is written for each runs where node j is of it."""
@@ -168,6 +212,11 @@ class ChainCode:
     def _take(self, to: str, source: str, mask: str, size: int) -> None:
         """Take the source where the mask is not 0."""
         self._sized("take", size, to, source, mask)
+
+    def _add_energies(self) -> None:
+        """Of a node, or of an element, to those of the sample."""
+        for name in ENERGIES if "energy" in self.layout.records else ():
+            self._add(self.at("energy", 0, name), self.at("change", 0, name), 1)
 
     def _transfer(self, name: str, table: str, first: str, step: str | int, begin: str | int = 0) -> None:
         """`gather`, `scatter`, or `drain` (scatter, and leave zeros), as a table says, at a step of those that begin so."""
@@ -228,8 +277,8 @@ class ChainCode:
 
     def _moved(self, name: str) -> str:
         """Numbers between tensors and memory, as a table says. What does not change from step to step is gathered at the first
-        alone; what has one place for all steps is scattered at each, so that the last one's stays. Lanes beyond the samples
-        have the last one's numbers, and are not scattered.
+        alone; what has one place for all steps, or for `every` few, is scattered at each, so that the last one's stays. Lanes
+        beyond the samples have the last one's numbers, and are not scattered.
         """
         code = Code(name, ["ptr %table", "i64 %count", "ptr %memory", "i64 %first", "i64 %samples", "i64 %step", "i64 %begin"])
         scalar, W, bytes = self.lanes.scalar, self.lanes.count, self.bytes
@@ -238,8 +287,9 @@ class ChainCode:
         with code.loop(0, "%count") as k:
             entry = code.at("%table", code.mul(k, len(ENTRY)))
             numbers = (code.load(code.at(entry, i)) for i in range(len(ENTRY)))
-            pointer, sample, step, row, rows, components, place, size = numbers
-            pointer = code.at(code.new(f"inttoptr i64 {pointer} to ptr"), code.mul(step, "%step"), scalar)
+            pointer, sample, step, every, row, rows, components, place, size = numbers
+            slot = code.new(f"sdiv i64 %step, {every}")
+            pointer = code.at(code.new(f"inttoptr i64 {pointer} to ptr"), code.mul(step, slot), scalar)
             inside = [code.compare("slt", code.add("%first", lane), "%samples") for lane in range(W)]
             samples = [code.choose(one, code.add("%first", lane), last) for lane, one in enumerate(inside)]
             lanes = [code.at(pointer, code.mul(one, sample), scalar) for one in samples]

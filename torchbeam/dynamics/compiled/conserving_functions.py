@@ -7,10 +7,11 @@ from typing import Any
 
 from torch import Tensor
 
+from ...state.state import State
 from ..energy_projection import kinetic_rise, projected, strain_rise
-from ..midpoint import MidpointProblem, MidpointUnknowns
+from ..midpoint import MidpointProblem
 from .local_functions import LocalFunctions
-from .local_problem import Fields, NodeKind
+from .local_problem import Fields
 
 ENERGIES = ("kinetic", "rise")
 
@@ -29,10 +30,9 @@ class ConservingFunctions(LocalFunctions):
     def element_ends(self) -> tuple[str, ...]:
         return ENERGIES
 
-    def _finished(self, problem: MidpointProblem, x: MidpointUnknowns, kind: NodeKind, fields: Fields) -> Fields:
-        after = problem.finish(x, x.u.new_zeros(0, self.model.space.unknowns))
+    def energies(self, problem: MidpointProblem, after: State) -> Fields:
         kinetic, rise = kinetic_rise(problem.model, problem.start, after)
-        return super()._finished(problem, x, kind, fields) | {"kinetic": kinetic, "rise": rise - after.work}
+        return {"kinetic": kinetic, "rise": rise - after.work}
 
     def finish_element(self, kind: Any, **fields: Tensor) -> Fields:
         """Energies that are the element's own: those of strains, and of what its nodes share."""

@@ -73,9 +73,9 @@ class Constants:
         self.of_time = {f"load {k} {one.name}": one.value for k, load in enumerate(self.loads) for one in own_leaves(load)
                         if one.axes == 1 and callable(one.value) and self.rows[k] is None}
         changing = any(row is not None and not _unchanging(load) for row, load in zip(self.rows, self.loads, strict=True))
-        self.asks = bool(self.asked or not self.given_eigenstrain or not self.rests or self.of_time or changing)
-        by_time = self.asked or self.of_time or changing or (self.wants_support and not self.rests)
-        self.instant, self.before = instant, bool(instant == 1 and by_time)
+        by_time = bool(self.asked or self.of_time or changing or (self.wants_support and not self.rests))
+        self.asks = by_time or not self.given_eigenstrain or not self.rests
+        self.instant, self.before = instant, instant == 1 and by_time
         scene = model.scene
         by_place = tuple(load for load, row in zip(self.loads, self.rows, strict=True) if row is not None)
         prescribed = () if self.rests else (scene.frame, scene.root)
@@ -104,14 +104,9 @@ class Constants:
                 if self.given_eigenstrain else model.eigenstrain(t, inputs))
         for name, x in inputs.items():
             found[f"input {name}"] = x
-        if self.prescribes:
-            return found | self._prescribed(t, t + (1 - self.instant) * dt, frame)
-        return found | self._frame(t)
-
-    def _frame(self, t: Tensor) -> dict[str, Tensor]:
-        """Velocity and angular velocity of frame a at t, where it moves."""
-        names = "frame velocity", "frame angular_velocity"
-        return {name: x for name, x in zip(names, self.model.prescribed_motion.frame(t), strict=True) if x is not None}
+        velocities = zip(("frame velocity", "frame angular_velocity"), model.prescribed_motion.frame(t), strict=True)
+        found |= {name: x for name, x in velocities if x is not None}
+        return found | self._prescribed(t + (1 - self.instant) * dt, frame) if self.prescribes else found
 
     def _loads(self, t: Tensor, inputs: Inputs, frame: Tensor | None) -> dict[str, Tensor]:
         """Those that are dead, what the others have by time, and where the root's support stands."""
@@ -142,17 +137,17 @@ class Constants:
     def _rows(self, load: Any, t: Tensor, inputs: Inputs) -> Any:
         return load.at_sites(self.model.s, t, inputs, self.model.count)
 
-    def _prescribed(self, t: Tensor, end: Tensor, frame: Tensor | None) -> dict[str, Tensor]:
-        """Motion of frame a at t, and of supports at the time `end`."""
+    def _prescribed(self, end: Tensor, frame: Tensor | None) -> dict[str, Tensor]:
+        """Orientation of frame a, None = it does not turn; and the motion of supports at the time `end`."""
         scene, motion, like = self.model.scene, self.model.prescribed_motion, self.model.length
-        found = {**self._frame(t), "frame": frame}
+        found = {} if frame is None else {"frame": frame}
         if scene.supports:
             none = {"pose": (like.new_zeros(3), like.new_zeros(4)), "absolute": (like.new_zeros(3),) * 2}
             rows = [(*(motion.pose(one, end) if one.moves else none["pose"]),
                      *(motion.absolute(one, end) if one.clamp else none["absolute"])) for one in scene.supports]
             for name, parts in zip(HELD, zip(*rows, strict=True), strict=True):
                 found[f"held {name}"] = torch.stack(torch.broadcast_tensors(*parts), -2)
-        return {name: x for name, x in found.items() if x is not None}
+        return found
 
     def orientations(self, start: Tensor, dt: Tensor, t: Tensor) -> tuple[Tensor, Tensor]:
         """Of frame a in the middle and at the end of K steps of dt (K, ...) with the middles t, from `start` (...), in the
@@ -237,14 +232,17 @@ class Constants:
         return self._kept[name]
 
     def _tangent(self, dt: Tensor) -> tuple[Tensor, Tensor]:
-        """C of the tangent, and whether it is the law's; those of the last dt are kept."""
-        found, known = self._kept.get("tangent"), dt is concrete(dt)
-        if found is None or not known or not torch.equal(found[0], dt):
+        """C of the tangent, and whether it is the law's; those of the last two dt are kept, between which midpoint4 goes to and
+        fro where damping is strong.
+        """
+        known = dt is concrete(dt)
+        kept = self._kept.setdefault("tangents", []) if known else []
+        found = next((one for one in kept if torch.equal(one[0], dt)), None)
+        if found is None:
             with lasting(), torch.no_grad():  # no solution depends on its tangent
                 C = self.model.tangent_stiffness(dt.detach())
                 found = dt.detach().clone(), C, same_law(C, self.model.law.C).to(C)
-            if known:
-                self._kept["tangent"] = found
+            kept[:] = [found, *kept[:1]]
         return found[1:]
 
 

@@ -13,7 +13,7 @@ from .call import Call, Chain, Field, like, made_like
 from .chain_constants import flattened
 from .native import NativeProgram
 
-WHOLE = ("stress", "reaction")  # parts of a state with records of their own
+WHOLE = ("stress", "reaction")  # parts of a state whose cotangents have records of their own
 
 
 def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
@@ -49,7 +49,7 @@ class Adjoint:
     def __init__(self, chain: Chain, call: Call, calls: dict[Any, Backward], changing: list[Field], constant: list[Field],
                  good: Tensor, wanted: list[int]) -> None:
         self.chain, self.call, self.calls, self.good, self.wanted = chain, call, calls, good, wanted
-        self.changing, self.constant, self.state = changing, constant, [*state_fields(chain.program)]
+        self.changing, self.constant, self.state = changing, constant, state_fields(chain.program)
 
     def cotangents(self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]
                    ) -> list[Tensor | None]:
@@ -78,22 +78,20 @@ class Adjoint:
                 yield Field("support", "found", after, 2, flat=True)
             elif name == "stress":
                 yield Field("stress", "stress", after, 2, flat=True)
-            elif name in self.chain.program.state:
+            elif self.state[name][0] == "state":
                 yield Field("after", f"after_{name}", after, 2, flat=True)
-            before = ("support", "last") if name == "reaction" else self._place(name)
-            if name != "stress" and self.chain.has(*before):
+            before = self.state[name]
+            if self.chain.has(*before):
                 first = x.expand(*self.call.batch, *own).reshape(1, B, *own)
                 yield Field(*before, torch.cat((first, after[:-1])), len(own), flat=True)
 
     def _axes(self, name: str) -> int:
-        return 0 if name in self.chain.program.sample_state else 2
+        return 0 if self.state[name][0] == "sample" else 2
 
-    def _place(self, name: str, what: str = "") -> tuple[str, str]:
-        """Record and field of a part of the state; or of its "_bar" or "_grad"."""
-        program = self.chain.program
-        if name in program.sample_state:
-            return "sample", f"{name}{what}"
-        return f"{name if name in WHOLE else 'element_state' if name in program.element_state else 'state'}{what}", name
+    def _place(self, name: str, what: str) -> tuple[str, str]:
+        """Record and field of the "_bar" or "_grad" of a part of the state."""
+        record = self.state[name][0]
+        return (record, f"{name}{what}") if record == "sample" else (f"{name if name in WHOLE else record}{what}", name)
 
     def _backward(self, fields: list[Field], start: Sequence[Tensor]) -> Backward:
         """The call with such fields, which are other tensors each time."""
@@ -108,9 +106,12 @@ class Adjoint:
                 if not chain.has(record, name):
                     continue
                 rows, steps = one.record != "common", place > len(call.batch)
-                own = (*(chain.rows(record),) * rows, *one.value.shape[place + rows:])
+                own = one.value.shape[place + rows:]
+                if rows:
+                    components = chain.program.layout.records[record].fields[name][1]
+                    own = (chain.rows(record) * components // own.numel(), *own)
             else:
-                x, part, steps = start[k - len(known)], self.state[k - len(known)], False
+                x, part, steps = start[k - len(known)], [*self.state][k - len(known)], False
                 (record, name), axes = self._place(part, "_bar"), self._axes(part)
                 own = x.shape[x.ndim - axes:]
             (stepwises if steps else outputs)[k] = Field(record, name, call.empty(*own, steps=steps), axes, flat=True)

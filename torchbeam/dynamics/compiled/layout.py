@@ -6,8 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-NODES, ELEMENTS, SUPPORTS, MOVES, ONE, TWO = "nodes", "elements", "supports", "moves", "one", "two"  # rows of a record
-OWN, BETWEEN, LAW = "own", "between", "law"  # packed: what a node gives its row, an element its nodes' rows, and its stress
+NODES, ENDS, ELEMENTS, SUPPORTS, MOVES = "nodes", "ends", "elements", "supports", "moves"  # rows of a record: ends of elements
+ONE, TWO, TURNS = "one", "two", "turns"  # by turns for the two ends of an element, and for each node between them
+OWN, BETWEEN, LAW = "own", "between", "law"  # packed: what a node gives its row, an element its ends' rows, and its stress
+INNER, MIDDLE = "inner", "middle"  # what an element of three nodes gives their rows, and what its midside node follows by
 
 
 @dataclass
@@ -41,16 +43,22 @@ class Layout:
             found.add(one, components)
         return found
 
-    def rows(self, record: Record, elements: int, supports: int) -> int:
-        """How many there are; of the nodes' moves one more on either side of the chain."""
-        return {NODES: elements + 1, ELEMENTS: elements, SUPPORTS: supports, MOVES: elements + 3, ONE: 1, TWO: 2}[record.rows]
+    def fields(self, record: str) -> dict[str, tuple[int, int]]:
+        """Of a record; none where there is none of that name."""
+        return self.records[record].fields if record in self.records else {}
 
-    def bases(self, elements: int, supports: int) -> tuple[list[int], int]:
+    def rows(self, record: Record, order: int, elements: int, supports: int) -> int:
+        """How many there are, of elements of this order; of the nodes' moves an element's more on either side of the chain."""
+        nodes = order * elements + 1
+        return {NODES: nodes, ENDS: elements + 1, ELEMENTS: elements, SUPPORTS: supports, MOVES: nodes + 2 * order,
+                ONE: 1, TWO: 2, TURNS: order + 1}[record.rows]
+
+    def bases(self, order: int, elements: int, supports: int) -> tuple[list[int], int]:
         """First component of each record's first row, in order; components in all."""
         found, at = [], 0
         for record in self.records.values():
             found.append(at)
-            at += record.size * self.rows(record, elements, supports)
+            at += record.size * self.rows(record, order, elements, supports)
         return found, at
 
     def numbers(self) -> list[list[Any]]:

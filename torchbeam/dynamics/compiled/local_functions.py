@@ -1,29 +1,31 @@
 """Local functions of an implicit step, the midpoint's as they are: what one node and one element do, by named fields.
 
-They are those of `local_problem`; an element condenses its stress. A chain's balance and its blocks are the sums of both.
+They are those of `local_problem`; an element condenses its stress. A chain's balance and its blocks are the sums of both. The
+midside node of an element of three nodes is eliminated (`condense`) with what the node itself adds: to its row of the chain an
+element of any order is one between two nodes.
 
 Fields have no axes of the batch: of a node's `node.k`, `common.k` and `support.k` (the tensors of `NodeConstants`, `Common` and
 `SupportConstants`, in order), position, rotation, velocity, spin and internal states at the start, u and m; of an element's
-`element.k`, the stress, and the same of its nodes, behind `i.` and `j.`.
+`element.k` and the stress, with an axis of its stations, and the same of its nodes, behind `i.` and `j.`, or `i.`, `m.`, `j.`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from ...core.status import BROKEN, DIVERGED, SUCCESS
 from ...math.block_tridiagonal import eliminated
-from ...nodal.balance import Linearisation, dstress, mixed, restrained_forces, scaled
-from ...nodal.constitutive_law import times
+from ...nodal.balance import ChainTangent, dstress, mixed, pushed_by, restrained_forces, scaled
+from ...nodal.constraints import masked
+from ...nodal.midside import condensed, following
 from ...nodal.model import Model
 from ...solvers.newton import converged
+from ...state.state import State
 from ..midpoint import MidpointProblem
 from ..step_element import ElementBalance
-from .chain_constants import filled
 from .local_problem import INTERNAL, ElementKind, Fields, LocalProblems, NodeKind
 
 
@@ -62,9 +64,6 @@ class LocalFunctions(LocalProblems):
     def finish(self, kind: NodeKind, **fields: Tensor) -> Fields:
         """The node at the end of the step, and the work done on it; `found` (w): the reaction of its support."""
         problem, x = self.of_node(fields, kind)
-        return self._finished(problem, x, kind, fields)
-
-    def _finished(self, problem: MidpointProblem, x: Any, kind: NodeKind, fields: Fields) -> Fields:
         reaction = x.u.new_zeros(0, self.model.space.unknowns) if kind.support is None else fields["found"][None]
         after = problem.finish(x, reaction)
         found = {name: getattr(after, name)[0] for name in self.NODE} | {"work": after.work}
@@ -73,49 +72,92 @@ class LocalFunctions(LocalProblems):
                        if after.internal is not None else ())
             still = fields[INTERNAL].split(self.internal)
             found[INTERNAL] = torch.cat([own.get(k, still[k]) for k in range(len(still))])
-        return found
+        return found | self.energies(problem, after)
+
+    def energies(self, problem: MidpointProblem, after: State) -> Fields:
+        """Those of a node at the end of the step: none are asked for."""
+        return {}
 
     # Functions of an element
 
     def element(self, kind: ElementKind, **fields: Tensor) -> Fields:
         """What an element gives its nodes: balance (w), `asked` (w), the same with what its condensed stress adds, and the
-        blocks D (w, w), each for i and j, U from i to j and L back; gap (k) and EC (k, p + 2 s), by which its stress follows
-        the moves; inertia (w) for i and j, if it has any; the largest force, moment, gap and strain in it.
+        blocks D (w, w), each by node, U from i to j and L back, or between i, m and j (2, w, w), far_U and far_L then from i to
+        j and back; gap (stations, k) and E (stations, k, numbers of a station), by which its stress follows the moves; inertia
+        (w) by node, if it has any; the largest force, moment, gap and strain in it.
         """
         problem, x = self.of_element(fields, kind)
         x = problem.apply_supports(x)
-        model = problem.model
         way, inertia, _ = problem.node_balance(x)
         element = problem.element_balance(x, way)
-        tangent = problem.linearise(x, way, element, inertia)
+        tangent = problem.tangent(x, way, element, inertia)
         wrench = None if self.elements.coupling is None else inertia.wrench
-        return self.condensed(model, element, model.own, tangent, wrench)
+        return self.of_nodes(problem.model, element, problem.model.own, tangent, wrench)
 
-    def condensed(self, model: Model, element: ElementBalance, own: Tensor | float, tangent: Linearisation,
-                  wrench: Tensor | None) -> Fields:
+    def of_nodes(self, model: Model, element: ElementBalance, own: Tensor | float, tangent: ChainTangent,
+                 wrench: Tensor | None) -> Fields:
         """Fields of `element`, of which `own` is the eigenstrain, and `wrench` the inertia if it has any."""
         space, p = model.space, model.space.position
         balance = space.to_nodes(element.forces)
-        asked = balance + space.to_nodes(tangent.pushed(element.gap))
+        asked = balance + space.to_nodes(pushed_by(tangent.hB, tangent.C, element.gap))
         if wrench is not None:
             balance, asked = balance + wrench, asked + wrench
         forces, felt = [element.forces], [element.felt]
         if isinstance(own, Tensor):
             forces.append(restrained_forces(model, element.acting, own, model.length))
             felt.append(own)
-        forces, felt = (torch.cat([x.expand(1, x.shape[-1]) for x in part], -2).abs() for part in (forces, felt))
-        found = {"D": tangent.D, "balance": balance, "asked": asked, **({} if wrench is None else {"inertia": wrench})}
-        found = {f"{side}.{name}": value[k] for name, value in found.items() for k, side in enumerate("ij")}
+        forces, felt = (torch.cat([x.expand(model.count, x.shape[-1]) for x in part], -2).abs() for part in (forces, felt))
+        D, U, L, *far = tangent.blocks
+        found = {"D": D, "balance": balance, "asked": asked, **({} if wrench is None else {"inertia": wrench})}
+        found = {f"{side}.{name}": value[k] for name, value in found.items() for k, side in enumerate(self.sides)}
+        if far:
+            found |= {"far_U": far[0][0], "far_L": far[1][0]}
         return found | {
-            "U": tangent.U[0], "L": tangent.L[0], "gap": element.gap[0], "E": tangent.E[0], "hB": tangent.hB[0],
+            "U": U if far else U[0], "L": L if far else L[0], "gap": element.gap, "E": tangent.E, "hB": tangent.hB,
             "force": forces[..., :p].amax(), "moment": forces[..., p:].amax(), "left_strain": element.gap.abs().amax(),
             "strain": felt.amax()}
 
-    def stress(self, stress: Tensor, gap: Tensor, E: Tensor, move_i: Tensor, move_j: Tensor, **fields: Tensor) -> Fields:
-        """The stress (k) after its nodes' moves."""
-        C = filled(self.elements, lambda k: fields[f"element.{k}"][None]).C
-        move = self.model.space.to_elements(torch.stack((move_i, move_j)))
-        return {"stress": stress + dstress(C, E[None], gap[None], move)[0]}
+    def stress(self, stress: Tensor, gap: Tensor, E: Tensor, **fields: Tensor) -> Fields:
+        """The stress (stations, k) after the moves of its nodes, `i.move` and so on (w)."""
+        moves = torch.stack([fields[f"{side}.move"] for side in self.sides])
+        C = self.element_constants(fields).C
+        return {"stress": stress + dstress(C, E, gap, self.model.space.to_elements(moves))}
+
+    # Functions of an element's midside node
+
+    def condense(self, held: bool, **fields: Tensor) -> Fields:
+        """What an element of three nodes gives its ends without the one between, as one of two nodes does: from the fields of
+        `node` of the midside node (own.) and those of the element (element.). With it own (w), by_i and by_j (w, w), see
+        `restore`; the largest force and moment in the midside node's terms, and left of its balance. Where a support holds it
+        (`held`): with what is free (w, 1 or 0) of it; and its whole rows (w, 3 w) and balance, for a reaction.
+        """
+        element = {name.removeprefix("element."): x for name, x in fields.items() if name.startswith("element.")}
+        (D, L, U, *far), balance = self._blocks(element, fields["own.D"]), fields["own.balance"]
+        asked = torch.stack((element["i.asked"], element["m.asked"] + balance, element["j.asked"]))
+        left, rows = balance + element["m.balance"], torch.cat((L[0], D[1], U[1]), -1)
+        found = {"rows": rows, "asked": asked[1]} if held else {}
+        if held:
+            free = _between_free(fields["free"])
+            D, L, U, *far = masked(free, D, L, U, *far)
+            left, asked = left * free[1], asked * free
+        sizes = self._sizes(fields.get("own.load"), _total(fields.get("own.inertia"), element.get("m.inertia")), left)
+        found |= self.pivot(D[1]) | sizes
+        D, L, U, middle = condensed(D, L, U, *far)
+        ends, own = middle.condense(-asked)
+        for k, side in enumerate("ij"):
+            same = f"{side}.balance", f"{side}.inertia"
+            found |= {name: element[name] for name in same if name in element}
+            found |= {f"{side}.D": D[k], f"{side}.asked": -ends[k], f"by_{side}": (middle.by_i, middle.by_j)[k][0]}
+        return found | {"U": U[0], "L": L[0], "own": own[0]}
+
+    def _blocks(self, element: Fields, own: Tensor) -> tuple[Tensor, ...]:
+        """(D, L, U, far upper, far lower) of a chain of one element, with D of its midside node's own."""
+        D = torch.stack((element["i.D"], element["m.D"] + own, element["j.D"]))
+        return D, element["L"], element["U"], element["far_U"][None], element["far_L"][None]
+
+    def restore(self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor) -> Fields:
+        """The move (w) of a midside node from those of its element's ends."""
+        return {"move": following(own, by_i, by_j, before, after)}
 
     # Functions of the chain's rows
 
@@ -125,16 +167,11 @@ class LocalFunctions(LocalProblems):
         left of its balance. Where supports hold the node or its neighbours (`held`): with what is free (w, 1 or 0) of it, the
         node before and the next; and the whole rows (w, 3 w) and balance of the node, for a reaction.
         """
-        p = self.model.space.position
-
-        def total(name: str) -> Tensor:
-            parts = [fields[f"{side}.{name}"] for side in ("own", "left", "right") if f"{side}.{name}" in fields]
-            return sum(parts[1:], parts[0])
+        def total(name: str) -> Tensor | None:
+            return _total(*(fields.get(f"{side}.{name}") for side in ("own", "left", "right")))
 
         balance, D = total("balance"), total("D")
         asked, U, L = total("asked") + fields["own.balance"], fields["right.U"], fields["left.L"]
-        sides = [name for name in fields if name.endswith(".inertia")]
-        terms = torch.stack(self.terms(fields.get("own.load"), total("inertia") if sides else None)).abs()
         found, left = {}, balance
         if held:
             before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
@@ -143,10 +180,15 @@ class LocalFunctions(LocalProblems):
             D = D * free[:, None] * free + torch.diag_embed(1 - free)
             L, U = L * free[:, None] * before, U * free[:, None] * after
         ahead, y = eliminated(D, U, -asked[:, None], L, fields["ahead"], fields["y"][:, None])
-        left = left.abs()
-        return found | self.pivot(D - L @ fields["ahead"]) | {
-            "ahead": ahead, "y": y[:, 0], "force": terms[:, :p].amax(), "moment": terms[:, p:].amax(),
-            "left_force": left[:p].amax(), "left_moment": left[p:].amax()}
+        sizes = self._sizes(fields.get("own.load"), total("inertia"), left)
+        return found | self.pivot(D - L @ fields["ahead"]) | {"ahead": ahead, "y": y[:, 0]} | sizes
+
+    def _sizes(self, load: Tensor | None, inertia: Tensor | None, left: Tensor) -> Fields:
+        """The largest force and moment in a node's terms, and left of its balance (w)."""
+        p = self.model.space.position
+        terms, left = torch.stack(self.terms(load, inertia)).abs(), left.abs()
+        return {"force": terms[:, :p].amax(), "moment": terms[:, p:].amax(), "left_force": left[:p].amax(),
+                "left_moment": left[p:].amax()}
 
     def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:
         """Those of a node's balance (w) that its largest are looked for in, beside the elements'."""
@@ -174,9 +216,32 @@ class LocalFunctions(LocalProblems):
 
     def pushed(self, gap: Tensor, hB: Tensor, **fields: Tensor) -> Fields:
         """What an element's strain gap asks of its nodes (w)."""
-        C = filled(self.elements, lambda k: fields[f"element.{k}"][None]).C
-        found = self.model.space.to_nodes((hB[None].mT @ times(C, gap[None, :, None]))[..., 0])
-        return {"i": found[0], "j": found[1]}
+        found = self.model.space.to_nodes(pushed_by(hB, self.element_constants(fields).C, gap))
+        return dict(zip(self.sides, found, strict=True))
+
+    def transposed_condense(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
+        """As `condense`, of the transposed matrix, for what moves are asked for of the midside node (w): the blocks of the ends
+        as they are, not transposed, and what is added to what is asked of them; where a support holds it, also for what its
+        balance is (`push`).
+        """
+        element = {name.removeprefix("element."): x for name, x in fields.items() if name.startswith("element.")}
+        D, L, U, *far = self._blocks(element, fields["own.D"])
+        sides = torch.zeros_like(D[:2, 0])
+        if held:
+            free, push = _between_free(fields["free"]), fields["push"][:, None]
+            right = (right + (D[1].mT @ push)[:, 0]) * free[1]
+            sides = torch.stack(((L[0].mT @ push)[:, 0], (U[1].mT @ push)[:, 0]))
+            D, L, U, *far = masked(free, D, L, U, *far)
+        D, U, L, middle = condensed(D.mT, U.mT, L.mT, *(x.mT for x in reversed(far)))
+        ends, own = middle.condense(torch.stack((torch.zeros_like(right), right, torch.zeros_like(right))))
+        found = {"U": U[0].mT, "L": L[0].mT, "own": own[0]}
+        for k, side in enumerate("ij"):
+            found |= {f"{side}.D": D[k].mT, f"by_{side}": (middle.by_i, middle.by_j)[k][0], f"right_{side}": ends[k] + sides[k]}
+        return found
+
+    def transposed_restore(self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor) -> Fields:
+        """As `restore`, of the transposed matrix, from the cotangents of its ends' balances (w)."""
+        return self.restore(own, by_i, by_j, -before, -after)
 
     def transposed_row(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
         """A row of the elimination of the transposed matrix, see `row`, for what moves are asked for (w); where supports are
@@ -225,3 +290,14 @@ class LocalFunctions(LocalProblems):
         status = torch.where(done != 0, torch.where(cosine < least, float(DIVERGED), float(SUCCESS)), status)
         status = torch.where(moving != 0, status, before)
         return {"status": status, "moving": ((status == SUCCESS) & (moving != 0)).to(moving)}
+
+
+def _total(*parts: Tensor | None) -> Tensor | None:
+    """Of those that are there."""
+    there = [x for x in parts if x is not None]
+    return sum(there[1:], there[0]) if there else None
+
+
+def _between_free(free: Tensor) -> Tensor:
+    """(3, w) of an element's nodes, whose ends are free."""
+    return torch.stack((torch.ones_like(free), free, torch.ones_like(free)))

@@ -1,11 +1,10 @@
-"""Local problem: the house's own step, `MidpointProblem`, on a chain that is one node alone, or one element between two nodes
-without mass. An element knows the coupling of the half-consistent mass; a node its inertia and its loads.
+"""Local problem: the house's own step, `MidpointProblem`, on a chain that is one node alone, or one element and its nodes,
+without mass. An element knows what mass its nodes share; a node its inertia and its loads.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import torch
@@ -18,13 +17,13 @@ from ...nodal.coordinates.linearised import Small
 from ...nodal.coordinates.planar import Plane
 from ...nodal.inertia import Inertia
 from ...nodal.lever import Lever, NoLever
-from ...nodal.mass import HalfConsistentMass, LumpedMass
+from ...nodal.mass import LumpedMass
 from ...nodal.model import Model
 from ...nodal.rotary import NoRotaryInertia, RotaryInertia
 from ...scene.effects import Pose, TipLoad
 from ...state.state import State
 from ..midpoint import MidpointProblem, MidpointUnknowns
-from .chain_constants import Common, ElementConstants, NodeConstants, SupportConstants, filled
+from .chain_constants import Common, ElementConstants, NodeConstants, SupportConstants, filled, flattened
 
 Fields = dict[str, Tensor]
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
@@ -41,6 +40,13 @@ class SupportKind(NamedTuple):
     clamp: bool
 
 
+class EndKind(NamedTuple):
+    """What holds a node of an element, see `NodeKind`."""
+
+    hinge: tuple[float, ...] | None = None
+    support: SupportKind | None = None
+
+
 class NodeKind(NamedTuple):
     """What a node has beside what all have: numbers of the loads in `common.loads` that act there; the axis of its hinge, a
     mask in frame a, None = no hinge; its support, None = none, or nothing moves.
@@ -50,16 +56,20 @@ class NodeKind(NamedTuple):
     hinge: tuple[float, ...] | None = None
     support: SupportKind | None = None
 
-
-class EndKind(NamedTuple):
-    """What holds a node of an element, see `NodeKind`."""
-
-    hinge: tuple[float, ...] | None = None
-    support: SupportKind | None = None
+    @property
+    def end(self) -> EndKind:
+        """What elements know of it."""
+        return EndKind(self.hinge, self.support)
 
 
-ElementKind = tuple[EndKind, EndKind]
-FREE: ElementKind = (EndKind(), EndKind())
+ElementKind = tuple[EndKind, ...]  # of its nodes, in order
+SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are called, by its order
+
+
+def without_side(field: str) -> str:
+    """What a field of one of an element's nodes is called at the node."""
+    side, dot, name = field.partition(".")
+    return name if dot and side in SIDES[max(SIDES)] else field
 
 
 class Kinds(NamedTuple):
@@ -69,9 +79,10 @@ class Kinds(NamedTuple):
     elements: tuple[ElementKind, ...]
 
     @classmethod
-    def of(cls, nodes: list[NodeKind]) -> Kinds:
-        """From those of all nodes."""
-        return cls(tuple(nodes), tuple(pairwise(EndKind(one.hinge, one.support) for one in nodes)))
+    def of(cls, nodes: list[NodeKind], order: int) -> Kinds:
+        """From those of all nodes; order: of the elements."""
+        held = [one.end for one in nodes]
+        return cls(tuple(nodes), tuple(tuple(held[i:i + order + 1]) for i in range(0, len(held) - 1, order)))
 
     def distinct(self) -> Kinds:
         return Kinds(*(tuple(dict.fromkeys(kinds)) for kinds in self))
@@ -140,16 +151,16 @@ class LocalScene:
 @dataclass(frozen=True)
 class LocalModel(Model):
     """A model of one node or element, for which what depends on all of the chain, or on time, is given: C of the tangent, the
-    eigenstrain, the arclength of the nodes, what is prescribed.
+    eigenstrain, the arclength of the nodes, what is prescribed. stations: of the element, 0 of a node.
     """
 
-    elements: int
+    stations: int
     C: Tensor | None = leaf(3)
     own: Tensor | float = leaf(2)
     arclength: Tensor = leaf(1)
     motion: LocalMotion
 
-    count = property(lambda self: self.elements)
+    count = property(lambda self: self.stations)
     s = property(lambda self: self.arclength)
     prescribed_motion = property(lambda self: self.motion)
 
@@ -182,6 +193,21 @@ class LocalProblems:
     elements: ElementConstants
     common: Common
     supports: SupportConstants | None = None
+
+    @property
+    def order(self) -> int:
+        """Of the elements: an element has as many stations, and one node more."""
+        return self.model.scene.beam.order
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """What an element's nodes are called."""
+        return SIDES[self.order]
+
+    @property
+    def element_rows(self) -> list[int]:
+        """How many rows each of the constants of elements has for one element: of most one a station."""
+        return [1 if x is self.elements.coupling else self.order for x, _ in flattened(self.elements)]
 
     @property
     def internal(self) -> tuple[int, ...]:
@@ -228,18 +254,21 @@ class LocalProblems:
         supports = () if kind.support is None else (self._support(fields, "", 0, kind.support),)
         return self._problem(rows, None, common, loads, given, supports, _hinges(kind))
 
-    def of_element(self, fields: Fields, kind: ElementKind = FREE) -> tuple[MidpointProblem, MidpointUnknowns]:
-        def ends(name: str) -> Tensor:
-            return torch.stack((fields[f"i.{name}"], fields[f"j.{name}"]))
+    def of_element(self, fields: Fields, kind: ElementKind) -> tuple[MidpointProblem, MidpointUnknowns]:
+        def nodes(name: str) -> Tensor:
+            return torch.stack([fields[f"{side}.{name}"] for side in self.sides])
 
-        rows = filled(self.nodes, lambda k: ends(f"node.{k}"))
+        rows = filled(self.nodes, lambda k: nodes(f"node.{k}"))
         rows = replace(rows, mass=torch.zeros_like(rows.mass), J=None)
-        element = filled(self.elements, lambda k: fields[f"element.{k}"][None])
-        given = {name: ends(name) for name in (*self.NODE, "u", "m")}
-        given |= {name: fields[name][None] for name in ("stress", *self.element_state)}
+        given = {name: nodes(name) for name in (*self.NODE, "u", "m")}
+        given |= {name: fields[name] for name in ("stress", *self.element_state)}
         supports = tuple(self._support(fields, f"{side}.", k, one.support)
-                         for k, (side, one) in enumerate(zip("ij", kind, strict=True)) if one.support is not None)
-        return self._problem(rows, element, self._common(fields), (), given, supports, _hinges(*kind))
+                         for k, (side, one) in enumerate(zip(self.sides, kind, strict=True)) if one.support is not None)
+        return self._problem(rows, self.element_constants(fields), self._common(fields), (), given, supports, _hinges(*kind))
+
+    def element_constants(self, fields: Fields) -> ElementConstants:
+        """Of one element."""
+        return filled(self.elements, lambda k: fields[f"element.{k}"])
 
     def _support(self, fields: Fields, of: str, node: int, kind: SupportKind) -> LocalSupport:
         return LocalSupport(node, kind, filled(self.supports, lambda k: fields[f"{of}support.{k}"]))
@@ -252,10 +281,10 @@ class LocalProblems:
                  ) -> tuple[MidpointProblem, MidpointUnknowns]:
         whole, space, position = self.model, self.model.space, given["position"]
         linear = None if element is None else element.linear
-        space = (Small(rows.frames, rows.R, linear) if isinstance(space, Small)
+        space = (type(space)(rows.frames, rows.R, linear) if isinstance(space, Small)
                  else replace(space, place=common.place) if isinstance(space, Plane) else space)
         zero, none = position.new_zeros(()), position.new_zeros(0, space.strain)
-        count = 0 if element is None else 1
+        count = 0 if element is None else self.order
         free = torch.ones(count + 1, space.unknowns, dtype=torch.bool)
         fixed = position.new_tensor([one.kind.fixed for one in supports]).reshape(-1, space.unknowns)
         constraints = Constraints(tuple(one.node for one in supports), 0, fixed, free, None, rows.slide, rows.turn,
@@ -268,14 +297,14 @@ class LocalProblems:
                 getattr(element, name) for name in ("law", "length", "reference", "C", "eigenstrain"))
         coupling = None if element is None else element.coupling
         inertia = Inertia(
-            space, LumpedMass(rows.mass) if coupling is None else HalfConsistentMass(rows.mass, coupling),
+            space, LumpedMass(rows.mass) if coupling is None else type(whole.inertia.translational)(rows.mass, coupling),
             NoRotaryInertia(space) if rows.J is None else RotaryInertia(space, rows.J),
             NoLever() if rows.offset is None else Lever(space, rows.offset))
         root = None if common.support is None else Pose(*vars(common.support).values())
         motion = LocalMotion(root, common.velocity, common.angular_velocity)
         model = LocalModel(
             LocalScene(whole.scene.beam, loads, supports), space, constraints, inertia, length, reference, law,
-            rows.section_mass, rows.tributary_length, elements=count, C=C, own=0.0 if own is None else own,
+            rows.section_mass, rows.tributary_length, stations=count, C=C, own=0.0 if own is None else own,
             arclength=rows.s, motion=motion)
         stress = given.get("stress", none)
         start = State(*(given[name] for name in NODE), stress, position.new_zeros(0, space.unknowns), zero, zero, zero, zero,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
 from functools import cache, cached_property, partial
 from math import prod
@@ -14,6 +14,7 @@ from typing import Any
 import torch
 
 from ...core.leaves import detached
+from ...solvers.compiled.ends import share_ends
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.library import Library
 from ...solvers.compiled.llvm import Module
@@ -22,7 +23,7 @@ from .chain_code import ChainCode
 from .kept import store_layout, stored_layout
 from .layout import Layout
 from .local_functions import LocalFunctions
-from .local_problem import Kinds
+from .local_problem import Kinds, without_side
 from .tracing import Tracing
 
 SMALL = 60  # operations of a function that is rather written into the driver than called
@@ -38,6 +39,7 @@ class NativeProgram:
     layout and the object code are kept on disk, so that another process need not trace; None = by the code's text alone.
 
     functions  by name, as the driver calls them
+    w, k       numbers of a node's unknowns, and of an element's stress
     layout     of the memory
     seconds    that tracing took
     """
@@ -48,7 +50,8 @@ class NativeProgram:
         self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
         self.state, self.element_state, self.sample_state = local.state, local.element_state, local.sample_state
         self.key, self.seconds = key, 0.0
-        self.w, self.k = local.model.space.unknowns, local.model.space.strain
+        self.order, self.sides = local.order, local.sides
+        self.w, self.k = local.model.space.unknowns, local.order * local.model.space.strain
         self._libraries: dict[int, Any] = {}
         self._untraced: LocalFunctions | None = local
         layout = None if key is None else stored_layout(key)
@@ -116,9 +119,22 @@ class NativeProgram:
         found = {field: len(out.nodes) for field, out in self.functions[name].outputs.items()}
         return [(field, found[field]) for field in fields or found if field in found]
 
+    def largest(self, name: str, count: int, field: str) -> list[tuple[str, int]]:
+        """(field, components) of a record that takes this output of the functions "name 0", "name 1" ... of all kinds."""
+        return [(field, max(size for k in range(count) for _, size in self.outputs(f"{name} {k}", field)))]
+
+    def with_ends(self, nodes: list[Function], elements: list[Function], unknown: Iterable[str], common: Iterable[str]
+                  ) -> tuple[list[Function], list[Function]]:
+        """Functions of each kind of nodes and of elements, where what an element computes of one of its nodes alone is computed
+        by that node; see `share_ends`.
+        """
+        sides = [dict(zip(self.sides, kind, strict=True)) for kind in self.kinds.elements]
+        rests, ends = share_ends([*zip(elements, sides, strict=True)], unknown, common)
+        return [one.joined(ends[kind.end]) for one, kind in zip(nodes, self.kinds.nodes, strict=True)], rests
+
     def constants(self, kind: str) -> list[tuple[str, int]]:
         """(field, components) of the constants of a kind that functions read."""
-        read = {field.removeprefix("i.").removeprefix("j."): prod(shape)
+        read = {without_side(field): prod(shape)
                 for function in self.functions.values() for field, shape in function.inputs.items()}
         return sorted((name, size) for name, size in read.items() if name.startswith(f"{kind}."))
 

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from functools import partial
+from types import FunctionType
 from typing import Any
 
 from torch import Tensor
 
 from ...core.derivatives import cache_of
 from ...core.leaves import Tree, map_leaves
+from ...core.surroundings import Surroundings
 from ...nodal.coordinates.planar import Plane
-from ...solvers.compiled.ends import END, share_ends
+from ...solvers.compiled.ends import END
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.object_cache import key_of
 from ...solvers.compiled.packing import Packing
 from ...solvers.compiled.split import HOISTED, split
+from . import midsides
 from .adjoint import AdjointProgram
 from .driver import SUMS, Driver
 from .kept import key_on_disk
-from .layout import BETWEEN, ELEMENTS, LAW, MOVES, NODES, ONE, OWN, SUPPORTS, TWO, Layout
+from .layout import BETWEEN, ELEMENTS, ENDS, INNER, LAW, MOVES, NODES, ONE, OWN, SUPPORTS, TURNS, Layout
 from .local_functions import LocalFunctions
-from .local_problem import EndKind, Kinds
+from .local_problem import Kinds
 from .native import NativeProgram
 from .tracing import Tracing
 
@@ -46,21 +49,29 @@ class ChainProgram(NativeProgram):
         own = Packing(OWN, nodes, nodes[0].outputs)
         elements = [traced(partial(local.element, kind), traced.element | {name: () for name in self.varying})
                     for kind in self.kinds.elements]
-        whole = elements[0]
-        between = [name for name in whole.outputs if name[:2] in ("i.", "j.") or name in ("U", "L")]
-        between = Packing(BETWEEN, elements, between)
+        shapes = {name: out.shape for name, out in elements[0].outputs.items()}
+        between = Packing(BETWEEN if self.order == 1 else INNER, elements, midsides.to_nodes(shapes))
         law = Packing(LAW, between.made(), ("gap", "E"))
         elements = [one.only(name for name in one.outputs if name != "hB") for one in law.made()]
         self._iterated(found, own.made(), elements, traced)
 
-        moves = {"move_i": (w,), "move_j": (w,)}
-        stress = traced(local.stress, {**traced.element, **{name: whole.outputs[name].shape for name in law.fields}, **moves})
+        moves = {f"{side}.move": (w,) for side in self.sides}
+        stress = traced(local.stress, {**traced.element, **{name: shapes[name] for name in law.fields}, **moves})
         found["stress"] = law.taken(stress, {name: name for name in law.fields})
-        row = {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
-        sides = {f"{side}.{name.removeprefix(f'{end}.')}": name
-                 for side, end, block in (("left", "j", "L"), ("right", "i", "U"))
-                 for name in between.fields if name.startswith(f"{end}.") or name == block}
-        row |= {called: whole.outputs[name].shape for called, name in sides.items()}
+        given = {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
+        if self.order == 2:
+            inner = given | {f"element.{name}": shapes[name] for name in between.fields}
+            condense = {"condense": traced(partial(local.condense, False), inner)}
+            if self.held:
+                condense["held condense"] = traced(partial(local.condense, True), inner | {"free": (w,)})
+            restore = traced(local.restore, {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)})
+            more, between, shapes = midsides.eliminating(condense, restore, own, between)
+            found |= more
+        row = dict(given)
+        sides = {
+            f"{side}.{name.removeprefix(f'{end}.')}": name for side, end, block in (("left", "j", "L"), ("right", "i", "U"))
+            for name in between.fields if name.startswith(f"{end}.") or name == block}
+        row |= {called: shapes[name] for called, name in sides.items()}
         row |= {"ahead": (w, w), "y": (w,)}
 
         def packed(function: Function) -> Function:
@@ -81,13 +92,10 @@ class ChainProgram(NativeProgram):
         """What each iteration computes of nodes and elements: what is of one of an element's nodes alone is computed there, and
         before the iterations what does not depend on the unknowns.
         """
-        sides = [dict(zip("ij", kind, strict=True)) for kind in self.kinds.elements]
-        elements, ends = share_ends([*zip(elements, sides, strict=True)], self.unknown,
-                                    (*traced.constants["common"], *self.varying))
-        for k, (node, kind) in enumerate(zip(nodes, self.kinds.nodes, strict=True)):
-            end = ends.get(EndKind(kind.hinge, kind.support), ends.get(EndKind()))
-            _split(found, f"node {k}", node if end is None else node.joined(end), (*self.unknown, *self.varying))
-        changing = [f"{side}.{name}" for side in "ij" for name in (*self.unknown, END)]
+        nodes, elements = self.with_ends(nodes, elements, self.unknown, (*traced.constants["common"], *self.varying))
+        for k, one in enumerate(nodes):
+            _split(found, f"node {k}", one, (*self.unknown, *self.varying))
+        changing = [f"{side}.{name}" for side in self.sides for name in (*self.unknown, END)]
         for k, one in enumerate(elements):
             _split(found, f"element {k}", one, (*changing, "stress", *self.varying))
 
@@ -102,14 +110,12 @@ class ChainProgram(NativeProgram):
         for name in ("stress", "start_stress"):
             layout.record(name, ELEMENTS, [("stress", k)])
         for name, rows, kinds in zip(("before node", "before element"), (NODES, ELEMENTS), self.kinds, strict=True):
-            hoisted = [len(self.functions[f"{name} {i}"].outputs[HOISTED].nodes) for i in range(len(kinds))]
-            layout.record(name, rows, [(HOISTED, max(hoisted))])
-        layout.record("at_node", TWO, outputs("node 0", OWN))
-        ends = [size for k in range(len(self.kinds.nodes)) for _, size in outputs(f"node {k}", END)]
-        layout.record("at_end", TWO, [(END, max(ends, default=0))])
+            layout.record(name, rows, self.largest(name, len(kinds), HOISTED))
+        layout.record("at_node", TURNS, outputs("node 0", OWN))
+        layout.record("at_end", TURNS, self.largest("node", len(self.kinds.nodes), END))
         layout.record("at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain"))
-        layout.record("between", TWO, outputs("element 0", BETWEEN))
-        layout.record("row", NODES, outputs(row, "ahead", "y"))
+        midsides.record(layout, self.functions, "element 0")
+        layout.record("row", ENDS, outputs(row, "ahead", "y"))
         layout.record("at_row", ONE, [one for one in outputs(row) if one[0] not in ("ahead", "y")])
         layout.record("strain_law", ELEMENTS, outputs("element 0", LAW))
         layout.record("move", MOVES, [("move", w)])
@@ -177,24 +183,25 @@ def _split(found: dict[str, Function], name: str, function: Function, unknown: t
     found[f"before {name}"], found[name] = before.only(before.outputs), rest
 
 
-PROGRAMS: dict[tuple, ChainProgram] = {}  # by structure
+PROGRAMS: dict[tuple, tuple[ChainProgram, Surroundings]] = {}  # by structure
+NOTHING = Surroundings()
 KEPT = 64  # of them; the oldest goes first
 
 
-def program_of(local: LocalFunctions, kinds: Kinds, held: bool, shared: bool,
+def program_of(local: LocalFunctions, kinds: Kinds, held: bool, around: Surroundings | None = NOTHING,
                made: type[ChainProgram] = StepProgram) -> ChainProgram:
-    """The program of a structure, that of an earlier scene if there was one; one of its own where it is not `shared`: what a
-    user's function closes over is part of it. kinds: of all nodes and elements.
+    """The program of a structure, that of an earlier scene if there was one. kinds: of all nodes and elements; around: what
+    users' functions read, which is part of it; None = that is not known, and the program one of its own.
     """
     kinds = kinds.distinct()
-    if not shared:
+    if around is None:
         return made(local, kinds, held)
-    key = made, *structure(local, kinds, held)
+    key = made, around.key, *structure(local, kinds, held)
     if key not in PROGRAMS:
         if len(PROGRAMS) >= KEPT:
             del PROGRAMS[next(iter(PROGRAMS))]
-        PROGRAMS[key] = made(local, kinds, held, key_on_disk(key))
-    return PROGRAMS[key]
+        PROGRAMS[key] = made(local, kinds, held, key_on_disk(key)), around  # which keeps what its key is made of
+    return PROGRAMS[key][0]
 
 
 def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str]) -> AdjointProgram:
@@ -226,4 +233,6 @@ def _static(x: Any) -> Any:
                               if not cache_of(x, name))
     if isinstance(x, dict):
         return tuple((name, _static(value)) for name, value in x.items())
+    if isinstance(x, FunctionType):
+        return x.__code__  # what it reads beside its arguments is in `Surroundings.key`
     return tuple(map(_static, x)) if isinstance(x, (tuple, list)) else x

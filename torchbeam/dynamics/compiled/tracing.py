@@ -26,21 +26,23 @@ class Tracing:
         p, s, k = space.position, space.spin, space.strain
         q = space.identity(self.like.new_zeros(p)).shape[-1]
         self.shapes: Shapes = {"position": (p,), "rotation": (q,), "velocity": (p,), "spin": (s,), "u": (p,), "m": (q,),
-                               "stress": (k,)}
+                               "stress": (local.order, k)}
         if INTERNAL in local.state:
             self.shapes[INTERNAL] = (sum(local.internal),)
-        self.shapes |= {"acceleration": (2 * (p + s),), "straining": (2 * k,)}
-        trees = (("node", local.nodes, 1), ("element", local.elements, 1), ("common", local.common, 0),
-                 ("support", local.supports, 1))
+        self.shapes |= {"acceleration": (2 * (p + s),), "straining": (local.order, 2 * k)}
+        trees = ("node", local.nodes, 1), ("common", local.common, 0), ("support", local.supports, 1)
         self.constants = {kind: {f"{kind}.{i}": tuple(x.shape[x.ndim - axes + rows:])
                                  for i, (x, axes) in enumerate(flattened(tree))} for kind, tree, rows in trees}
+        elements = zip(flattened(local.elements), local.element_rows, strict=True)
+        self.constants["element"] = {f"element.{i}": (rows, *x.shape[x.ndim - axes + 1:])
+                                     for i, ((x, axes), rows) in enumerate(elements)}
         own = {**self.constants["node"], **{name: self.shapes[name] for name in (*local.state, "u", "m")},
                **self.constants["support"]}
         support = {"found": (p + s,), "last": (p + s,)} if local.supports is not None else {}
         self.node = {**own, **self.constants["common"], **support}
         self.element = {**self.constants["element"], **self.constants["common"],
                         **{name: self.shapes[name] for name in ("stress", *local.element_state)},
-                        **{f"{side}.{name}": shape for side in "ij" for name, shape in own.items()}}
+                        **{f"{side}.{name}": shape for side in local.sides for name, shape in own.items()}}
 
     def __call__(self, function: Callable, shapes: Shapes) -> Function:
         """The function of fields of these shapes, without those that it does not read."""

@@ -6,7 +6,7 @@ A rotation is a rotation vector in the section's undeformed axes; two of them ad
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,8 +16,7 @@ from ...math import quaternions as quat
 from ...math.shapes import broadcast_shapes
 from ...scene.scene import Scene
 from ...state.state import State
-from .. import element
-from ..assembly import ends
+from .. import assembly, element
 from .spatial import Space
 
 
@@ -26,42 +25,49 @@ class Moves(NamedTuple):
     station of three nodes, (..., 12): dr' and three vectors.
     """
 
-    nine: Tensor
+    numbers: Tensor
 
 
 @dataclass(frozen=True)
 class LinearElement(Tree):
     """Elements as they are undeformed: chord r_j - r_i (..., N, 3) m; B (..., N, 6, 9) the strain operator by spins in
     frame a; B_section by rotations in section axes.
+
+    chain, finite  which nodes elements lie between, see `Space`; their functions where rotations are large
     """
 
     chord: Tensor = leaf(2)
     B: Tensor = leaf(3)
     B_section: Tensor = leaf(3)
 
+    chain: ClassVar[Any] = assembly
+    finite: ClassVar[Any] = element
+
     @classmethod
     def of(cls, nodes: Tensor, frames: Tensor, length: Tensor) -> LinearElement:
-        (r_i, r_j), (q_i, q_j) = ends(nodes), ends(frames)
-        B = element.strain_operator(element.kinematics(r_i, r_j, q_i, q_j, length), length)
-        by_r, by_i, by_j = B.split(3, -1)
-        turned = torch.broadcast_tensors(by_r, by_i @ quat.matrix(q_i), by_j @ quat.matrix(q_j))
-        return cls(r_j - r_i, B, torch.cat(turned, -1))
+        positions, rotations = cls.chain.ends(nodes), cls.chain.ends(frames)
+        B = cls.finite.strain_operator(cls.finite.kinematics(*positions, *rotations, length), length)
+        by_r, *by_spin = cls.chain.by_spins(B, 3)
+        turned = torch.broadcast_tensors(by_r, *(by @ quat.matrix(q) for by, q in zip(by_spin, rotations, strict=True)))
+        return cls(cls.chain.slopes(*positions), B, torch.cat(turned, -1))
 
-    def kinematics(self, r_i: Tensor, r_j: Tensor, q_i: Tensor, q_j: Tensor, length: Tensor) -> Moves:
-        """Positions m and rotation vectors rad (section axes) of the two nodes, (..., 3)."""
-        return Moves(torch.cat(torch.broadcast_tensors(r_j - r_i - self.chord, q_i, q_j), -1))
+    def kinematics(self, *given: Tensor) -> Moves:
+        """Positions m and rotation vectors rad (section axes) of the nodes of each element, (..., 3); lengths, not needed."""
+        *ends, _ = given
+        positions, rotations = ends[:len(ends) // 2], ends[len(ends) // 2:]
+        return Moves(torch.cat(torch.broadcast_tensors(self.chain.slopes(*positions) - self.chord, *rotations), -1))
 
     def strains(self, kin: Moves, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
-        return (self.B_section @ kin.nine[..., None])[..., 0] - reference
+        return (self.B_section @ kin.numbers[..., None])[..., 0] - reference
 
     def forces(self, kin: Moves, stress: Tensor, length: Tensor) -> Tensor:
         return length * (self.B.mT @ stress[..., None])[..., 0]
 
     def strain_operator(self, kin: Moves, length: Tensor) -> Tensor:
-        return self.B.expand(*broadcast_shapes(self.B.shape[:-2], kin.nine.shape[:-1]), *self.B.shape[-2:])
+        return self.B.expand(*broadcast_shapes(self.B.shape[:-2], kin.numbers.shape[:-1]), *self.B.shape[-2:])
 
     def geometric_stiffness(self, kin: Moves, stress: Tensor, length: Tensor) -> Tensor:
-        return torch.zeros_like(kin.nine[..., None] + kin.nine[..., None, :])
+        return torch.zeros_like(kin.numbers[..., None] + kin.numbers[..., None, :])
 
 
 @dataclass(frozen=True)
@@ -97,11 +103,7 @@ class Small(Space):
     def hinged(self, q: Tensor, rest: Tensor, axis: Tensor) -> Tensor:
         return rest + (self.R.mT @ (axis[:, None] * (self.R @ (q - rest)[..., None])))[..., 0]
 
-    kinematics = property(lambda self: self.element.kinematics)
-    strains = property(lambda self: self.element.strains)
-    forces = property(lambda self: self.element.forces)
-    strain_operator = property(lambda self: self.element.strain_operator)
-    geometric_stiffness = property(lambda self: self.element.geometric_stiffness)
+    functions = property(lambda self: self.element)
 
     # Rotations
 

@@ -7,7 +7,7 @@ and n = e_3. A rotation is (cos(phi/2), sin(phi/2)): what is left of the quatern
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -15,6 +15,7 @@ from torch.nn.functional import pad
 
 from ...core.derivatives import cached
 from ...core.leaves import leaf
+from ...core.validation import concrete
 from ...math import quaternions as quat
 from ...scene.scene import Scene
 from ...state.state import State
@@ -44,12 +45,8 @@ class Plane(Space):
     position: ClassVar[int] = 2
     spin: ClassVar[int] = 1
     strain: ClassVar[int] = 3
+    functions: ClassVar[Any] = element
 
-    kinematics = staticmethod(element.kinematics)
-    strains = staticmethod(element.strains)
-    forces = staticmethod(element.forces)
-    strain_operator = staticmethod(element.strain_operator)
-    geometric_stiffness = staticmethod(element.geometric_stiffness)
     multiply = staticmethod(element.multiply)
     inverse = staticmethod(element.inverse)
     matrix = staticmethod(element.matrix)
@@ -67,11 +64,11 @@ class Plane(Space):
         normal = basis[:, 2]
         place = beam.nodes.detach() @ normal
         size = beam.length.detach().sum(-1).amax()
-        if (place - place.flatten()[0]).abs().max() > close * size:
+        if concrete((place - place.flatten()[0]).abs() > close * size).any():
             raise ValueError(f"nodes out of the plane {name!r} were given; a beam in a plane of that direction is wanted")
         across = torch.cat([(quat.matrix(q.detach()).mT @ normal).flatten(0, -2) for q in (beam.frames, beam.elements)])
-        n = across[0].round()
-        if (across - n).abs().max() > close or n[0] != 0:
+        n = concrete(across[0]).reshape(-1, 3)[0].round()  # within torch.func.vmap that of all samples
+        if concrete((across - n).abs() > close).any() or n[0] != 0:
             raise ValueError(f"section axes at an angle to the plane {name!r} were given; y or z of every section is wanted "
                              "along its normal")
         e = torch.zeros_like(n)
@@ -82,7 +79,7 @@ class Plane(Space):
             local = (both.mT @ given.detach() @ both)
             scale = local.diagonal(dim1=-2, dim2=-1).abs().sqrt()
             coupling = local[..., INSIDE, :][..., OUTSIDE].abs()
-            if (coupling > close * scale[..., INSIDE][..., :, None] * scale[..., OUTSIDE][..., None, :]).any():
+            if concrete(coupling > close * scale[..., INSIDE][..., :, None] * scale[..., OUTSIDE][..., None, :]).any():
                 raise ValueError(f"a section whose {what} couples the plane {name!r} to what is out of it was given; "
                                  "plane=None takes it")
         return cls(name, basis, section, place.flatten()[0])
@@ -123,7 +120,7 @@ class Plane(Space):
         for name in ("position", "rotation", "velocity", "spin") if state.position.numel() else ():
             given, kept = (getattr(x, name).detach() for x in (state, there))
             size = given.abs().amax() + (name != "rotation") * state.position.detach().abs().amax()
-            if ((given - kept).abs() > LEFT_OUT[given.dtype] * size).any():
+            if concrete((given - kept).abs() > LEFT_OUT[given.dtype] * size).any():
                 raise ValueError(f"an initial state whose {name} leaves the plane {self.name!r} was given; one in it is "
                                  "wanted, or plane=None")
         return inside

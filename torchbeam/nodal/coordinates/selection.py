@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from ...core.leaves import constant
+from ...scene.beam import Beam
 from ...scene.prescribed_motion import turning
 from ...scene.scene import Scene
 from .linearised import Small
 from .planar import Plane
 from .quadratic import QuadraticPlane, QuadraticSmall, QuadraticSpace
 from .spatial import Space
+
+
+def in_space(beam: Beam) -> Space:
+    """3D coordinates of a beam."""
+    return QuadraticSpace() if beam.order == 2 else Space()
 
 
 def space_of(scene: Scene) -> Space:
@@ -27,7 +33,7 @@ def space_of(scene: Scene) -> Space:
                                  "are wanted")
         return (QuadraticSmall if quadratic else Small).of(scene)
     if scene.plane is None:
-        return QuadraticSpace() if quadratic else Space()
+        return in_space(scene.beam)
     return (QuadraticPlane if quadratic else Plane).of(scene, scene.plane)
 
 

@@ -28,12 +28,13 @@ class Space(Tree):
     spin: ClassVar[int] = 3
     strain: ClassVar[int] = 6
     chain: ClassVar[Any] = assembly  # which nodes elements lie between: this module, or `quadratic_assembly`
+    functions: ClassVar[Any] = element  # of the element, those named below
 
-    kinematics = staticmethod(element.kinematics)
-    strains = staticmethod(element.strain)
-    forces = staticmethod(element.forces)
-    strain_operator = staticmethod(element.strain_operator)
-    geometric_stiffness = staticmethod(element.geometric_stiffness)
+    kinematics = property(lambda self: self.functions.kinematics)
+    strains = property(lambda self: self.functions.strains)
+    forces = property(lambda self: self.functions.forces)
+    strain_operator = property(lambda self: self.functions.strain_operator)
+    geometric_stiffness = property(lambda self: self.functions.geometric_stiffness)
 
     multiply = staticmethod(quat.multiply)
     inverse = staticmethod(quat.conjugate)

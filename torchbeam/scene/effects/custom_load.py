@@ -179,7 +179,7 @@ class CustomLoad(Load):
         axes = max([site.R.ndim - 2, *(x.ndim - k for x, k in zip(motion, own, strict=True) if x is not None),
                     *(x.ndim - 1 for x in named.values()), *(x.ndim for x in numbers.values())])
         lead = broadcast_shapes(site.R.shape[:-2], *(x.shape[:-1] for x in named.values()),
-                                      *(x.shape for x in numbers.values()))
+                                *(x.shape for x in numbers.values()))
         named = {name: _with_axes(x, axes + 1) for name, x in named.items()}
         numbers = {name: _with_axes(x, axes) for name, x in numbers.items()}
         return (tuple(None if x is None else _with_axes(x, axes + k) for x, k in zip(motion, own, strict=True)),

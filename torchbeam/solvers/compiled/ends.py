@@ -22,7 +22,7 @@ def share_ends(functions: Sequence[tuple[Function, Mapping[str, Hashable]]], unk
     graphs: dict[Hashable, Graph] = {}
     shapes: dict[Hashable, dict[str, tuple[int, ...]]] = {}
     places: dict[Hashable, dict[int, int]] = {}  # node of an end -> its component
-    handed: list[dict[int, tuple[str, Hashable, int]]] = []
+    handed: list[dict[int, tuple[str, int]]] = []  # of each function, node -> side and component
     for function, sides in functions:
         handed.append(found := {})
         for side, kind in sides.items():
@@ -31,10 +31,13 @@ def share_ends(functions: Sequence[tuple[Function, Mapping[str, Hashable]]], unk
                      if name.startswith(f"{side}.") or name in common}
             shapes.setdefault(kind, {}).update({short: function.inputs[name] for name, short in names.items()})
             for x, there in _of_end(function, names, {f"{side}.{name}" for name in unknown}, end).items():
-                found[x] = side, kind, place.setdefault(there, len(place))
+                found[x] = side, place.setdefault(there, len(place))
     ends = {kind: Function(end, shapes[kind], {END: Output((len(places[kind]),), tuple(places[kind]))}).only([END])
             for kind, end in graphs.items()}
-    return [_rest(*one, found, places) for one, found in zip(functions, handed, strict=True)], ends
+    rests = [function.taking({x: (f"{side}.{END}", place) for x, (side, place) in found.items()},
+                             {f"{side}.{END}": (len(places[kind]),) for side, kind in sides.items()})
+             for (function, sides), found in zip(functions, handed, strict=True)]
+    return rests, ends
 
 
 def _of_end(function: Function, names: Mapping[str, str], unknown: set[str], end: Graph) -> dict[int, int]:
@@ -54,16 +57,3 @@ def _of_end(function: Function, names: Mapping[str, str], unknown: set[str], end
         there[x] = end.again(graph.ops[x], [there[y] for y in graph.args[x]],
                              (names[value[0]], value[1]) if graph.ops[x] == "input" else value)
     return {x: end.number(there[x]) for x in wanted}
-
-
-def _rest(function: Function, sides: Mapping[str, Hashable], found: Mapping[int, tuple[str, Hashable, int]],
-          places: Mapping[Hashable, Mapping[int, int]]) -> Function:
-    own, graph = function.graph, Graph()
-    there = {x: graph.input(f"{side}.{END}", place) for x, (side, _, place) in found.items()}
-    there = {x: graph.truth(y) if own.truths[x] else y for x, y in there.items()}
-    for x in own.live({x for out in function.outputs.values() for x in out.nodes}, known=set(there)):
-        if x not in there:
-            there[x] = graph.again(own.ops[x], [there[y] for y in own.args[x]], own.values[x])
-    outputs = {name: Output(out.shape, tuple(there[x] for x in out.nodes)) for name, out in function.outputs.items()}
-    given = {f"{side}.{END}": (len(places[kind]),) for side, kind in sides.items()}
-    return Function(graph, {**given, **function.inputs}, outputs).only(outputs)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import prod
 from typing import NamedTuple
 
@@ -25,9 +26,13 @@ class Function:
     inputs: dict[str, tuple[int, ...]]
     outputs: dict[str, Output]
 
-    def live(self) -> list[int]:
+    def live(self) -> tuple[int, ...]:
         """The nodes that outputs need, in order."""
-        return self.graph.live(x for out in self.outputs.values() for x in out.nodes)
+        return self._live
+
+    @cached_property
+    def _live(self) -> tuple[int, ...]:
+        return tuple(self.graph.live(x for out in self.outputs.values() for x in out.nodes))
 
     def operations(self) -> int:
         """How many numbers are computed."""
@@ -59,6 +64,19 @@ class Function:
             else:
                 there[x] = graph.again(own.ops[x], [there[y] for y in own.args[x]], own.values[x])
         return {name: [there[x] for x in out.nodes] for name, out in self.outputs.items()}
+
+    def taking(self, places: Mapping[int, tuple[str, int]], fields: Mapping[str, tuple[int, ...]]) -> Function:
+        """The function that takes some of its nodes from elsewhere: `places` node -> (field, component) of the new inputs
+        `fields`, with their shapes.
+        """
+        own, graph = self.graph, Graph()
+        there = {x: graph.input(*place) for x, place in places.items()}
+        there = {x: graph.truth(y) if own.truths[x] else y for x, y in there.items()}
+        for x in own.live({x for out in self.outputs.values() for x in out.nodes}, known=set(there)):
+            if x not in there:
+                there[x] = graph.again(own.ops[x], [there[y] for y in own.args[x]], own.values[x])
+        outputs = {name: Output(out.shape, tuple(there[x] for x in out.nodes)) for name, out in self.outputs.items()}
+        return Function(graph, {**fields, **self.inputs}, outputs).only(outputs)
 
     def joined(self, other: Function) -> Function:
         """The outputs of both, in one graph: what is equal is computed once."""

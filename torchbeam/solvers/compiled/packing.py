@@ -48,15 +48,15 @@ class Packing:
 
     def taken(self, function: Function, names: Mapping[str, str]) -> Function:
         """A function that takes fields by `names` (its own name -> that among the packed ones), with the one field in their
-        place; what stands before a dot in its own name (left.D), the field's name has as well (left.NAME).
+        place; what stands before the first dot in its own name (left.D), the field's name has as well (left.NAME).
         """
         graph, given, inputs = Graph(), {}, dict(function.inputs)
         for called, name in names.items():
             if called in inputs:
-                side, dot, _ = called.rpartition(".")
-                inputs[f"{side}{dot}{self.name}"] = self.size,
+                field = f"{called.partition('.')[0]}.{self.name}" if "." in called else self.name
+                inputs[field] = self.size,
                 del inputs[called]
-                given[called] = [self._component(graph, f"{side}{dot}{self.name}", one) for one in self.components[name]]
+                given[called] = [self._component(graph, field, one) for one in self.components[name]]
         nodes = function.into(graph, given)
         outputs = {name: Output(out.shape, tuple(nodes[name])) for name, out in function.outputs.items()}
         return Function(graph, inputs, outputs).only(outputs)

@@ -28,7 +28,7 @@ def split(function: Function, fixed: Iterable[str]) -> tuple[Function, Function]
     handed = sorted(x for x in read if graph.ops[x] != "input")
     before = Function(graph, {name: shape for name, shape in function.inputs.items() if name in fixed},
                       {HOISTED: Output((len(handed),), tuple(graph.number(x) for x in handed))})
-    return before, _rest(function, handed)
+    return before, function.taking({x: (HOISTED, k) for k, x in enumerate(handed)}, {HOISTED: (len(handed),)})
 
 
 def settled(function: Function, fixed: set[str]) -> set[int]:
@@ -53,19 +53,6 @@ def _with_reciprocals(function: Function, known: set[int]) -> Function:
             there[x] = graph.again(op, args, value)
     outputs = {name: Output(out.shape, tuple(there[x] for x in out.nodes)) for name, out in function.outputs.items()}
     return Function(graph, function.inputs, outputs)
-
-
-def _rest(function: Function, handed: list[int]) -> Function:
-    own, graph = function.graph, Graph()
-    there = {x: graph.input(HOISTED, k) for k, x in enumerate(handed)}
-    there = {x: graph.truth(y) if own.truths[x] else y for x, y in there.items()}
-    ends = {x for out in function.outputs.values() for x in out.nodes}
-    for x in own.live(ends, known=set(there)):
-        if x not in there:
-            there[x] = graph.again(own.ops[x], [there[y] for y in own.args[x]], own.values[x])
-    outputs = {name: Output(out.shape, tuple(there[x] for x in out.nodes)) for name, out in function.outputs.items()}
-    inputs = {HOISTED: (len(handed),), **function.inputs}
-    return Function(graph, inputs, outputs).only(outputs)
 
 
 def _smallest(graph: Graph, wanted: set[int]) -> set[int]:

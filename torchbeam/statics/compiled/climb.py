@@ -16,9 +16,9 @@ from ...dynamics.compiled.call import Call, Chain, Field
 from ...dynamics.compiled.constants import Constants
 from ...dynamics.compiled.cotangents import constant_fields
 from ...dynamics.compiled.coverage import MISSING, by_function, given_up, meaning
-from ...dynamics.compiled.local_problem import FREE, Kinds, node_kinds
+from ...dynamics.compiled.local_problem import Kinds, node_kinds
 from ...dynamics.compiled.native import NotCompiled
-from ...dynamics.compiled.program import program_of
+from ...dynamics.compiled.program import NOTHING, program_of
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
 from ...nodal.model import Model
@@ -49,7 +49,6 @@ def refusal(model: Model) -> str | None:
     """Why the equilibria of a model are not found by native code; None where they are."""
     scene = model.scene
     reasons = {
-        "elements of order 2": scene.beam.order == 2,
         f"the device {scene.device}": scene.device.type != "cpu",
         MISSING: find_spec("llvmlite") is None,
     }
@@ -99,8 +98,8 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
     nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs)
     trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
     kinds = _kinds(model, constants)
-    shared = not any(one.axes is None for one in functions((nodes.loads, common.loads)))
-    program = program_of(SteadyFunctions(model, *trees), kinds, bool(model.constraints.nodes), shared,
+    around = None if any(one.axes is None for one in functions((nodes.loads, common.loads))) else NOTHING
+    program = program_of(SteadyFunctions(model, *trees), kinds, bool(model.constraints.nodes), around,
                          JudgedProgram if judged else LoadProgram)
     chain = Chain(program, model, kinds)
     like, one = model.length, model.length.new_tensor
@@ -129,7 +128,7 @@ def _kinds(model: Model, constants: Constants) -> Kinds:
     for support, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True):
         displaced = support.displacement is not None, support.turn is not None
         kinds[support.node] = kinds[support.node]._replace(fixed=tuple(fixed.tolist()), displaced=displaced)
-    return Kinds(tuple(kinds), (FREE,) * model.count)  # an element knows nothing of its nodes' supports
+    return Kinds.of(kinds, model.scene.beam.order)
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:

@@ -47,7 +47,7 @@ class LoadDriver(Driver):
         """The first step, by the moves that all of the load would bring about; where that is all of the load for all samples,
         Newton's method has its first balance.
         """
-        code, N = self.code, self.args["elements"]
+        code = self.code
         self._hoisted()
         self._border()
         if self.held:
@@ -61,8 +61,8 @@ class LoadDriver(Driver):
         self._place()
         self._pass()
         self._back()
-        with code.loop(1, code.add(N, 2)) as j:
-            self._call("turn", lambda f: self.at("change", 0, "turn") if f[0] == ">" else self.at("move", j, f))
+        with code.loop(0, self.args["nodes"]) as j:
+            self._call("turn", lambda f: self.at("change", 0, "turn") if f[0] == ">" else self.at("move", self._move_of(j), f))
             code.call("largest", self.at("sample", 0, "turn"), self.at("change", 0, "turn"))
         self._rule("first_step")
         self._rule("shares")
@@ -72,7 +72,7 @@ class LoadDriver(Driver):
         """To the last shape that was in balance."""
         code, N = self.code, self.args["elements"]
         size = self.layout.records["unknown"].size
-        with code.loop(0, code.add(N, 1)) as j:
+        with code.loop(0, self.args["nodes"]) as j:
             self._copy_to(self.at("unknown", j), self.at("kept", j), size)
         with code.loop(0, N) as e:
             self._copy_to(self.at("stress", e), self.at("start_stress", e), self.layout.records["stress"].size)
@@ -108,7 +108,7 @@ class LoadDriver(Driver):
     def _turned(self) -> None:
         """The least cosine of the nodes' turns in a load step."""
         code, cosine = self.code, self.at("sample", 0, "cosine")
-        with code.loop(0, code.add(self.args["elements"], 1)) as j:
+        with code.loop(0, self.args["nodes"]) as j:
             self._call("cosine", lambda f: self.at("change", 0, "cosine") if f[0] == ">" else
                        self.at("kept", j, "rotation") if f == "before" else self.at("unknown", j, f))
             with code.when(code.compare("eq", j, 0)):
@@ -119,7 +119,7 @@ class LoadDriver(Driver):
         """What has gone well."""
         code, N, records = self.code, self.args["elements"], self.layout.records
         good = self.at("sample", 0, "good")
-        with code.loop(0, code.add(N, 1)) as j:
+        with code.loop(0, self.args["nodes"]) as j:
             self._take(self.at("kept", j), self.at("unknown", j), good, records["unknown"].size)
         with code.loop(0, N) as e:
             self._take(self.at("start_stress", e), self.at("stress", e), good, records["stress"].size)

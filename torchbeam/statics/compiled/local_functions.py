@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ...core.status import SUCCESS
 from ...dynamics.compiled.local_functions import LocalFunctions
-from ...dynamics.compiled.local_problem import ElementKind, Fields
+from ...dynamics.compiled.local_problem import ElementKind, EndKind, Fields
 from ...dynamics.midpoint import MidpointProblem
 from ...scene.prescribed_motion import moved
 from .. import load_steps
@@ -34,6 +34,7 @@ class SteadyKind(NamedTuple):
     displaced: tuple[bool, bool] = (False, False)
 
     support = None  # nothing moves while the load rises
+    end = EndKind()  # elements know nothing of their nodes' supports
 
 
 @dataclass(frozen=True)
@@ -92,11 +93,11 @@ class SteadyFunctions(LocalFunctions):
 
     def element(self, kind: ElementKind, load_factor: Tensor, **fields: Tensor) -> Fields:
         """See `LocalFunctions.element`."""
-        problem, x = self._steady(self.of_element(fields)[0], load_factor)
+        problem, x = self._steady(self.of_element(fields, kind)[0], load_factor)
         element = problem.element_balance(x)
-        tangent, inertia = problem.linearise(x, element.acting), problem.load(x)
+        tangent, inertia = problem.tangent(x, element.acting), problem.load(x)
         wrench = None if isinstance(inertia, float) else -inertia
-        return self.condensed(problem.model, element, problem.eigenstrain, tangent, wrench)
+        return self.of_nodes(problem.model, element, problem.eigenstrain, tangent, wrench)
 
     def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:
         """Loads less all inertia, of which `inertia` is what neighbours share."""

@@ -135,6 +135,36 @@ def pushed_in_a_plane(by):
                          tb.Actuation(curvature=bent)], plane="xy")
 
 
+def held_midsides(by):
+    """Elements of order 2 in 3D, with a hinge between the ends of each, that moves, and a section of its own."""
+    displaced = wave(by, "displaced", 0.05)
+    each = [section(EI=3 * by("EI", 2, 2)[k]) for k in range(2)]
+    return dict(beam=tb.Beam.straight(by("length"), 2, each, order=2), effects=[
+        tb.TipLoad(force=3 * by("pull", 3)), tb.Damping(0.01 * by("tau")),
+        tb.LineLoad(force=tb.PerElement(by("force", 2, 2, 3)))],
+        supports=[tb.Support(node, rotation="xz", displacement=displaced) for node in (1, 3)])
+
+
+def quadratic_in_a_plane(by):
+    """Elements of order 2 with a centre of mass off the node between the ends of one."""
+    return dict(beam=tb.Beam.straight(by("length"), 2, section(EI=3 * by("EI"), mass=0.5 * by("mass")), order=2), effects=[
+        tb.Damping(0.01 * by("tau")), tb.TipLoad(force=tb.Input("u", 3), follower=True), tb.Drag(1000.0, 0.02, added_mass=1.0),
+        tb.PointMass(0.3, offset=by("offset", 3) * torch.tensor((0.02, 0.05, 0)), node=1),
+        tb.Actuation(curvature=by("bent", 3) * torch.tensor((0, 0, 1.0))),
+        tb.MassDamping(0.3), tb.Spring(3, 50 * by("stiffness"), (0.3, 0.1, 0), length=0.1)], plane="xy")
+
+
+def damped_quadratic(by, **where):
+    """Elements of order 2 with rates of strains at two stations each."""
+    of = section(EI=3 * by("EI"), mass=0.5 * by("mass"))
+    return dict(where or dict(plane="xz"), beam=tb.Beam.straight(by("length"), 2, of, order=2), effects=[
+        tb.Damping(0.01 * by("tau")), tb.Gravity((0, 0, -9.81)), tb.TipLoad(force=by("pull") * torch.tensor((1.0, 0, 2.0)))])
+
+
+def small_quadratic(by):
+    return damped_quadratic(by, small=True)
+
+
 LONG = pytest.mark.long
 TOLD = line_loads, supports_that_move, turning_frame, lags  # the others have parts of these; properties/test_engine_fuzz all
 ALPHA = [damped_springs, clamps_that_move, *(pytest.param(make, marks=LONG) for make in (
@@ -177,6 +207,15 @@ def test_steps_of_generalized_alpha_are_the_eager_ones(make):
 @pytest.mark.parametrize("make", [pushed_in_a_plane, *(pytest.param(make, marks=LONG) for make in (damped_springs, lags))])
 def test_steps_that_close_the_energy_balance_are_the_eager_ones(make):
     compare(make, conserve=True)
+
+
+@pytest.mark.parametrize("make, options", [
+    (held_midsides, {}), (quadratic_in_a_plane, dict(conserve=True)), (damped_quadratic, dict(method="generalized_alpha")),
+    pytest.param(held_midsides, dict(method="generalized_alpha"), marks=LONG),
+    pytest.param(small_quadratic, dict(method="midpoint4"), marks=LONG),
+    pytest.param(small_quadratic, dict(method="generalized_alpha"), marks=LONG)])
+def test_steps_of_elements_of_order_2_are_the_eager_ones(make, options):
+    compare(make, **options)
 
 
 def compare(make, **options):

@@ -1,0 +1,53 @@
+"""Arguments that the ways to make a beam have in common: how many elements, of which order, where it starts, in which dtype."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import count
+from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, positive, shown
+from .axes import axes_along
+from .section import Section
+from .stations import Stations
+
+Sections = Section | Sequence[Section] | Callable[[Tensor], Section]  # the last: a function of s, see `Beam.straight`
+
+
+def intervals(elements: int, order: int) -> int:
+    """Between nodes. Raises ValueError for fewer than one element, or another order than 1 or 2."""
+    return count("elements", elements) * check_order(order)
+
+
+def check_order(order: int) -> int:
+    """`order` if it is 1 or 2; ValueError otherwise."""
+    if isinstance(order, bool) or order not in (1, 2):
+        raise ValueError(f"order = {shown(order)} was given; 1 or 2 is wanted")
+    return order
+
+
+def placed(section: Sections, direction: Value, up: Value, root: Value, **sizes: Value
+            ) -> tuple[list[Tensor], Tensor, Tensor]:
+    """Arguments common to beams that start at a root: sizes by name, positive (those whose name begins with _ only take part in
+    the dtype); axes (..., 3, 3) of the root; its position (..., 3).
+    """
+    dtype, device = dtype_with(section, direction, up, root, *(x for x in sizes.values() if not callable(x) and x is not None))
+    values = [positive(name, as_tensor(x, dtype, device)) for name, x in sizes.items() if not name.startswith("_")]
+    direction, up, root = (finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
+                           for name, value in (("direction", direction), ("up", up), ("root", root)))
+    return values, axes_along(direction, up), root
+
+
+def dtype_with(section: Sections, *values: Value) -> tuple[torch.dtype, torch.device]:
+    """Of sections and values together. Raises ValueError for what is no section, and where dtypes or devices differ."""
+    if isinstance(section, Stations):
+        return common_dtype(*values, section.s, section.section.compliance)
+    if callable(section):
+        return common_dtype(*values)
+    sections = tuple(section) if isinstance(section, Sequence) else (section,)
+    for s in sections:
+        if not isinstance(s, Section):
+            raise ValueError(f"a section of type {type(s).__name__} was given; a torchbeam.Section is wanted")
+    return common_dtype(*values, *(s.compliance for s in sections))
