@@ -91,6 +91,7 @@ class BeamVectorEnv(VectorEnv):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.streams = Streams(num_envs)
         self.episodes: Episodes | None = None
+        self._going: Episodes | None = None  # where of the last ones it is known that none is over
 
     @classmethod
     def _configuration(cls, config: BeamEnvConfig | None, keywords: dict[str, Any]) -> BeamEnvConfig:
@@ -141,14 +142,15 @@ class BeamVectorEnv(VectorEnv):
         before = self._running()
         action, invalid = self._action(actions)
         with self._gradient():
-            done = before.done
-            over, fresh = bool(done.any()), done
+            done = before.terminated if before is self._going else before.done
+            over, fresh = before is not self._going and bool(done.any()), done
             if over and self.autoreset_mode is AutoresetMode.NEXT_STEP:
                 before = self._renew(before, fresh)
             elif over:
                 fresh = torch.zeros_like(done)
             active = ~done
             after, reward, failed = self.simulation.advance(before, action, active if over else None)
+            going = not over and failed is None and self.config.max_episode_steps is None
             failed = done if failed is None else failed  # which is False throughout
             invalid = done if invalid is None else invalid & active
             info, masks = self._info(after, failed, invalid, active, active | fresh if over else active)
@@ -158,7 +160,7 @@ class BeamVectorEnv(VectorEnv):
                 masks.update(final_obs=observation, _final_obs=fresh, final_info={**info, **masks}, _final_info=fresh)
                 after = self._renew(after, fresh)
                 observation = after.observation
-        self.episodes = after
+        self.episodes, self._going = after, after if going else None
         self._shown(fresh)
         return observation, reward, terminated, truncated, info, masks
 

@@ -68,7 +68,7 @@ class FlutterHold(Task):
         return replace(beam, velocity=beam.velocity + along**2 * (goal @ self.lateral)[:, None])
 
     def cost(self, now: Episodes) -> Tensor:
-        return rounded(now.beam.position[:, -1] - now.start.position[:, -1], self.length)
+        return rounded(now.measures["distance"], self.length)
 
     def task_failed(self, now: Episodes) -> Tensor:
         return now.measures["lost"]

@@ -73,10 +73,10 @@ def distance(a: Tensor, b: Tensor) -> Tensor:
     return torch.linalg.vector_norm(a - b, dim=-1)
 
 
-def rounded(gap: Tensor, length: float) -> Tensor:
-    """(n,): (sqrt(d^2 + s^2) - s) / (0.1 L), d = |gap|, gap (n, 3) m: smooth at 0, about 1 at L / 10."""
+def rounded(d: Tensor, length: float) -> Tensor:
+    """(n,): (sqrt(d^2 + s^2) - s) / (0.1 L) of distances d (n,) m: smooth at 0, about 1 at L / 10."""
     soft = SOFT * length
-    return ((gap.square().sum(-1) + soft**2).sqrt() - soft) / (0.1 * length)
+    return ((d.square() + soft**2).sqrt() - soft) / (0.1 * length)
 
 
 def holding_action(scene: tb.Scene, target: Tensor, actions: int, inputs: Callable[[Tensor], dict[str, Tensor]],

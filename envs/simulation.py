@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import isnan
 from typing import Any
 
 import numpy as np
@@ -56,21 +57,23 @@ class Simulation:
         """
         beam, acting, pending, everyone = before.beam, before.acting, before.pending, active is None
         if everyone or active.any():
-            queue = torch.cat((pending, action[:, None]), 1) if self.config.delay else action[:, None]
-            given = self.task.inputs(queue[:, 0], before)
-            beam = before.plant.advance(beam, self.config.substeps, active, given)
+            now, waiting = action, pending
+            if self.config.delay:
+                queue = torch.cat((pending, action[:, None]), 1)
+                now, waiting = queue[:, 0], queue[:, 1:]
+            beam = before.plant.advance(beam, self.config.substeps, active, self.task.inputs(now, before))
             if everyone:
-                acting, pending = queue[:, 0], queue[:, 1:]
+                acting, pending = now, waiting
             else:
-                acting = torch.where(active[:, None], queue[:, 0], acting)
-                pending = torch.where(active[:, None, None], queue[:, 1:], pending)
+                acting = torch.where(active[:, None], now, acting)
+                pending = torch.where(active[:, None, None], waiting, pending)
         steps = before.steps + (1 if everyone else active)
         after = self._told(with_values(before, beam=beam, acting=acting, pending=pending, steps=steps))
         observation = self._observation(after)
-        reward = -self.task.cost(after) - self.config.control_cost * action.square().sum(-1)
+        reward = -torch.add(self.task.cost(after), action.square().sum(-1), alpha=self.config.control_cost)
         over, limit = self.task.task_failed(after), self.config.max_episode_steps
         late = None if limit is None else steps >= limit
-        well = not (after.beam.status.any() or observation.detach().sum().isnan())  # what is infinite has been clipped
+        well = not (after.beam.status.any() or isnan(observation.sum().item()))  # what is infinite has been clipped
         if everyone and well and (over is None or not over.any()):
             truncated = before.truncated if late is None else late
             return with_values(after, observation=observation, truncated=truncated), reward, None
@@ -128,7 +131,8 @@ class Simulation:
         if self.config.noise:
             seen = seen + self.config.noise * normal(now.key, now.steps, seen.shape[-1], self.task.dtype)
         tip = None if self.observer.tip is None else seen[:, self.observer.tip]
-        whole = torch.cat((self.task.target_observation(now, tip), seen, now.pending.flatten(1)), -1)
+        parts = self.task.target_observation(now, tip), seen
+        whole = torch.cat((*parts, now.pending.flatten(1)) if self.config.delay else parts, -1)
         return whole.clamp(self.low, self.high)
 
     def _plant(self, values: dict[str, Tensor], rows: Tensor) -> Plant:

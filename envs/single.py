@@ -67,4 +67,4 @@ class SingleEnv(gymnasium.Env):
 
 def _first(info: dict) -> dict:
     values = {name: value for name, value in info.items() if not name.startswith("_")}
-    return {name: _first(value) if isinstance(value, dict) else value[0].item() for name, value in values.items()}
+    return {name: _first(value) if isinstance(value, dict) else value.item() for name, value in values.items()}

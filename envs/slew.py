@@ -91,7 +91,7 @@ class Slew(Task):
         return torch.cat((self.gap(now, now.target[:, 0], tip), angle, rate), -1)
 
     def cost(self, now: Episodes) -> Tensor:
-        return rounded(now.target[:, 0] - now.beam.position[:, -1], self.length)
+        return rounded(now.measures["distance"], self.length)
 
     def measures(self, now: Episodes) -> dict[str, Tensor]:
         turned = quat.multiply(quat.conjugate(now.start.rotation[:, 0]), now.beam.rotation[:, 0])

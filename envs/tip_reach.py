@@ -55,7 +55,7 @@ class TipReach(Task):
         return self.gap(now, now.goal, tip)
 
     def cost(self, now: Episodes) -> Tensor:
-        return rounded(now.goal - now.beam.position[:, -1], self.length)
+        return rounded(now.measures["distance"], self.length)
 
     def measures(self, now: Episodes) -> dict[str, Tensor]:
         return {"distance": distance(now.goal, now.beam.position[:, -1])}

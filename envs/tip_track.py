@@ -98,7 +98,7 @@ class TipTrack(Task):
         return torch.cat((self.gap(now, target[:, 0], tip), velocity[:, d], ahead[..., d].flatten(1)), -1)
 
     def cost(self, now: Episodes) -> Tensor:
-        return rounded(now.target[:, 0] - now.beam.position[:, -1], self.length)
+        return rounded(now.measures["distance"], self.length)
 
     def measures(self, now: Episodes) -> dict[str, Tensor]:
         return {"distance": distance(now.target[:, 0], now.beam.position[:, -1])}

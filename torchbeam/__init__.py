@@ -3,8 +3,20 @@
 from . import plot, sensors
 from .analysis.advise import Advice, advise
 from .analysis.describe import Description, describe
-from .analysis.identify import Fit, identify
-from .analysis.monte_carlo import Samples, monte_carlo
+from .analysis.identification.fit import Fit
+from .analysis.identification.identify import identify
+from .analysis.identification.measurement import Measurement
+from .analysis.identification.parameter import Parameter
+from .analysis.uncertainty import laws
+from .analysis.uncertainty.estimate import Estimate
+from .analysis.uncertainty.moment_derivatives import MomentDerivatives, moment_derivatives
+from .analysis.uncertainty.monte_carlo import monte_carlo
+from .analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
+from .analysis.uncertainty.rare_event import RareEvent, rare_event
+from .analysis.uncertainty.samples import Samples
+from .analysis.uncertainty.sobol_indices import SobolIndices, sobol_indices
+from .analysis.uncertainty.stream import Stream
+from .analysis.uncertainty.tornado import Tornado, tornado
 from .dynamics.explicit import ExplicitStepper
 from .dynamics.rollout import rollout
 from .dynamics.simulate import simulate
@@ -44,6 +56,7 @@ from .scene.scene import Scene
 from .scene.section import Section
 from .scene.stations import Stations, Table
 from .scene.supports import Frame, RootMotion, Support
+from .sensors.observe import observe
 from .state.solution import Energy, Solution, Stats
 from .state.state import State, rest
 from .statics.equilibrium import equilibrium
@@ -51,9 +64,11 @@ from .statics.path import Path, path
 
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Description", "Drag",
-    "Energy", "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
-    "MixedState", "Modes", "Path", "PerElement", "PerInterval", "PointLoad", "PointMass", "RootMotion", "RootSpring",
-    "Samples", "Scene", "Section", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Support", "Table",
-    "TipLoad", "advise", "block_rate", "consistent_state", "critical_load", "describe", "equilibrium", "identify",
-    "linearize", "modes", "monte_carlo", "path", "plot", "rayleigh", "rest", "rollout", "sensors", "simulate",
+    "Energy", "Estimate", "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load",
+    "MassDamping", "Measurement", "MixedState", "Modes", "MomentDerivatives", "Parameter", "Path", "PerElement",
+    "PerInterval", "PointLoad", "PointMass", "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section",
+    "SobolIndices", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Stream", "Support", "Table", "TipLoad",
+    "Tornado", "advise", "block_rate", "consistent_state", "critical_load", "describe", "equilibrium", "identify", "laws",
+    "linearize", "modes", "moment_derivatives", "monte_carlo", "monte_carlo_stream", "observe", "path", "plot",
+    "rare_event", "rayleigh", "rest", "rollout", "sensors", "simulate", "sobol_indices", "tornado",
 ]

@@ -15,7 +15,7 @@ import numpy as np
 DATA = json.loads((Path(__file__).parents[2] / "torchbeam/data/dynamic_step_load.json").read_text())
 T, TIP = np.array(DATA["t"]), np.array(DATA["tip"])  # s, every 10 ms; m
 EA, GA, GJ, EI, MASS, INERTIA = 4e4, 1.4835e4, 0.769, 1.0, 0.2, 5e-6  # of a cantilever of 1 m along x
-COLUMNS = ("peer", "space", "elements", "step_ms", "error", "best_cpu_s", "median_cpu_s", "rate")
+COLUMNS = ("peer", "space", "elements", "element", "step_ms", "error", "best_cpu_s", "median_cpu_s", "rate")
 
 
 def error(tip: np.ndarray) -> float:
@@ -23,15 +23,16 @@ def error(tip: np.ndarray) -> float:
     return float(np.sqrt(((tip - TIP) ** 2).sum() / ((TIP - TIP[0]) ** 2).sum()))
 
 
-def measure(package: str, space: str, elements: int, step: float, run: Callable[[], tuple[np.ndarray, float]]) -> dict:
+def measure(package: str, space: str, elements: int, element: str, step: float,
+            run: Callable[[], tuple[np.ndarray, float]]) -> dict:
     """A row by `COLUMNS`: of a run that gives the tip every 10 ms for 2 s, and the CPU seconds that this took; rate in
     simulated s per CPU s. After one run to warm up.
     """
     repeats = 3 if "--quick" in sys.argv else 15
     (tip, _), *runs = [run() for _ in range(repeats + 1)]
     seconds = [cpu for _, cpu in runs]
-    return dict(zip(COLUMNS, (f"{package} {version(package)}", space, elements, 1e3 * step, error(tip), min(seconds),
-                              median(seconds), T[-1] / min(seconds)), strict=True))
+    return dict(zip(COLUMNS, (f"{package} {version(package)}", space, elements, element, 1e3 * step, error(tip),
+                              min(seconds), median(seconds), T[-1] / min(seconds)), strict=True))
 
 
 def show(*rows: dict) -> None:

@@ -48,4 +48,4 @@ def run() -> tuple[np.ndarray, float]:
 
 
 if __name__ == "__main__":
-    show(measure("exudyn", "plane", ELEMENTS, STEP, run))
+    show(measure("exudyn", "plane", ELEMENTS, "quadratic", STEP, run))

@@ -46,4 +46,4 @@ def run() -> tuple[np.ndarray, float]:
 
 
 if __name__ == "__main__":
-    show(measure("mujoco", "3D", EDGES, STEP, run))
+    show(measure("mujoco", "3D", EDGES, "rod", STEP, run))

@@ -59,18 +59,18 @@ def as_tensor(value: Value, dtype: torch.dtype, device: torch.device | None = No
 
     Raises ValueError for what is no real number: text, None, booleans, complex numbers, rows of different lengths.
     """
+    if isinstance(value, Tensor):
+        return real(value).to(dtype=dtype, device=device)
     if holds_tensor(value):
         parts = [as_tensor(v, dtype, device) for v in value]
         broadcast("a sequence of tensors", *(part.shape for part in parts))
         return torch.stack(torch.broadcast_tensors(*parts), -_depth(value))
-    if isinstance(value, Tensor):
-        return real(value).to(dtype=dtype, device=device)
     return torch.from_numpy(numbers(value)).to(dtype=dtype, device=device)
 
 
 def real(value: Tensor) -> Tensor:
     """`value` if it holds real numbers; ValueError for booleans and complex numbers."""
-    if value.dtype == torch.bool or value.is_complex():
+    if value.dtype == torch.bool or value.dtype.is_complex:
         raise ValueError(f"a tensor of {value.dtype} was given; real numbers are wanted")
     return value
 

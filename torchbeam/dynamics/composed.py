@@ -88,19 +88,19 @@ def _composed(composition: Composition, solver: StepSolver, model: Model, state:
 
 
 def natively(composition: Composition, solver: StepSolver, state: State, dt: Tensor, t: Tensor, inputs: Inputs,
-             moving: Tensor | None, last: bool, K: int | None = None, repeat: int = 1) -> Steps | None:
+             moving: Tensor | None, last: bool, K: int | None = None, repeat: int = 1, every: int = 1) -> Steps | None:
     """A step of dt (...) from t (...) on, or K of dt (K) from t (K) on, by one call of native code; None where they are to be
     made eagerly. The reaction is the mean over the step, the stress that of the last solve.
 
     inputs  by name, held over all, or one for each solve, see `together`
     moving  (...) bool, of the whole batch's shape; None = all, of one step
-    repeat  in place of K, see `CompiledStep`
+    repeat  in place of K, see `CompiledStep`;  every: likewise
     """
     instant, n = solver.method.INSTANT, len(composition.shares)
     if n == 1:
         middle = t + instant * dt if solver.compiled.takes_time else None
         dt = dt[0] if K is not None and dt.stride() == (0,) else dt  # the same of all
-        return solver.natively(state, dt, middle, inputs, moving, last, K, repeat)
+        return solver.natively(state, dt, middle, inputs, moving, last, K, repeat, every)
     if repeat > 1:
         return None
     if moving is None:

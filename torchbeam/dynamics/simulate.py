@@ -25,6 +25,7 @@ from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene.effects import PerInterval, changing, inputs_at, inputs_over
 from ..scene.scene import Scene, merge_inputs
+from ..state.reduced import ReducedStates, joined
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
 from ..state.state import State, check_state, rest, with_optional_fields
@@ -34,7 +35,7 @@ from .failure import Failures
 from .held_inputs import GivenInputs, changes_within, given_from
 from .methods import METHODS as IMPLICIT_METHODS
 from .mixed_forms import simulate_mixed
-from .rollout import check_room, joined, march
+from .rollout import check_room, march
 from .runaway import SENTENCE, stopped
 from .stepper import Stepper
 from .tolerance import Tolerance
@@ -159,32 +160,38 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
             return [given_from(inputs, begins[k], lengths[k], t, plan[k][0]) for k in few]
         return inputs_over(inputs, few, lambda k: begins[k] + stepper.method.INSTANT * lengths[k], lambda k: plan[k][0], t)
 
-    def carry_out(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
-        """Fields of the states that are wanted of a part of the plan, of the last, and the iterations of each step."""
+    def carry_out(begin: int, end: int, state: State) -> tuple[list[State], State, Tensor]:
+        """States that are wanted of a part of the plan, in the space's coordinates; the last, a public one; iterations."""
         made, done, part = [], begin, slice(begin, end)
         steps = lengths[part], begins[part], lambda i, j: held(begin + i, begin + j), wanted[part]
-        for few in march(stepper, kind(*fields), *steps):
+        for few in march(stepper, state, *steps):
             made.append(few)
             for _ in range(len(few.iterations)):
                 done += 1
                 if progress is not None:
                     progress(done, len(plan))
-        states = made[0].states.map(joined, *(few.states for few in made[1:]))
-        return *vars(states).values(), *vars(made[-1].last()).values(), joined(*(few.iterations for few in made))
+        return [few.states for few in made], made[-1].last(), joined(*(few.iterations for few in made))
+
+    def flat(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
+        """The same, from tensors to tensors."""
+        states, last, iterations = carry_out(begin, end, kind(*fields))
+        return *vars(states[0].map(joined, *states[1:])).values(), *vars(last).values(), iterations
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
-    chunks, state, iterations = [start.map(lambda x: x[None])], start, []
+    parts, state, iterations = [stepper._reduced(start).map(lambda x: x[None])], start, []
     for done in range(0, len(plan), length):
         span = done, min(done + length, len(plan))
-        fields = tuple(vars(state).values())
-        tensors = recompute(carry_out, *span, *fields, use_reentrant=False) if checkpoint else carry_out(*span, *fields)
-        chunks.append(kind(*tensors[:size]))
-        state = kind(*tensors[size:2 * size])
-        iterations.append(tensors[-1])
-    trajectory = chunks[0].map(joined, *chunks[1:])
+        if checkpoint:
+            *found, count = recompute(flat, *span, *vars(state).values(), use_reentrant=False)
+            states, state = [kind(*found[:size])], kind(*found[size:])
+        else:
+            states, state, count = carry_out(*span, state)
+        parts += states
+        iterations.append(count)
     stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=stepper.failures.reasons())
-    return Solution(t, trajectory, partial(_energy, stepper.model, trajectory, t, inputs), stats)
+    states = ReducedStates(tuple(parts), stepper.model.space)
+    return Solution(t, states, partial(_energy, stepper.model, states, t, inputs), stats)
 
 
 def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -255,9 +262,10 @@ def _begin(model: Model, initial: State | None, t: Tensor) -> State:
     return (start if initial is None else on_supports(start, scene, t).broadcast()).at(t)
 
 
-def _energy(model: Model, states: State, t: Iterable[Tensor], inputs: dict[str, Any]) -> Energy:
+def _energy(model: Model, states: State | ReducedStates, t: Iterable[Tensor], inputs: dict[str, Any]) -> Energy:
     """Of states at the instants t; the beam's eigenstrain is that of the instant."""
-    work, states = states.work, model.space.to_reduced(states)
+    states = states.whole() if isinstance(states, ReducedStates) else model.space.to_reduced(states)
+    work = states.work
     kinetic = model.kinetic_energy(states.rotation, states.velocity, states.spin)
     if not model.scene.eigenstrains:
         return Energy(kinetic, model.strain_energy(states.position, states.rotation), work)
@@ -272,7 +280,7 @@ def _energy(model: Model, states: State, t: Iterable[Tensor], inputs: dict[str, 
 
 def _judged(solution: Solution, throw: bool, warn: bool = False) -> Solution:
     """The solution, with a sentence on every kind of failure in its stats; raised, or warned of where the solver has not."""
-    status, steps = (concrete(x) for x in (solution.status, (solution.state.status == 0).sum(0)))
+    status, steps = (concrete(x) for x in (solution.status, (solution.states.status == 0).sum(0)))
     for code in sorted(set(status.flatten().tolist()) - {0}):
         failed = (status == code).nonzero().tolist()
         which = f"sample {failed[0][0] if len(failed[0]) == 1 else tuple(failed[0])}" if failed[0] else "the sample"

@@ -6,7 +6,7 @@ import weakref
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from functools import partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import torch
@@ -35,9 +35,20 @@ from .methods import METHODS
 from .step_solver import StepSolver
 
 
+class Known(NamedTuple):
+    """The last state that native code has made: itself, how often its fields had been written to, itself in the space's
+    coordinates, None = it is; whether it is known that no sample of it has failed.
+    """
+
+    state: Callable[[], State | None]
+    versions: tuple[int, ...]
+    reduced: State | None
+    well: bool
+
+
 class Ahead(NamedTuple):
-    """Steps that were made at once: the states that were asked for (time, ...), the last, iterations (steps, ...); whether the
-    next one is for `advance`.
+    """Steps that were made at once: the states that were asked for (time, ...), in the space's coordinates; the last, a public
+    one; iterations (steps, ...); whether the next one is for `advance`.
     """
 
     states: State
@@ -94,7 +105,7 @@ class Stepper:
         self.halvings = count("halvings", halvings, least=0)
         self.solver = StepSolver(self.model, self.method, engine, tolerance, count("iterations", iterations))
         self.iterations: Tensor | None = None  # (...) of the last step
-        self._last: tuple[Any, Any, State] | None = None  # the last state made, how often it was written to, and itself reduced
+        self._last: Known | None = None
         self.failures = Failures()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -132,9 +143,9 @@ class Stepper:
         or a function of the share of it that has passed.
         """
         dt = self._length(dt)
-        given, state = self._given(state, inputs, dt)
+        given, state, well = self._given(state, inputs, dt)
         if active is None and self.compiled is not None and (t is not None or not self._changes or state.t.ndim == 0):
-            found = self._quickly(state, dt, t, given)
+            found = self._quickly(state, well, dt, t, given)
             if found is not None:
                 return found
         moving = state.status == SUCCESS
@@ -155,34 +166,30 @@ class Stepper:
     def repeat(self, state: State, count: int, inputs: dict[str, Any], active: Tensor | None = None) -> State:
         """The state `count` steps later, with the inputs held: as so many calls."""
         if count > 1 and active is None and self.compiled is not None and not self._changes:
-            given, start = self._given(state, inputs, self.dt)
-            found = self._quickly(start, self.dt, None, given, count)
+            given, start, well = self._given(state, inputs, self.dt)
+            found = self._quickly(start, well, self.dt, None, given, count)
             if found is not None:
                 return found
         for _ in range(count):
             state = self.advance(state, inputs, active=active)
         return state
 
-    def _quickly(self, state: State, dt: Tensor, t: Tensor | None, inputs: HeldInputs, repeat: int = 1) -> State | None:
+    def _quickly(self, state: State, well: bool, dt: Tensor, t: Tensor | None, inputs: HeldInputs, repeat: int = 1
+                 ) -> State | None:
         """The state one step later, or after as many alike, where native code makes it of all samples at once; None where there
-        is more to it.
+        is more to it. well: whether it is known that none has failed.
         """
         alone = None if inputs.vary else self.method.alone(self.model, dt)
-        if alone is None or concrete(state.status).any():
+        if alone is None or not (well or not concrete(state.status).any()):
             return None
         found = natively(alone, self.solver, state, dt, state.t if t is None else t, inputs.given, None, last=not self.halvings,
                          repeat=repeat)
         if found is None or not found.well:
             return None
-        self.iterations, now = found.iterations, state.t
-        for _ in range(repeat):
-            now = now + dt
+        self.iterations, now = found.iterations, torch.add(state.t, dt, alpha=repeat)
         now = now if now.shape == found.status.shape else now.expand(found.status.shape)
         reduced = with_values(state, **found.fields, t=now, status=found.status)
-        after, space = self.model.space.to_public(reduced), self.model.space
-        if after is not reduced and isinstance(space, Plane) and space.reversible and not after.position.requires_grad:
-            self._last = weakref.ref(after), _versions(after), reduced
-        return after
+        return self._public(reduced, well=True)
 
     def ahead(self, state: State, dt: Tensor, t: Tensor, inputs: dict[str, Any] | list[GivenInputs], wanted: list[bool]
               ) -> Ahead | None:
@@ -203,7 +210,9 @@ class Stepper:
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                           *(value.shape[:-1] for value in given.values()))
         n, size = len(alone.shares), shape.numel() * (self.scene.beam.count + 1)
-        count = min(len(dt), max(1, ROOM // max(1, size * n)))
+        every = _spacing(wanted) if n == 1 else 1
+        count = min(len(dt), every * max(1, ROOM // max(1, size * n)))
+        every, count = (every, count - count % every) if count >= every else (1, count)
         dt, t = dt[:count], t[:count]
         moving = (start.status == SUCCESS).expand(shape)
         if varying:
@@ -214,7 +223,9 @@ class Stepper:
                     value = one.value[..., :count, :]
                     value = value.expand(*shape, -1, -1).movedim(-2, 0) if shape else value
                     given[name] = value if n == 1 else value.repeat_interleave(n, 0)
-        found = natively(alone, self.solver, start, dt, t, given, moving, last=not self.halvings, K=count)
+        found = natively(alone, self.solver, start, dt, t, given, moving, last=not self.halvings, K=count, every=every)
+        if found is not None and found.every > 1 and not found.well:
+            found = natively(alone, self.solver, start, dt, t, given, moving, last=not self.halvings, K=count)
         if found is None:
             return None
         if not found.well:
@@ -225,33 +236,56 @@ class Stepper:
         now = torch.cat((start.t.expand(shape)[None], each)).cumsum(0)
         now, status = torch.where(moving, now[1:], start.t), start.status.expand(shape)
         places = [k for k in range(count) if wanted[k]]
+        asked = slice(None) if found.every > 1 else _rows(places, count)
 
-        def after(k: Any, *lead: int) -> State:
-            fields = found.fields if k == slice(0, len(found.status)) else {name: x[k] for name, x in found.fields.items()}
+        def after(rows: Any, k: Any, *lead: int) -> State:
+            fields = {name: x[rows] for name, x in found.fields.items()}
             same = {name: x.expand((*lead, *shape, *x.shape[x.ndim - axes:])) for name, axes in STILL.items()
                     if name not in fields and (x := getattr(start, name, None)) is not None}
-            return self.model.space.to_public(replace(start, **fields, **same, t=now[k], status=status.expand((*lead, *shape))))
+            return with_values(start, **fields, **same, t=now[k], status=status.expand((*lead, *shape)))
 
-        part = slice(0, count) if len(places) == count else places
-        return Ahead(after(part, len(places)), partial(after, count - 1), found.iterations[:count], not found.well)
+        def last() -> State:
+            return self._public(after(count // found.every - 1, count - 1), well=False)
 
-    def _given(self, state: State, inputs: GivenInputs, dt: Tensor) -> tuple[HeldInputs, State]:
-        """Inputs as tensors, and the state to start a step of dt from in the space's coordinates; checked."""
+        return Ahead(after(asked, _rows(places, count), len(places)), last, found.iterations[:count], not found.well)
+
+    def _given(self, state: State, inputs: GivenInputs, dt: Tensor) -> tuple[HeldInputs, State, bool]:
+        """Inputs as tensors, and the state to start a step of dt from in the space's coordinates, checked; whether it is known
+        that no sample of it has failed.
+        """
         given = HeldInputs(inputs).map(self.scene.tensors)
-        of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-        now = given(self.method.INSTANT)
-        broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
-                  *(value.shape[:-1] for value in now.values()))
-        return given, self._reduced(self._begin(state, dt, inputs=now))
+        now, known = given(self.method.INSTANT), self._known(state)
+        if known is None:
+            of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
+        shape = state.batch_shape if known is None else known.status.shape
+        broadcast("a scene, a state and inputs", self.scene.batch_shape, shape, *[value.shape[:-1] for value in now.values()])
+        if known is not None:
+            return given, known, self._last.well
+        return given, self._reduced(self._begin(state, dt, inputs=now)), False
+
+    def _known(self, state: State) -> State | None:
+        """The last state that native code has made, in the space's coordinates, if it is this one, as it was."""
+        last = self._last
+        if last is None or last.state() is not state or last.versions != _versions(state):
+            return None
+        return state if last.reduced is None else last.reduced
 
     def _reduced(self, state: State) -> State:
         """A state in the space's coordinates, with all that the scene has, and the batch's axes on every field."""
-        if self._last is not None and self._last[0]() is state:
-            _, seen, reduced = self._last
-            if seen is not None and seen == _versions(state):
-                return reduced
+        known = self._known(state)
+        if known is not None:
+            return known
         state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
         return self.model.space.to_reduced(with_optional_fields(state, self.scene))
+
+    def _public(self, reduced: State, well: bool) -> State:
+        """A state that native code has made, to be `Known` again."""
+        after, space = self.model.space.to_public(reduced), self.model.space
+        same = after is reduced
+        kept = same or (isinstance(space, Plane) and space.reversible and not after.position.requires_grad)
+        versions = _versions(after) if kept else None
+        self._last = None if versions is None else Known(weakref.ref(after), versions, None if same else reduced, well)
+        return after
 
     def _length(self, dt: float | Tensor | None) -> Tensor:
         """Of a step, s."""
@@ -289,6 +323,21 @@ class Stepper:
         merged.solver = self.solver.of(merged.model)
         merged.iterations, merged.failures = None, Failures()
         return merged
+
+
+def _spacing(wanted: list[bool]) -> int:
+    """So many steps lie from one that is wanted to the next, and from the first to the one before it; 1 where that differs."""
+    first = wanted.index(True) + 1 if True in wanted else 1
+    return first if all(asked == (k % first == 0) for k, asked in enumerate(wanted, 1)) else 1
+
+
+def _rows(places: list[int], count: int) -> slice | list[int]:
+    """Rows at these places among so many: by a slice where they are evenly spaced, which copies nothing."""
+    gaps = {b - a for a, b in pairwise(places)}
+    if not places or len(gaps) > 1:
+        return places
+    step = min(gaps, default=1)
+    return slice(0, count) if len(places) == count else slice(places[0], places[-1] + 1, step)
 
 
 def _versions(state: State) -> tuple[int, ...] | None:

@@ -10,6 +10,9 @@ Figures belong to nobody but the caller: pyplot, its state and its windows are n
 from .animation import animate
 from .canvas import axes, grid, save
 from .curves import campbell, energies, history, load_path
+from .identification import correlation, fit, profile
 from .shapes import mode_shapes, shape
+from .uncertainty import bands, convergence, histogram, tornado
 
-__all__ = ["animate", "axes", "campbell", "energies", "grid", "history", "load_path", "mode_shapes", "save", "shape"]
+__all__ = ["animate", "axes", "bands", "campbell", "convergence", "correlation", "energies", "fit", "grid", "histogram",
+           "history", "load_path", "mode_shapes", "profile", "save", "shape", "tornado"]

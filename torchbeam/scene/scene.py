@@ -191,13 +191,14 @@ class Scene(Tree):
         """
         if isinstance(given.get("inputs"), dict):
             given = merge_inputs(given["inputs"], {name: value for name, value in given.items() if name != "inputs"})
+        sizes, dtype, device = self.inputs, self.dtype, self.device
         for name in given:
-            if name not in self.inputs:
-                raise ValueError(f"the input {name!r} was given; the scene has {', '.join(self.inputs) or 'none'}")
-        for name in self.inputs:
+            if name not in sizes:
+                raise ValueError(f"the input {name!r} was given; the scene has {', '.join(sizes) or 'none'}")
+        for name in sizes:
             if name not in given:
-                raise ValueError(f"the input {name!r} is missing; the scene wants {', '.join(self.inputs)}")
-        found = {name: axis_last(f"input {name!r}", as_tensor(value, self.dtype, self.device), self.inputs[name])
+                raise ValueError(f"the input {name!r} is missing; the scene wants {', '.join(sizes)}")
+        found = {name: axis_last(f"input {name!r}", as_tensor(value, dtype, device), sizes[name])
                  for name, value in given.items()}
         if found:
             broadcast("a scene and inputs", self.batch_shape, *(value.shape[:-1] for value in found.values()))

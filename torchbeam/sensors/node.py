@@ -30,10 +30,12 @@ class _OfNode(Sensor):
 
     def __call__(self, state: Any) -> Tensor:
         position = getattr(state, "position", None)
-        nodes = 0 if position is None else position.shape[-2]
-        if nodes and not -nodes <= self.node < nodes:
+        if position is None:
+            return super().__call__(state)  # says so
+        nodes = position.shape[-2]
+        if not -nodes <= self.node < nodes:
             raise ValueError(f"node = {self.node} was given; the beam has the nodes 0 to {nodes - 1}")
-        return super().__call__(state)
+        return self.read(state)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

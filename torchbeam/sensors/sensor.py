@@ -109,6 +109,7 @@ class Stack(Sensor):
         for sensor in self.sensors:
             if not isinstance(sensor, Sensor):
                 raise ValueError(f"{sensor!r} was given to Stack; sensors are wanted")
+        object.__setattr__(self, "vectors", all(len(sensor.shape) == 1 for sensor in self.sensors))
 
     @property
     def unit(self) -> str:
@@ -119,7 +120,7 @@ class Stack(Sensor):
         return tuple(f"{s.name} {label}" for s in self.sensors for label in s.labels)
 
     def read(self, state: Any) -> Tensor:
-        readings = [s.flat(state) for s in self.sensors]
+        readings = [s(state) if self.vectors else s.flat(state) for s in self.sensors]
         if len({r.shape[:-1] for r in readings}) > 1:
             shape = broadcast_shapes(*(r.shape[:-1] for r in readings))
             readings = [r.expand(*shape, r.shape[-1]) for r in readings]

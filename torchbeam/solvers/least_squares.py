@@ -1,210 +1,258 @@
-"""Least squares: damped Gauss-Newton steps and L-BFGS from many starts, in a region, past trials that fail."""
+"""Least squares: damped Gauss-Newton steps from many starts at once, in a region, past trials that fail."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
-Model = Callable[[Tensor], Tensor]  # x (N, p) -> misfits (N, T)
-Found = tuple[Tensor, Tensor, Tensor, Tensor, Tensor, list[str]]
-"""where each start ends: x (S, p), misfits r (S, T), J (S, T, p), status (S,); history (iterations + 1, S, p); what the model
-raised at trials"""
+from .region import Region
+
 CONVERGED, UNFINISHED, STUCK = 0, 1, 2
+FAILED, LEFT = 4, 5  # at the start itself; a start that others were better than
 DAMPING = 1e-3  # at the start, of the diagonal of J^T J
 LARGEST = 1e10
-STRIDE = 10.0  # largest change in a step: of a parameter's size; of a logarithm, the largest factor
-REACH = 1e9  # largest size on the way, of that at the start; of a logarithm, the largest factor
+FALL = 0.3  # of what damps a parameter, from one trial to the next at most: valleys that bend are not left
+AT_ONCE = 64  # samples up to which values and derivatives of a trial are asked for in one call
+FAST = 0.7  # of the squares are left after a step: the next has rough derivatives
+POOR = 0.3  # of the decrease that was predicted: below it derivatives that were carried along are found anew
 
 
 class OtherShape(ValueError):
     """A model whose output does not fit the data."""
 
 
-class Region:
-    """Where each start may go: from its place by a limited step, never far beyond its own size, within the bounds.
+class LeastSquares(Protocol):
+    """Half the squares of residuals, and a prior: minus the logarithm of a density."""
 
-    target  (T,) what the misfits are counted from
-    size    (S, p) of the parameters at the start. One that starts at zero has that of a change that moves the model's values
-            by their own size, as soon as it moves them at all; until then its steps have no limit
+    def residuals(self, x: Tensor, which: Tensor) -> Tensor:
+        """(N, T) at x (N, p) of the starts `which` (N,)."""
+
+    def linearised(self, x: Tensor, which: Tensor, r: Tensor | None = None, rough: bool = False) -> tuple[Tensor, Tensor]:
+        """Residuals, and J (N, T, p); `r` where these are known. A rough J may be cheaper."""
+
+    def prior(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """(N,), gradient and diagonal of the second derivative (N, p), which is not negative."""
+
+
+@dataclass
+class Found:
+    """Where each start ends: x (S, p), residuals r (S, T), J (S, T, p), status (S,); history (iterations + 1, S, p); what the
+    model raised at trials; `first` the residuals (S, T) at the starts, where they are known.
     """
 
-    def __init__(self, start: Tensor, log: bool, least: Tensor | None, largest: Tensor | None, target: Tensor) -> None:
-        self.start, self.log, self.least, self.largest, self.target = start, log, least, largest, target
-        self.size = start.abs()
+    x: Tensor
+    r: Tensor
+    J: Tensor
+    status: Tensor
+    history: Tensor
+    raised: list[str] = field(default_factory=list)
+    first: Tensor | None = None
 
-    def sized(self, r: Tensor, J: Tensor) -> None:
-        """Find sizes that are not known yet, from misfits (S, T) and J (S, T, p)."""
-        size = torch.linalg.vector_norm(r + self.target, dim=-1, keepdim=True) / torch.linalg.vector_norm(J, dim=-2)
-        self.size = torch.where((self.size == 0) & torch.isfinite(size), size, self.size)
 
-    def of(self, k: int) -> Region:
-        """That of start k."""
-        one = Region(self.start[k], self.log, self.least, self.largest, self.target)
-        one.size = self.size[k]
-        return one
+def search(problem: LeastSquares, x: Tensor, region: Region, iterations: int, tolerance: float,
+           known: tuple[Tensor, Tensor] | None = None, follow: int | None = None, negligible: float = 0.0,
+           progress: Callable[[int, int, float], None] | None = None) -> Found:
+    """By the method of Levenberg and Marquardt, each start (S, p) by itself, those that are not done as one batch.
 
-    def cut(self, x: Tensor, trial: Tensor) -> Tensor:
-        """The trial, or where it leaves the region the nearest there."""
-        if self.log:
-            stride, centre, reach = math.log(STRIDE), self.start, math.log(REACH)
+    known     r (S, T) and J (S, T, p) at x, which is near the end: J is then carried along by Broyden's update (1965), and
+              found anew, by differences of one side, where a step does less than it promises, and once before a start
+              counts as converged
+    negligible  decrease of the squares: a step that promises no more is the last
+    follow    so many starts at most, those that are best at first; the others stay where they are, with the status LEFT
+    progress  gets the iteration, how many starts are at work, and the least squares so far
+
+    Few starts have their derivatives at each trial, in one call of the model; those of many at steps that are taken, by
+    differences of one side while the squares fall fast.
+    """
+    return _Search(problem, x, region, tolerance, known, follow, negligible).run(iterations, progress)
+
+
+class _Search:
+    """State of a search: x, r, J of all starts, damping, status; which J are those of x (`fresh`), and not rough (`exact`)."""
+
+    def __init__(self, problem: LeastSquares, x: Tensor, region: Region, tolerance: float,
+                 known: tuple[Tensor, Tensor] | None, follow: int | None, negligible: float) -> None:
+        self.problem, self.x, self.region, self.tolerance, self.carry = problem, x, region, tolerance, known is not None
+        self.negligible, self.raised = negligible, list[str]()
+        S = len(x)
+        self.status = torch.full((S,), UNFINISHED, device=x.device)
+        self.fresh = torch.ones(S, dtype=torch.bool, device=x.device)
+        self.exact = self.fresh.clone()
+        if known is None:
+            self.r, self.J = self._at_starts(len(x) if follow is None else min(follow, len(x)))
         else:
-            size = torch.where(self.size == 0, torch.inf, self.size)
-            stride, centre, reach = STRIDE * torch.maximum(x.abs(), size), 0.0, REACH * size
-        trial = x + torch.clamp(trial - x, -stride, stride)
-        trial = centre + torch.clamp(trial - centre, -reach, reach)
-        return trial if self.least is None else torch.clamp(trial, self.least, self.largest)
+            self.r, self.J = (k.clone() for k in known)
+        self.phi, self.slope, self.bend = problem.prior(x)
+        self.damping = torch.full((S,), DAMPING, dtype=x.dtype, device=x.device)
+        self.size = torch.zeros_like(x)  # (S, p) squares of the columns of J, which damp: none falls at once
+        self.blocked = torch.zeros_like(self.fresh)  # steps are small because longer ones fail
+        self.history, self.first = [x], self.r.clone()
 
-    def at_edge(self, x: Tensor) -> Tensor:
-        """(S, p) bool: which parameters ran away."""
-        if self.log:
-            return (x - self.start).abs() >= 0.99 * math.log(REACH)
-        return (x.abs() >= 0.99 * REACH * self.size) & (self.size > 0)
+    def run(self, iterations: int, progress: Callable[[int, int, float], None] | None) -> Found:
+        for k in range(iterations):
+            active = (self.status == UNFINISHED).nonzero()[:, 0]
+            if progress is not None:
+                progress(k, len(active), self.r.square().sum(-1).amin().item())
+            if not len(active):
+                break
+            self._iterate(active)
+            self.history.append(self.x)
+        if not self.carry:
+            self._refresh((~(self.fresh & self.exact) & (self.status < FAILED)).nonzero()[:, 0])
+        return Found(self.x, self.r, self.J, self.status, torch.stack(self.history), self.raised, self.first)
 
-
-def search(seen: Model, x: Tensor, region: Region, derivatives: str, relative_step: float, iterations: int,
-           tolerance: float) -> Found:
-    """By the method of Levenberg and Marquardt, each start (S, p) by itself, all in one batch."""
-    slopes = forward if derivatives == "forward" else difference
-    r, J = slopes(seen, x, relative_step)
-    good_start(torch.isfinite(r).all(-1) & torch.isfinite(J).flatten(1).all(-1))
-    damping = torch.full((len(x),), DAMPING, dtype=x.dtype, device=x.device)
-    status = torch.full((len(x),), UNFINISHED, device=x.device)
-    blocked = torch.zeros_like(status, dtype=torch.bool)  # steps are small because longer ones fail
-    history, raised = [x], []
-    for _ in range(iterations):
-        region.sized(r, J)
-        A = J.mT @ J
-        diagonal = A.diagonal(dim1=-2, dim2=-1)
-        eps, tiny = torch.finfo(x.dtype).eps, torch.finfo(x.dtype).tiny
-        damped = A + torch.diag_embed((damping[:, None] + eps) * diagonal + tiny)
-        step = -torch.linalg.solve_ex(damped, (J.mT @ r[..., None]))[0][..., 0]
-        whole = torch.isfinite(step).all(-1) & (status == UNFINISHED)
+    def _iterate(self, active: Tensor) -> None:
+        """One trial of each active start."""
+        x, r, J, damping = self.x[active], self.r[active], self.J[active], self.damping[active]
+        fresh, exact = self.fresh[active], self.exact[active]
+        self.region.sized(active, r, J)
+        region = self.region.of(active)
+        gradient = (J.mT @ r[..., None])[..., 0] + self.slope[active]
+        size = torch.maximum(J.square().sum(-2) + self.bend[active], FALL * self.size[active])
+        step = self._step(x, gradient, J, self.bend[active], damping[:, None] * size, region)
+        self.size[active] = size
+        whole = torch.isfinite(step).all(-1)
         trial = torch.where(whole[:, None], region.cut(x, x + step), x)
-        r_trial, J_trial = _tried(slopes, seen, trial, relative_step, (r, J), raised)
-        before, after = r.square().sum(-1), r_trial.square().sum(-1)
-        failed = ~(torch.isfinite(after) & torch.isfinite(J_trial).flatten(1).all(-1))
+        moved = trial - x
+        at_once = not self.carry and len(active) * (2 * x.shape[1] + 1) <= AT_ONCE
+        if at_once:
+            r_trial, J_trial = self._tried(self.problem.linearised, trial, active, (r, J))
+            good = torch.isfinite(J_trial).flatten(1).all(-1)
+        else:
+            (r_trial,) = self._tried(lambda a, b: (self.problem.residuals(a, b),), trial, active, (r,))
+            J_trial, good = _carried(J, r, r_trial, moved, region) if self.carry else J, True
+        phi, slope, bend = self.problem.prior(trial)
+        before, after = r.square().sum(-1) + 2 * self.phi[active], r_trial.square().sum(-1) + 2 * phi
+        failed = ~(torch.isfinite(after) & good)
         lower = (after <= before) & ~failed & whole
-        blocked = (blocked | failed) & ~(lower & (damping <= 1))
-        step = (trial - x).abs()
-        settled = (step <= tolerance * (x.abs() + tolerance)).all(-1) | (before - after <= tolerance**2 * before) & lower
-        done = whole & settled & (lower | (step == 0).all(-1) | (damping <= 1))
-        x = torch.where(lower[:, None], trial, x)
-        r = torch.where(lower[:, None], r_trial, r)
-        J = torch.where(lower[:, None, None], J_trial, J)
-        damping = torch.where(lower, damping / 10, damping * 10)
-        stuck = (done & blocked) | ((status == UNFINISHED) & ~done & (damping > LARGEST))
-        status = torch.where(stuck, STUCK, torch.where(done, CONVERGED, status))
-        history.append(x)
-        if (status != UNFINISHED).all():
-            break
-    return x, r, J, status, torch.stack(history), raised
+        blocked = (self.blocked[active] | failed) & ~(lower & (damping <= 1))
+        promised = -((gradient * moved).sum(-1) * 2 + (J @ moved[..., None])[..., 0].square().sum(-1)
+                     + (self.bend[active] * moved.square()).sum(-1))
+        short = ~(before - after >= POOR * promised)
+        settled = self._settled(x, moved, before, after, lower)
+        if self.negligible:
+            settled = settled | (promised.abs() <= self.negligible)
+        done = whole & settled & (lower | (moved == 0).all(-1) | (damping <= 1))
+        take = lower[:, None]
+        self.x = self.x.index_put((active,), torch.where(take, trial, x))
+        self.r[active] = torch.where(take, r_trial, r)
+        self.J[active] = torch.where(take[..., None], J_trial, J)
+        self.phi[active] = torch.where(lower, phi, self.phi[active])
+        self.slope[active] = torch.where(take, slope, self.slope[active])
+        self.bend[active] = torch.where(take, bend, self.bend[active])
+        sure = (fresh & (exact | self.carry)) | torch.full_like(fresh, at_once)  # derivatives by which a start may fail or end
+        self.fresh[active] = (fresh & ~lower) | at_once | (done & sure)
+        self.exact[active] = exact | at_once
+        done, again = done & sure, (done | ~lower) & ~sure
+        more = torch.where(lower, damping / 10, torch.where(again, damping, damping * 10))
+        stuck = (done & blocked) | (~done & (more > LARGEST))
+        self.damping[active], self.blocked[active] = more, blocked
+        self.status[active] = torch.where(stuck, STUCK, torch.where(done, CONVERGED, UNFINISHED))
+        if self.carry:
+            self._refresh(active[again | (lower & short & ~done)], rough=True)
+        elif not at_once:
+            fast = lower & (after < FAST * before)
+            self._refresh(active[fast & ~done], rough=True)
+            self._refresh(active[(again | (lower & ~fast)) & ~(done | stuck)])
 
+    def _step(self, x: Tensor, gradient: Tensor, J: Tensor, bend: Tensor, damping: Tensor, region: Region) -> Tensor:
+        """Damped step (N, p), of those parameters that no bound holds."""
+        A = J.mT @ J + torch.diag_embed(bend)
+        held = region.held(x, gradient)
+        free = ~held
+        A = A * (free[:, None] & free[..., None]) + torch.diag_embed(held.to(A))
+        eps, tiny = torch.finfo(x.dtype).eps, torch.finfo(x.dtype).tiny
+        damped = A + torch.diag_embed(damping + eps * A.diagonal(dim1=-2, dim2=-1) + tiny)
+        return -torch.linalg.solve_ex(damped, (gradient * free)[..., None])[0][..., 0]
 
-def good_start(good: Tensor) -> None:
-    """ValueError where a start (S,) is not good."""
-    if not good.all():
-        raise ValueError(f"a start ({int((~good).nonzero()[0, 0])} of {len(good)}) at which the model is not finite was given; "
-                         "another is wanted")
+    def _settled(self, x: Tensor, moved: Tensor, before: Tensor, after: Tensor, lower: Tensor) -> Tensor:
+        """Whether the step is small, or what it gains."""
+        size = torch.where(self.region.additive, 1.0, x.abs() + self.tolerance)
+        small = (moved.abs() <= self.tolerance * size).all(-1)
+        return small | ((before - after <= self.tolerance**2 * before) & lower)
 
+    def _refresh(self, which: Tensor, rough: bool = False) -> None:
+        """Derivatives anew."""
+        if not len(which):
+            return
+        _, J = self._tried(lambda a, b: self.problem.linearised(a, b, self.r[b], rough), self.x[which], which,
+                           (self.r[which], self.J[which]))
+        good = torch.isfinite(J).flatten(1).all(-1)
+        self.J[which] = torch.where(good[:, None, None], J, self.J[which])
+        self.fresh[which], self.exact[which] = True, not rough
 
-def descend(model: Model, start: Tensor, region: Region, iterations: int, tolerance: float) -> Found:
-    """By L-BFGS (Liu and Nocedal 1989) with strong Wolfe conditions, each start by itself; no first move is longer than the
-    parameters' own size.
-    """
-    raised: list[str] = []
-    region.size = torch.where(region.size == 0, _size(start), region.size)
-    found = [_descend(model, x, region.of(k), iterations, tolerance, raised) for k, x in enumerate(start)]
-    length = max(len(way) for _, way in found)
-    ways = [torch.cat((w, w[-1:].expand(length - len(w), -1))) for _, w in found]
-    x = torch.stack([w[-1] for w in ways])
-    return x, *forward(model, x, 0.0), torch.tensor([s for s, _ in found], device=x.device), torch.stack(ways, 1), raised
+    def _at_starts(self, follow: int) -> tuple[Tensor, Tensor]:
+        """r and J at the starts that are followed; of those that fail infinite misfits, with the status FAILED. Where all fail,
+        the first error.
+        """
+        S, (x, p) = len(self.x), (self.x, self.x.shape[1])
+        every, phi = torch.arange(S, device=x.device), self.problem.prior(x)[0]
+        if follow < S:
+            (r,) = self._some_starts(lambda a, b: (self.problem.residuals(a, b),), every)
+            total = torch.where(torch.isfinite(r).all(-1), r.square().sum(-1) + 2 * phi, torch.inf).nan_to_num(nan=torch.inf)
+            some = total.argsort()[:follow].sort().values
+            self.status = torch.where(torch.isin(every, some), UNFINISHED, LEFT)
+            J = torch.zeros(S, r.shape[1], p, dtype=r.dtype, device=r.device)
+            J[some] = self._some_starts(lambda a, b: self.problem.linearised(a, b, r[b])[1:], some)[0]
+        else:
+            r, J = self._some_starts(self.problem.linearised, every)
+        good = torch.isfinite(r).all(-1) & torch.isfinite(J).flatten(1).all(-1) & torch.isfinite(phi)
+        if not good.any():
+            raise ValueError(f"a start (0 of {S}) at which the model is not finite was given; another is wanted")
+        self.status = torch.where(good, self.status, FAILED)
+        return torch.where(good[:, None], r, torch.inf), torch.where(good[:, None, None], J, 0)
 
+    def _some_starts(self, evaluate: Callable, which: Tensor) -> tuple[Tensor, ...]:
+        """What the starts give; NaN of those at which the model raises; the error where it does at all."""
+        found: dict[int, tuple[Tensor, ...]] = {}
+        errors: list[Exception] = []
 
-def _descend(model: Model, start: Tensor, region: Region, iterations: int, tolerance: float,
-             raised: list[str]) -> tuple[int, Tensor]:
-    """Status and way (k, p) of one start (p,). To the line search a trial that leaves the region, or at which the model raises
-    or is not finite, is one at which the squares have grown, with the distance.
-    """
-    size = _size(start)
-    scaled = (start / size).requires_grad_()
-    search = torch.optim.LBFGS([scaled], max_iter=1, max_eval=25, tolerance_grad=0, tolerance_change=0,
-                               line_search_fn="strong_wolfe")
-    here, way, rejected = scaled.detach().clone(), [start], False
-
-    def squares(trial: Tensor) -> Tensor:
-        """Of one trial, with its gradient in `scaled.grad`."""
-        search.zero_grad()
-        with torch.enable_grad():
-            value = model((trial * size)[None]).square().sum()
-            value.backward()
-        return value.detach()
-
-    scale = squares(scaled) + torch.finfo(start.dtype).tiny
-    good_start(torch.isfinite(scale)[None])
-
-    def closure() -> Tensor:
-        nonlocal rejected
-        at, value = scaled.detach() * size, None
-        if torch.allclose(region.cut(here * size, at), at, rtol=1e-9, atol=0):
+        def look(some: Tensor) -> None:
             try:
-                value = squares(scaled) / scale
+                given = evaluate(self.x[some], some)
             except OtherShape:
                 raise
             except Exception as error:  # whatever a user's model raises
-                raised.append(str(error) or type(error).__name__)
-        if value is not None and torch.isfinite(value) and torch.isfinite(scaled.grad).all():
-            scaled.grad /= scale
-            return value
-        rejected, away = True, scaled.detach() - here
-        length = torch.linalg.vector_norm(away)
-        scaled.grad = away / length
-        return 10 + length  # the squares at the start are 1, and never grow
+                if len(which) == 1:
+                    raise
+                if len(some) == 1:
+                    errors.append(error)
+                    return
+                for half in some.tensor_split(2):
+                    look(half)
+            else:
+                found.update({k: tuple(part[i] for part in given) for i, k in enumerate(some.tolist())})
 
-    for _ in range(iterations):
-        rejected = False
-        search.step(closure)
-        way.append(scaled.detach() * size)
-        moved, here = (scaled.detach() - here).abs().amax(), scaled.detach().clone()
-        if moved <= tolerance * (here.abs().amax() + tolerance):
-            return STUCK if rejected else CONVERGED, torch.stack(way)
-    return UNFINISHED, torch.stack(way)
+        look(which)
+        if not found:
+            raise errors[0]
+        self.raised += [str(error) or type(error).__name__ for error in errors]
+        none = tuple(torch.full_like(v, torch.nan) for v in next(iter(found.values())))
+        rows = [found.get(k, none) for k in which.tolist()]
+        return tuple(torch.stack(part) for part in zip(*rows, strict=True))
 
-
-def _size(start: Tensor) -> Tensor:
-    return torch.where(start.abs() > 1e-3, start.abs(), torch.ones_like(start))
-
-
-def _tried(slopes: Callable, seen: Model, x: Tensor, relative_step: float, known: tuple[Tensor, Tensor],
-           raised: list[str]) -> tuple[Tensor, Tensor]:
-    """Misfit and Jacobian; of a start at which the model raises, NaN, and what it said goes into `raised`."""
-    try:
-        return slopes(seen, x, relative_step)
-    except OtherShape:
-        raise
-    except Exception as error:  # whatever a user's model raises
-        if len(x) == 1:
-            raised.append(str(error) or type(error).__name__)
-            return tuple(torch.full_like(k[:1], torch.nan) for k in known)
-    half = len(x) // 2
-    parts = [_tried(slopes, seen, part, relative_step, known, raised) for part in (x[:half], x[half:])]
-    return tuple(torch.cat(pair) for pair in zip(*parts, strict=True))
+    def _tried(self, evaluate: Callable, x: Tensor, which: Tensor, like: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+        """What a trial gives; NaN of a start at which the model raises, and what it said goes into `raised`."""
+        try:
+            return evaluate(x, which)
+        except OtherShape:
+            raise
+        except Exception as error:  # whatever a user's model raises
+            if len(x) == 1:
+                self.raised.append(str(error) or type(error).__name__)
+                return tuple(torch.full_like(k[:1], torch.nan) for k in like)
+        parts = [self._tried(evaluate, a, b, like) for a, b in zip(x.tensor_split(2), which.tensor_split(2), strict=True)]
+        return tuple(torch.cat(some) for some in zip(*parts, strict=True))
 
 
-def forward(seen: Model, x: Tensor, _: float) -> tuple[Tensor, Tensor]:
-    """Misfit and Jacobian by forward mode, direction j of start s being sample s p + j of one batch."""
-    S, p = x.shape
-    directions = torch.eye(p, dtype=x.dtype, device=x.device).repeat(S, 1)
-    value, slope = torch.func.jvp(seen, (x.repeat_interleave(p, 0),), (directions,))
-    return value.unflatten(0, (S, p))[:, 0], slope.unflatten(0, (S, p)).mT
-
-
-def difference(seen: Model, x: Tensor, relative: float) -> tuple[Tensor, Tensor]:
-    """Misfit and Jacobian by central differences, all in one batch."""
-    S, p = x.shape
-    size = relative * torch.where(x.abs() > 1e-3, x.abs(), torch.ones_like(x))
-    shift = torch.diag_embed(size)  # (S, p, p)
-    values = seen(torch.cat((x[:, None], x[:, None] + shift, x[:, None] - shift), 1).flatten(0, 1)).unflatten(0, (S, 2 * p + 1))
-    return values[:, 0], ((values[:, 1:p + 1] - values[:, p + 1:]) / (2 * size[..., None])).mT
+def _carried(J: Tensor, r: Tensor, r_trial: Tensor, step: Tensor, region: Region) -> Tensor:
+    """Broyden's update: J (N, T, p) changed as little as gives what the step gave, steps in the parameters' sizes."""
+    size = torch.where(region.additive, 1.0, torch.where(region.size > 0, region.size, 1.0))
+    scaled = step / size**2
+    length = (step * scaled).sum(-1)
+    off = r_trial - r - (J @ step[..., None])[..., 0]
+    return J + off[..., None] * (scaled / torch.where(length > 0, length, 1)[:, None])[:, None]

@@ -2,24 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
+from ..core.derivatives import cached
 from ..core.leaves import Tree, map_leaves
 from ..core.summary import kind, lines, point, span, statuses
 
+Made = Tensor | Callable[[], Tensor]
 
-class Point(NamedTuple):
+
+class Point:
     """One node. All in frame a: position (..., 3) m, velocity (..., 3) m/s, rotation (..., 3, 3) section axes -> a,
-    spin (..., 3) rad/s.
+    spin (..., 3) rad/s. Each may be given by a function, which is called where it is asked for.
     """
 
-    position: Tensor
-    velocity: Tensor
-    rotation: Tensor
-    spin: Tensor
+    def __init__(self, position: Made, velocity: Made, rotation: Made, spin: Made) -> None:
+        self._made = position, velocity, rotation, spin
+
+    @cached
+    def position(self) -> Tensor:
+        return self._taken(0)
+
+    @cached
+    def velocity(self) -> Tensor:
+        return self._taken(1)
+
+    @cached
+    def rotation(self) -> Tensor:
+        return self._taken(2)
+
+    @cached
+    def spin(self) -> Tensor:
+        return self._taken(3)
+
+    def _taken(self, k: int) -> Tensor:
+        made = self._made[k]
+        return made() if callable(made) else made
+
+    def __iter__(self) -> Iterator[Tensor]:
+        return iter((self.position, self.velocity, self.rotation, self.spin))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), tuple(self)
+
+    def __repr__(self) -> str:
+        return f"Point(position={self.position}, velocity={self.velocity}, rotation={self.rotation}, spin={self.spin})"
 
 
 class Reaction(NamedTuple):

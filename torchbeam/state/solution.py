@@ -11,6 +11,7 @@ from torch import Tensor
 from ..core.derivatives import cached
 from ..core.summary import counted, kind, lines, point, span, statuses
 from .instant import Point, Reaction
+from .reduced import ReducedStates
 
 
 class Energy(NamedTuple):
@@ -65,20 +66,25 @@ class Solution:
     """A trajectory; time is the first axis of everything in it.
 
     t         (time,) s
-    state     the states, `state[-1]` is the last (restart from it with `initial=`)
+    states    the states, see `state`, or `ReducedStates`: who asks for the tip alone does not pay for all of them
     energies  `Energy`, or what gives it: who does not ask for it does not pay for it
     stats     `Stats`
     event     `Event`, where a sample was to stop at one
     """
 
     t: Tensor
-    state: Any
+    states: Any
     energies: Energy | Callable[[], Energy]
     stats: Stats
     event: Event | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.t, self.state, self.energy, self.stats, self.event)
+
+    @cached
+    def state(self) -> Any:
+        """The states: `state[-1]` is the last (restart from it with `initial=`)."""
+        return self.states.public() if isinstance(self.states, ReducedStates) else self.states
 
     @cached
     def energy(self) -> Energy:
@@ -90,25 +96,29 @@ class Solution:
         done += [counted(self.stats.evaluations, "evaluation")] if self.stats.evaluations is not None else []
         last = self.nodes[-1, ..., -1, :]
         return lines("Solution", f"{counted(len(self.t), 'instant')}, t = {span(self.t)} s" + "".join(f", {x}" for x in done),
-                     f"{type(self.state).__name__} of {self.nodes.shape[-2]} nodes, tip at {point(last)} m in the end",
+                     f"{self._form} of {self.nodes.shape[-2]} nodes, tip at {point(last)} m in the end",
                      statuses(self.status), kind(self.nodes.shape[1:-2], self.nodes))
+
+    @property
+    def _form(self) -> str:
+        return type(self.states.parts[0] if isinstance(self.states, ReducedStates) else self.states).__name__
 
     @property
     def tip(self) -> Point:
         """position, velocity (time, ..., 3), rotation (time, ..., 3, 3), spin (time, ..., 3), frame a."""
-        return self.state.tip
+        return self.states.node(-1)
 
     @property
     def nodes(self) -> Tensor:
         """(time, ..., N+1, 3) m, frame a."""
-        return self.state.nodes
+        return self.states.nodes
 
     @property
     def root(self) -> Reaction:
         """force, moment (time, ..., 3): load of the support on the beam, frame a."""
-        return self.state.root
+        return self.states.root
 
     @property
     def status(self) -> Tensor:
         """(...) per sample: 0 = success."""
-        return self.state.status[-1]
+        return self.states.status[-1]

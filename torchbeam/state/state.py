@@ -99,8 +99,8 @@ class State(Instant):
     def node(self, index: int) -> Point:
         """One node's motion, in frame a."""
         q = self.rotation[..., index, :]
-        return Point(self.position[..., index, :], self.velocity[..., index, :], quat.matrix(q),
-                     quat.rotate(q, self.spin[..., index, :]))
+        return Point(self.position[..., index, :], self.velocity[..., index, :], lambda: quat.matrix(q),
+                     lambda: quat.rotate(q, self.spin[..., index, :]))
 
     @property
     def root(self) -> Reaction:

@@ -42,11 +42,13 @@ class Case(NamedTuple):
         return cls(torch.tensor(data["t"], dtype=dtype), torch.tensor(data["tip"], dtype=dtype))
 
     def scene(self, elements: int, plane: str | None = None, EI: Tensor | float = 1.0, force: Any = (0.0, 1.0, 0.0),
-              order: int = 1) -> Scene:
+              element: str = "order 1") -> Scene:
+        """element: one of `KINDS`."""
         number = self.t.new_tensor
         section = Section.from_stiffness(EA=number(4e4), GA=number(1.4835e4), GJ=number(0.769),
                                          EI=as_tensor(EI, self.t.dtype), mass=number(0.2), inertia=number(5e-6))
-        return Scene(Beam.straight(number(1.0), elements, section, order=order), [TipLoad(force=force)], plane=plane)
+        beam = Beam.straight(number(1.0), elements, section, order=2 if element == "order 2" else 1)
+        return Scene(beam.linked() if element == "linked" else beam, [TipLoad(force=force)], plane=plane)
 
     def error(self, solution: Solution) -> float:
         """RMS |tip - reference| / RMS |reference - reference(0)| at the solution's instants, which are the reference's."""
@@ -69,15 +71,17 @@ class Row(NamedTuple):
 
 
 SPACES = {"3D": None, "plane": "xy"}
+KINDS = ("order 1", "linked", "order 2")  # of elements; linked: of order 1, by `Beam.linked`
 FIELDS = ("space", "elements", "step, ms", "batch", "relative RMS error", "CPU s for 2 s", "simulated s per CPU s",
           "Newton iterations")
 
 
-def motion(case: Case, space: str, elements: int, step: float, every: int | None = None, **options: Any) -> Solution:
+def motion(case: Case, space: str, elements: int, step: float, every: int | None = None, element: str = KINDS[0],
+           **options: Any) -> Solution:
     """The whole 2 s, at batch 1; every: how many of the reference's instants lie between two of the solution's."""
     with torch.no_grad():
         t = case.t[::every or max(1, round(step / 0.01))]
-        return simulate(case.scene(elements, SPACES[space]), t, step=step, **options)
+        return simulate(case.scene(elements, SPACES[space], element=element), t, step=step, **options)
 
 
 def measure(case: Case, whole: Solution, space: str, elements: int, step: float, batch: int, duration: float,

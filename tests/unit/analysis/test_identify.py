@@ -234,13 +234,13 @@ def test_a_model_that_fails_everywhere_else():
     """Every trial raises: the start is what is left, and it is not called converged."""
     for derivatives in METHODS:
         def model(theta):
-            if not torch.allclose(theta, torch.tensor([1.0, 3.0]), rtol=1e-4, atol=0):
+            if not torch.allclose(theta, torch.tensor([1.0, 3.0]), rtol=2e-4, atol=0):
                 raise ValueError("only there")
             return decay(theta)
 
         fit = tb.identify(model, decay(TRUE[None])[0], (1.0, 3.0), derivatives=derivatives)
         assert fit.status == 2
-        assert_close(fit.theta, torch.tensor([1.0, 3.0]), rtol=1e-4, atol=0)
+        assert_close(fit.theta, torch.tensor([1.0, 3.0]), rtol=2e-4, atol=0)
 
 
 GOOD = dict(model=decay, data=decay(TRUE[None])[0], start=(1.0, 2.0))
@@ -251,7 +251,7 @@ CASES = {
     "derivatives": (dict(derivatives="reverse"), "derivatives = 'reverse'"),
     "names": (dict(names=("a",)), "1 names were given for 2 parameters"),
     "too few data": (dict(data=torch.where(T > 0, torch.nan, T)), "1 data were given for 2"),
-    "data of another shape": (dict(data=T[:3]), r"a model that gave \(2, 40\)"),
+    "data of another shape": (dict(data=T[:3]), r"a model that gave \(5, 40\)"),
     "sigma": (dict(sigma=0.0), "sigma = 0 was given"),
     "a model of nothing, adjoint": (dict(model=lambda theta: decay(theta) * math.nan, derivatives="adjoint"), "a start .0 of"),
     "a model of nothing": (dict(model=lambda theta: decay(theta) * math.nan), r"a start \(0 of 1\) at which the model"),

@@ -9,7 +9,7 @@ import pytest
 from torchbeam import cli
 from torchbeam.core import files
 
-COMMANDS = ("accuracy", "bench", "control", "demo", "effects", "envs", "hardcases", "rates", "verify")
+COMMANDS = ("accuracy", "bench", "control", "coverage", "demo", "effects", "envs", "hardcases", "rates", "verify")
 
 
 def full(*_):

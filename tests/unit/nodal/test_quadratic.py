@@ -131,7 +131,7 @@ def test_common_dynamic_case():
     where eight linear elements leave 1.3 %).
     """
     case = Case.load()
-    scene = case.scene(3, "xy", order=2)
+    scene = case.scene(3, "xy", element="order 2")
     with torch.no_grad():
         assert case.error(simulate(scene, case.t[:16], step=0.005)) < 7e-3
 

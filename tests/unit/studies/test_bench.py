@@ -77,16 +77,17 @@ def test_files_of_a_part(tmp_path, capsys):
 
 def test_peers_print_rows(tmp_path, capsys):
     """A script's JSON lines become rows; one that fails is left out and named; a folder without scripts is refused."""
-    row = dict(peer="other 1.0", space="3D", elements=14, step_ms=1.0, error=0.008, best_cpu_s=0.05, median_cpu_s=0.1,
-               rate=40.0)
+    row = dict(peer="other 1.0", space="3D", elements=14, element="rod", step_ms=1.0, error=0.008, best_cpu_s=0.05,
+               median_cpu_s=0.1, rate=40.0)
     (tmp_path / "works.py").write_text(f"if __name__ == '__main__':\n    print('a banner'); print('''{json.dumps(row)}''')\n")
     (tmp_path / "absent.py").write_text("if __name__ == '__main__':\n    import no_such_package\n")
     (tmp_path / "shared.py").write_text("raise RuntimeError('not a script')\n")
     (found,) = others.peers(tmp_path, sys.executable, True)
     assert (found.engine, found.best, found.median, found.unit, found.error) == ("other 1.0", 40.0, 20.0, CPU, 0.008)
     assert "absent.py is left out: ModuleNotFoundError: No module named 'no_such_package'" in capsys.readouterr().err
-    ours = Row(throughput.PART, "rate", 400.0, 300.0, CPU, "compiled", "3D", 10, 5.0, 256, error=0.0075)
-    assert "| 400 (300) |  |  | 10.0 |" in markdown([ours, found])
+    ours = Row(throughput.PART, "rate", 400.0, 300.0, CPU, "compiled", "3D", 10, 5.0, 256, error=0.0075, element="linked")
+    text = markdown([ours, found])
+    assert "| 3D | 10, linked |" in text and "| 400 (300) |  |  | 10.0 |" in text and "| 14, rod |" in text
     with pytest.raises(ValueError, match="one with scripts"):
         list(others.peers(tmp_path / "none", sys.executable, True))
 

@@ -22,7 +22,8 @@ WORK = 4096  # samples times elements times steps that are worth a thread of the
 
 class Field(NamedTuple):
     """A tensor that stands for a field of a record: `axes` of its own, of which the first are the record's rows, if it has any;
-    before them the samples', and before these, where it has more, one of steps. flat: the samples' axes are one.
+    before them the samples', and before these, where it has more, one of steps. flat: the samples' axes are one; every: so many
+    steps have one place, that is the last one's.
     """
 
     record: str
@@ -30,6 +31,7 @@ class Field(NamedTuple):
     value: Tensor
     axes: int
     flat: bool = False
+    every: int = 1
 
 
 class Chain:
@@ -127,7 +129,7 @@ class Table:
         record = chain.program.layout.records[one.record]
         first, components = record.fields[one.name]
         step, sample, row = (0 if n == 1 else stride for n, stride in zip(x.shape[:3], x.stride()[:3], strict=True))
-        return (x.data_ptr(), sample, step, row, chain.rows(one.record), components,
+        return (x.data_ptr(), sample, step, one.every, row, chain.rows(one.record), components,
                 chain.base[one.record] + first, record.size)
 
 

@@ -17,7 +17,7 @@ from .conserving_functions import ENERGIES
 from .layout import Layout
 from .local_problem import SIDES, Kinds
 
-ENTRY = ("pointer", "sample", "step", "row", "rows", "components", "place", "row_size")  # strides and places in numbers
+ENTRY = ("pointer", "sample", "step", "every", "row", "rows", "components", "place", "row_size")  # strides, places in numbers
 POINTERS = ("memory", "bases", "kinds", "element_kinds", "held", "support_of", "support_nodes")
 
 
@@ -277,8 +277,8 @@ class ChainCode:
 
     def _moved(self, name: str) -> str:
         """Numbers between tensors and memory, as a table says. What does not change from step to step is gathered at the first
-        alone; what has one place for all steps is scattered at each, so that the last one's stays. Lanes beyond the samples
-        have the last one's numbers, and are not scattered.
+        alone; what has one place for all steps, or for `every` few, is scattered at each, so that the last one's stays. Lanes
+        beyond the samples have the last one's numbers, and are not scattered.
         """
         code = Code(name, ["ptr %table", "i64 %count", "ptr %memory", "i64 %first", "i64 %samples", "i64 %step", "i64 %begin"])
         scalar, W, bytes = self.lanes.scalar, self.lanes.count, self.bytes
@@ -287,8 +287,9 @@ class ChainCode:
         with code.loop(0, "%count") as k:
             entry = code.at("%table", code.mul(k, len(ENTRY)))
             numbers = (code.load(code.at(entry, i)) for i in range(len(ENTRY)))
-            pointer, sample, step, row, rows, components, place, size = numbers
-            pointer = code.at(code.new(f"inttoptr i64 {pointer} to ptr"), code.mul(step, "%step"), scalar)
+            pointer, sample, step, every, row, rows, components, place, size = numbers
+            slot = code.new(f"sdiv i64 %step, {every}")
+            pointer = code.at(code.new(f"inttoptr i64 {pointer} to ptr"), code.mul(step, slot), scalar)
             inside = [code.compare("slt", code.add("%first", lane), "%samples") for lane in range(W)]
             samples = [code.choose(one, code.add("%first", lane), last) for lane, one in enumerate(inside)]
             lanes = [code.at(pointer, code.mul(one, sample), scalar) for one in samples]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import warnings
+from dataclasses import fields
 from importlib.util import find_spec
 from typing import Any
 
 from ...core.arguments import choice
-from ...core.leaves import own_leaves
+from ...core.leaves import AXES, own_leaves
+from ...core.surroundings import ABSENT, Surroundings, Unsteady
 from ...nodal.model import Model
 from ...solvers.compiled.trace import NotTraceable
 from .constants import of_library
@@ -16,6 +18,7 @@ from .step import FUNCTIONS, CompiledStep
 
 ENGINES = ("auto", "eager", "compiled")
 VARIABLE = "TORCHBEAM_ENGINE"  # of the environment: what "auto" means
+PACKAGE = f"{__name__.partition('.')[0]}."
 MISSING = "llvmlite is not installed: `pip install torchbeam[fast]`"
 TAKES = "; 'compiled' takes it"
 
@@ -39,9 +42,22 @@ def why_eager(model: Model, method: str, **options: Any) -> str | None:
         return reason
     if meaning() == "eager":
         return f"{VARIABLE} is 'eager'{TAKES}"
+    own = by_function(model) if meaning() == "auto" else []
+    try:
+        surroundings(own)
+    except Unsteady as reason:
+        return f"{own[0].called} by a function of the motion that reads {reason}, which may change{TAKES}, as it is"
+    return None
+
+
+def why_not_traced(model: Model, method: str, **options: Any) -> str | None:
+    """Why what users wrote is not traced, by name and line; None where it is. To be asked where `why_eager` is None."""
     own = by_function(model)
-    if own and meaning() == "auto":
-        return f"{own[0].called} that depends on the motion by a function, whose variables may change{TAKES}, as they are"
+    try:
+        if own:
+            CompiledStep(model, method, around=_known(own), **options)
+    except NotTraceable as reason:
+        return f"{own[0].called} by a function of the motion: {reason}"
     return None
 
 
@@ -49,6 +65,35 @@ def by_function(model: Model) -> list[Any]:
     """Loads that depend on the motion and are functions that a user wrote, or hold such."""
     loads = (*model.loads[0], *(load for load in model.loads[1] if load.internal))
     return [load for load in loads if not of_library(load) or any(one.axes is None for one in own_leaves(load))]
+
+
+def surroundings(loads: list[Any]) -> Surroundings:
+    """What functions of the motion that a user wrote read beside the motion. Raises Unsteady for what may change unnoticed."""
+    reads: dict[str, Any] = {}
+
+    def read(name: str, k: int, held: Any) -> None:
+        """A property is the function that gives it."""
+        reads[f"{name} {k}"] = lambda: getattr(held.get(name), "fget", held.get(name))
+
+    for k, load in enumerate(loads):
+        own, written = not of_library(load), type(load).__mro__
+        for one in fields(load):
+            axes = one.metadata.get(AXES, ABSENT)
+            if axes is None or (own and axes is ABSENT):
+                read(one.name, k, vars(load))
+        for kind in written[:next(i for i, kind in enumerate(written) if kind.__module__.startswith(PACKAGE))]:
+            for name in vars(kind):
+                if not name.startswith("__") and name not in load.__dataclass_fields__:
+                    read(name, k, vars(kind))
+    return Surroundings(**reads)
+
+
+def _known(loads: list[Any]) -> Surroundings | None:
+    """The same; None where that is not known."""
+    try:
+        return surroundings(loads)
+    except Unsteady:
+        return None
 
 
 def meaning() -> str:
@@ -63,7 +108,7 @@ def compiled_step(model: Model, method: str, **options: Any) -> CompiledStep:
         reason = MISSING
     try:
         if reason is None:
-            return CompiledStep(model, method, **options)
+            return CompiledStep(model, method, around=_known(by_function(model)), **options)
     except NotTraceable as error:
         reason = str(error)
     raise ValueError(f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does")
@@ -74,7 +119,7 @@ def automatic_step(model: Model, method: str, **options: Any) -> CompiledStep | 
     if why_eager(model, method, **options) is not None:
         return None
     try:
-        return CompiledStep(model, method, **options)
+        return CompiledStep(model, method, around=surroundings(by_function(model)), **options)
     except NotTraceable:
         return None
     except Exception as error:

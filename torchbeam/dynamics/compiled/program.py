@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
+from types import FunctionType
 from typing import Any
 
 from torch import Tensor
 
 from ...core.derivatives import cache_of
 from ...core.leaves import Tree, map_leaves
+from ...core.surroundings import Surroundings
 from ...nodal.coordinates.planar import Plane
 from ...solvers.compiled.ends import END
 from ...solvers.compiled.function import Function
@@ -181,24 +183,25 @@ def _split(found: dict[str, Function], name: str, function: Function, unknown: t
     found[f"before {name}"], found[name] = before.only(before.outputs), rest
 
 
-PROGRAMS: dict[tuple, ChainProgram] = {}  # by structure
+PROGRAMS: dict[tuple, tuple[ChainProgram, Surroundings]] = {}  # by structure
+NOTHING = Surroundings()
 KEPT = 64  # of them; the oldest goes first
 
 
-def program_of(local: LocalFunctions, kinds: Kinds, held: bool, shared: bool,
+def program_of(local: LocalFunctions, kinds: Kinds, held: bool, around: Surroundings | None = NOTHING,
                made: type[ChainProgram] = StepProgram) -> ChainProgram:
-    """The program of a structure, that of an earlier scene if there was one; one of its own where it is not `shared`: what a
-    user's function closes over is part of it. kinds: of all nodes and elements.
+    """The program of a structure, that of an earlier scene if there was one. kinds: of all nodes and elements; around: what
+    users' functions read, which is part of it; None = that is not known, and the program one of its own.
     """
     kinds = kinds.distinct()
-    if not shared:
+    if around is None:
         return made(local, kinds, held)
-    key = made, *structure(local, kinds, held)
+    key = made, around.key, *structure(local, kinds, held)
     if key not in PROGRAMS:
         if len(PROGRAMS) >= KEPT:
             del PROGRAMS[next(iter(PROGRAMS))]
-        PROGRAMS[key] = made(local, kinds, held, key_on_disk(key))
-    return PROGRAMS[key]
+        PROGRAMS[key] = made(local, kinds, held, key_on_disk(key)), around  # which keeps what its key is made of
+    return PROGRAMS[key][0]
 
 
 def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str]) -> AdjointProgram:
@@ -230,4 +233,6 @@ def _static(x: Any) -> Any:
                               if not cache_of(x, name))
     if isinstance(x, dict):
         return tuple((name, _static(value)) for name, value in x.items())
+    if isinstance(x, FunctionType):
+        return x.__code__  # what it reads beside its arguments is in `Surroundings.key`
     return tuple(map(_static, x)) if isinstance(x, (tuple, list)) else x

@@ -11,6 +11,7 @@ from torch._C import _functorch as functorch
 from torch.autograd import forward_ad
 
 from ...core.leaves import functions, wants_gradient
+from ...core.surroundings import Surroundings
 from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...scene.effects import Inputs
@@ -22,7 +23,7 @@ from .constants import Constants
 from .cotangents import Adjoint, Backward, Differentiated, constant_fields, state_fields
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL, Kinds, node_kinds
-from .program import adjoint_of, program_of
+from .program import NOTHING, adjoint_of, program_of
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
 FUNCTIONS = {("midpoint", False): LocalFunctions, ("midpoint", True): ConservingFunctions,
@@ -32,12 +33,15 @@ FORMS = 32  # that are kept; the oldest goes first
 
 
 class Steps(NamedTuple):
-    """Fields of the state, status and iterations after one step (...), or after each of K (K, ...); whether all went well."""
+    """Fields of the state, status and iterations after one step (...), or after each of K (K, ...); whether all went well;
+    every: fields are those after every so many of the K steps.
+    """
 
     fields: dict[str, Tensor]
     status: Tensor
     iterations: Tensor
     well: bool
+    every: int = 1
 
 
 class Form(NamedTuple):
@@ -55,7 +59,8 @@ class CompiledStep:
     What holds for all steps is looked up once; should a tensor of the scene be written to, it is looked up again.
     """
 
-    def __init__(self, model: Model, method: str = "midpoint", conserve: bool = False, **options: Any) -> None:
+    def __init__(self, model: Model, method: str = "midpoint", conserve: bool = False, *, around: Surroundings | None = None,
+                 **options: Any) -> None:
         functions_of = FUNCTIONS[method, conserve]
         self.model, self.batch = model, model.scene.batch_shape
         self._options = {"method": method, "conserve": conserve, **options}
@@ -67,9 +72,10 @@ class CompiledStep:
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         self.trees = self.constants.trees(values)
         self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
+        self.around = NOTHING if around is None and not self.function else around
         self.kinds = Kinds.of(node_kinds(model, self.constants.loads), model.scene.beam.order)
         self.local = functions_of(model, *self.trees, **options)
-        self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), not self.function)
+        self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), self.around)
         self.chain = Chain(self.program, model, self.kinds)
         samples = self.program.sample_state
         self.state = state_fields(self.program)
@@ -93,13 +99,15 @@ class CompiledStep:
         return partial(CompiledStep, **self._options), (self.model,)
 
     def __call__(self, start: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, tolerance: float,
-                 least: float, limit: int, K: int | None = None, lanes: int | None = None, repeat: int = 1) -> Steps | None:
+                 least: float, limit: int, K: int | None = None, lanes: int | None = None, repeat: int = 1,
+                 every: int = 1) -> Steps | None:
         """A step from `start`, in the space's coordinates, or K; differentiable once, backwards.
 
         dt, t   (...) s: lengths of the step, and its middle (None = not wanted, see `takes_time`); of K steps (K) or (K, ...)
         inputs  by name, (..., size) held over all steps; or (K, ..., size), with as many axes between as `moving`
         moving  (...) bool: samples that step; one whose step fails keeps its state and stops; None = all
         repeat  in place of K: as many steps alike, of which the last is told; None where a gradient is wanted
+        every   a divisor of K: the states after every so many steps are enough, where they are less work
         least   cosine of half the largest angle that a node may have turned by at mid step
 
         A sample's status is 0 while it goes well, and for one that does not move; its iterations in a step that it does not
@@ -134,7 +142,8 @@ class CompiledStep:
         if wanted and (repeat > 1 or not values["exact"].all()):
             return None
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
-        form = self._form(tensors, K, dims, (tolerance, least, lanes, repeat))
+        every = 1 if wanted or frame is not None else every
+        form = self._form(tensors, K, dims, (tolerance, least, lanes, repeat, every))
         made = made_like(form.made)
         form.call.run(limit, inputs=tensors, outputs=made)
         *made, status, iterations = made
@@ -153,7 +162,8 @@ class CompiledStep:
             frame = frame.reshape(*steps, *frame.shape[len(steps) + extra:])
             good = status == 0 if moving is None else (status == 0) & moving
             fields["frame"] = torch.where(good[..., None], frame, start.frame)
-        return Steps(fields, status.long(), iterations.long(), not status.numpy().any())
+        failed = status.item() if status.numel() == 1 else status.numpy().any()
+        return Steps(fields, status.long(), iterations.long(), not failed, every)
 
     def _orientations(self, start: Tensor, dt: Tensor, t: Tensor, K: int | None, dims: int) -> tuple[Tensor, Tensor]:
         """See `Constants.orientations`; of one step without the axis of steps."""
@@ -184,7 +194,7 @@ class CompiledStep:
 
     @torch.no_grad()
     def _new_form(self, tensors: list[Tensor], K: int | None, dims: int, tolerance: float, least: float, lanes: int | None,
-                  repeat: int) -> Form:
+                  repeat: int, every: int) -> Form:
         *given, exact, moving = tensors[:-len(self.state)]
         state = dict(zip(self.state, tensors[-len(self.state):], strict=True))
         if any(x.device.type != "cpu" for x in tensors):
@@ -204,12 +214,12 @@ class CompiledStep:
         axes, own = moving.ndim or state["work"].ndim, batch
         if K is not None and batch[:dims - axes].numel() == 1:
             own = batch[dims - axes:]
-        steps = () if K is None else (K,)
-        parts = [*(x.shape[x.ndim - self.axes[name]:] for name, x in state.items()), *[()] * len(NUMBERS)]
-        outputs = [Field(*place, call.empty(*part, steps=K is not None), len(part), flat=True)
-                   for place, part in zip((self.state | NUMBERS).values(), parts, strict=True)]
+        parts = [*((x.shape[x.ndim - self.axes[name]:], every) for name, x in state.items()), *[((), 1)] * len(NUMBERS)]
+        outputs = [Field(*place, call.empty(*part, steps=K is not None), len(part), flat=True, every=each)
+                   for place, (part, each) in zip((self.state | NUMBERS).values(), parts, strict=True)]
         call.bound({"inputs": len(tensors), "outputs": len(outputs)}, inputs=fields, outputs=outputs)
-        return Form(call, [like((*steps, *own, *part), self.chain.dtype) for part in parts], {})
+        made = [like((*(() if K is None else (K // each,)), *own, *part), self.chain.dtype) for part, each in parts]
+        return Form(call, made, {})
 
     def _adjoint(self, names: frozenset[str]) -> Chain:
         """Of the cotangents of constants of these names."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import prod
 from typing import NamedTuple
 
@@ -25,9 +26,13 @@ class Function:
     inputs: dict[str, tuple[int, ...]]
     outputs: dict[str, Output]
 
-    def live(self) -> list[int]:
+    def live(self) -> tuple[int, ...]:
         """The nodes that outputs need, in order."""
-        return self.graph.live(x for out in self.outputs.values() for x in out.nodes)
+        return self._live
+
+    @cached_property
+    def _live(self) -> tuple[int, ...]:
+        return tuple(self.graph.live(x for out in self.outputs.values() for x in out.nodes))
 
     def operations(self) -> int:
         """How many numbers are computed."""

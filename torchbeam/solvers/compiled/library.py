@@ -43,12 +43,20 @@ class Library:
 
 
 def _object(text: str, machine: Any) -> bytes:
+    """Of functions whose numbers are computed once, in the order in which they are to be: of LLVM's usual passes only few are
+    worth their time.
+    """
     binding = _binding()
     module = binding.parse_assembly(text)
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     module.verify()
-    passes = binding.create_pass_builder(machine, binding.create_pipeline_tuning_options(speed_level=2))
-    passes.getModulePassManager().run(module, passes)
+    passes = binding.create_new_module_pass_manager()
+    passes.add_always_inliner_pass()
+    passes.add_sroa_pass()
+    passes.add_instruction_combine_pass()
+    passes.add_reassociate_pass()  # of commuted operands: flags forbid that sums are reordered
+    passes.add_simplify_cfg_pass()
+    passes.run(module, binding.create_pass_builder(machine, binding.create_pipeline_tuning_options()))
     return machine.emit_object(module)
 
 

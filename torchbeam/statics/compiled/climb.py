@@ -18,7 +18,7 @@ from ...dynamics.compiled.cotangents import constant_fields
 from ...dynamics.compiled.coverage import MISSING, by_function, given_up, meaning
 from ...dynamics.compiled.local_problem import Kinds, node_kinds
 from ...dynamics.compiled.native import NotCompiled
-from ...dynamics.compiled.program import program_of
+from ...dynamics.compiled.program import NOTHING, program_of
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
 from ...nodal.model import Model
@@ -98,8 +98,8 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
     nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs)
     trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
     kinds = _kinds(model, constants)
-    shared = not any(one.axes is None for one in functions((nodes.loads, common.loads)))
-    program = program_of(SteadyFunctions(model, *trees), kinds, bool(model.constraints.nodes), shared,
+    around = None if any(one.axes is None for one in functions((nodes.loads, common.loads))) else NOTHING
+    program = program_of(SteadyFunctions(model, *trees), kinds, bool(model.constraints.nodes), around,
                          JudgedProgram if judged else LoadProgram)
     chain = Chain(program, model, kinds)
     like, one = model.length, model.length.new_tensor

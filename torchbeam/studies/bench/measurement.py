@@ -18,7 +18,7 @@ CPU, WALL = "simulated s per CPU s", "simulated s per s"  # rates by the clock
 
 class Row(NamedTuple):
     """One number. part: of the benchmark; best and median: of the repeats, both the number itself where it is not a time;
-    engine: "eager", "compiled", or another program's name; error: of the tip, relative RMS.
+    engine: "eager", "compiled", or another program's name; error: of the tip, relative RMS; element: which one.
     """
 
     part: str
@@ -33,6 +33,7 @@ class Row(NamedTuple):
     batch: int | None = None
     threads: int = 1
     error: float | None = None
+    element: str = ""
 
     @classmethod
     def of(cls, part: str, what: str, value: float, unit: str, **where: Any) -> Row:

@@ -44,5 +44,6 @@ def peers(folder: Path, python: str, quick: bool) -> Iterator[Row]:
         for one in map(json.loads, filter(lambda line: line.startswith("{"), done.stdout.splitlines())):
             whole = one["rate"] * one["best_cpu_s"]
             yield Row(PEERS, "rate by CPU time", one["rate"], whole / one["median_cpu_s"], CPU, engine=one["peer"],
-                      space=one["space"], elements=one["elements"], step_ms=one["step_ms"], batch=1, error=one["error"])
+                      space=one["space"], elements=one["elements"], step_ms=one["step_ms"], batch=1, error=one["error"],
+                      element=one["element"])
             progress(f"{one['peer']}: {one['rate']:.4g} simulated s per CPU s at {100 * one['error']:.2f} %")

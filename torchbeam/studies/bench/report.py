@@ -19,7 +19,7 @@ def markdown(rows: Sequence[Row]) -> str:
 
 
 def _throughput(rows: Sequence[Row]) -> str:
-    rates = {((r.space, r.elements, r.step_ms, r.batch), (r.engine, r.unit, r.threads)): r
+    rates = {((r.space, r.elements, r.step_ms, r.batch, r.element), (r.engine, r.unit, r.threads)): r
              for r in rows if r.part == throughput.PART}
     peers = {r.space: r for r in rows if r.part == PEERS}
     lines = []
@@ -27,13 +27,13 @@ def _throughput(rows: Sequence[Row]) -> str:
         compiled, eager, one, two = (rates.get((case, how)) for how in (
             ("compiled", CPU, 1), ("eager", CPU, 1), ("compiled", WALL, 1), ("compiled", WALL, 2)))
         peer = peers.get(case[0])
-        lines.append((case[0], f"{case[1]}", f"{case[2]:.3g}", f"{100 * compiled.error:.2f} %", f"{case[3]}",
+        lines.append((case[0], f"{case[1]}, {case[4]}", f"{case[2]:.3g}", f"{100 * compiled.error:.2f} %", f"{case[3]}",
                       _rate(eager), _rate(compiled), "" if eager is None else f"{compiled.best / eager.best:.0f}",
                       "" if two is None else f"{two.best / one.best:.2f}",
                       *([f"{compiled.best / peer.best:.1f}" if peer else ""] if peers else [])))
     for r in peers.values():
-        lines.append((f"{r.engine}, {r.space}", f"{r.elements}", f"{r.step_ms:.3g}", f"{100 * r.error:.2f} %", "1", "",
-                      _rate(r), "", "", ""))
+        lines.append((f"{r.engine}, {r.space}", f"{r.elements}, {r.element}", f"{r.step_ms:.3g}", f"{100 * r.error:.2f} %",
+                      "1", "", _rate(r), "", "", ""))
     heads = ("case", "elements", "step, ms", "error", "batch", "eager: simulated s per CPU s", "compiled, or the peer",
              "over eager", "2 threads over 1", *(["over the peer"] if peers else []))
     return _table(heads, lines, words=1)

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import pytest
 import torch
@@ -16,6 +17,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 import torchbeam as tb
 from torchbeam.dynamics.compiled import call
+from torchbeam.scene.effects import Load
 
 pytest.importorskip("llvmlite")
 FIELDS = ("position", "rotation", "velocity", "spin", "stress", "reaction", "work", "t", "status")
@@ -35,14 +37,34 @@ def auto(monkeypatch):
     monkeypatch.delenv("TORCHBEAM_ENGINE")
 
 
+held, drag = [0.5], 0.5
+
+
 def own_load(position, rotation, velocity, spin, t):
-    return -velocity, None
+    return -drag * velocity, None
+
+
+class Brake(Load):
+    """A user's own class, whose functions read the class and a number around them."""
+
+    node, depends, share = -1, frozenset({"velocity"}), 0.5
+
+    def wrench(self, site, t, inputs):
+        return -self.share * drag * site.velocity, None
+
+
+Brake = dataclass(frozen=True)(Brake)
 
 
 @pytest.mark.parametrize("scene, reason", [
     (lambda: arm(), None),
     (lambda: arm(tb.PointLoad(node=1, force=lambda t: torch.stack((t, t, t)))), None),
-    (lambda: arm(tb.Load(own_load)), "Load that depends on the motion by a function.*'compiled' takes it"),
+    (lambda: arm(tb.Load(own_load)), None),
+    (lambda: arm(Brake()), None),
+    (lambda: arm(tb.Load(lambda r, R, v, w, t: (-held[0] * v, None))), r"Load by a function of the motion that reads 'held' "
+     r"\(list\), which may change; 'compiled' takes it, as it is"),
+    (lambda: arm(tb.Load(lambda r, R, v, w, t: (v if v.sum() > 0 else -v, None))), "Load by a function of the motion: .* in "
+     "<lambda>; control flow by values cannot be traced"),
     (lambda: arm(tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((s, s, s), -1)), follower=True)), None),
     (lambda: arm(frame=tb.Frame(angular_velocity=(0, 0, 1.0))), None),
 ])
@@ -55,6 +77,19 @@ def test_auto_takes_native_code_where_it_can_and_describe_says_so(auto, scene, r
     else:
         assert stepper.compiled is None and "eager: " in line
         assert re.search(reason, line), line
+
+
+@pytest.mark.parametrize("load", [tb.Load(own_load), Brake()])
+def test_auto_notices_what_a_function_reads(auto, monkeypatch, load):
+    """Compiled steps while it stays as it was, eager ones from the first change on."""
+    scene = tb.Scene(straight(2), [load])
+    stepper, eager = (tb.Stepper(scene, 0.01, engine=engine) for engine in ("auto", "eager"))
+    state = moving(scene)
+    for value, compiled in ((0.5, True), (50.0, False), (0.5, False)):
+        monkeypatch.setitem(globals(), "drag", value)
+        found, wanted = stepper(state), eager(state)
+        assert (stepper.compiled is not None) == compiled
+        torch.testing.assert_close(found.velocity, wanted.velocity, rtol=1e-10, atol=1e-10)
 
 
 def test_the_environment_says_what_auto_means(monkeypatch):

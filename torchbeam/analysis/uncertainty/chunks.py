@@ -15,12 +15,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.files import folder, save, write
-from .fingerprint import NoFingerprint, fingerprint
+from ...core.files import folder, save, write
+from ..fingerprint import NoFingerprint, fingerprint
 
 FORMAT = 2  # of run.json and the chunks
 NAMES = dict(format="files of another release", laws="other laws", sobol="another Sobol sequence",
-             versions="other versions", version="another version of the function")
+             versions="other versions", version="another version of the function", points="replicates of another size",
+             theta="other samples")
+KEYS = ("format", "design")  # compared first
+OWN = {"function", "parts", "run"}  # compared by themselves, or not at all
 Chunk = tuple[Tensor, Tensor, Tensor]  # theta (k, p), y (k, ...), status (k,)
 
 
@@ -56,6 +59,14 @@ class ChunkFolder:
                              "wanted")
         return cls(path, there)
 
+    @staticmethod
+    def setting(path: str | Path, name: str) -> Any:
+        """A setting of the run that is in a folder; None where there is none."""
+        try:
+            return json.loads((Path(path) / "run.json").read_text())[name]
+        except (OSError, ValueError, TypeError, KeyError):
+            return None
+
     def get(self, first: int, count: int) -> Chunk | None:
         """The chunk that starts with sample `first`, if at least `count` samples of it are there. One that is damaged is none,
         with a warning.
@@ -80,6 +91,11 @@ class ChunkFolder:
         """Write a chunk, whole or not at all; NotWritten where that fails."""
         save(self._file(first), dict(zip(("theta", "y", "status"), chunk, strict=True), run=self.label["run"], first=first,
                                      checksum=self._checksum(first, chunk)))
+
+    @property
+    def reachable(self) -> bool:
+        """Whether this machine sees the folder: a worker on another one may not."""
+        return self.setting(self.path, "run") == self.label["run"]
 
     def writable(self) -> None:
         """ValueError where nothing can be written."""
@@ -162,9 +178,9 @@ def _write_label(path: Path, label: dict[str, Any]) -> None:
 
 def _difference(there: dict[str, Any], label: dict[str, Any]) -> tuple[str, str] | None:
     """Differences between the run in the folder and the label, in words."""
-    for key in (k for k in label if k not in ("function", "parts")):
-        if there.get(key) != label[key]:
-            return NAMES.get(key, f"another {key}"), _both(there.get(key), label[key])
+    for key in sorted({*label, *there} - OWN, key=[*KEYS, *label, *there].index):
+        if there.get(key) != label.get(key):
+            return NAMES.get(key, f"another {key}"), _both(there.get(key), label.get(key))
     old, new = there["parts"], label["parts"]
     pairs = {name: {old.get(name, ""), new.get(name, "")} for name in (*old, *new)}
     changed = [name or "its code" for name, pair in pairs.items() if len(pair) > 1 and None not in pair]  # None: by itself

@@ -1,0 +1,102 @@
+"""Laws: quantiles and distribution functions undo each other, moments are the closed ones, scores reach into the tails."""
+
+import math
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+from torchbeam.analysis.uncertainty.laws import KINDS, of_score, of_text, of_uniform
+
+U = (torch.arange(20000) + 0.5) / 20000
+WEIBULL = math.gamma(1.5)
+TABLE = {  # law: mean, deviation
+    "uniform": (tb.laws.Uniform(1.0, 4.0), 2.5, 3 / 12**0.5),
+    "normal": (tb.laws.Normal(2.0, 0.3), 2.0, 0.3),
+    "lognormal": (tb.laws.LogNormal(2.0, 0.5), 2.0, 0.5),
+    "triangular": (tb.laws.Triangular(0.0, 1.0, 4.0), 5 / 3, ((0 + 1 + 16 - 0 - 0 - 4) / 18) ** 0.5),
+    "weibull": (tb.laws.Weibull(2.0, 2.0), 2 * WEIBULL, 2 * math.sqrt(1 - WEIBULL**2)),
+    "exponential": (tb.laws.Weibull(3.0), 3.0, 3.0),
+    "gumbel": (tb.laws.Gumbel(1.0, 0.5), 1 + 0.5 * 0.5772156649, 0.5 * math.pi / 6**0.5),
+    "half normal": (tb.laws.Truncated(tb.laws.Normal(0.0, 1.0), least=0.0), math.sqrt(2 / math.pi), math.sqrt(1 - 2 / math.pi)),
+}
+
+
+@pytest.mark.parametrize("name", TABLE)
+def test_moments(name):
+    """Mean and deviation over 20,000 equal probabilities: good to 2e-3, the tails' share beyond the last of them."""
+    law, mean, deviation = TABLE[name]
+    x = law.icdf(U)
+    assert_close(x.mean(), torch.tensor(mean), rtol=5e-4, atol=0)
+    assert_close(x.std(), torch.tensor(deviation), rtol=2e-3, atol=0)
+    assert_close(law.cdf(x), U, rtol=0, atol=1e-9)
+
+
+def test_truncated():
+    """What is left of a normal law between -1 and 2 of its deviations, torch's or ours; a pair; within another's support."""
+    ours = tb.laws.Truncated(tb.laws.Normal(5.0, 2.0), 3.0, 9.0)
+    torchs = tb.laws.Truncated(torch.distributions.Normal(5.0, 2.0), 3.0, 9.0)
+    x = ours.icdf(U)
+    assert x.min() >= 3 and x.max() <= 9
+    assert_close(torchs.icdf(U), x, rtol=1e-6, atol=0)
+    phi = [math.exp(-z * z / 2) / math.sqrt(2 * math.pi) for z in (-1.0, 2.0)]
+    mass = 0.5 * (math.erf(2 / 2**0.5) + math.erf(1 / 2**0.5))
+    assert_close(x.mean(), torch.tensor(5 + 2 * (phi[0] - phi[1]) / mass), rtol=1e-6, atol=0)
+    assert_close(tb.laws.Truncated((0.0, 4.0), 1.0, 2.0).icdf(U), 1 + U)
+    assert tb.laws.Truncated(torch.distributions.LogNormal(0.0, 1.0), -1.0, 1.0).icdf(U).max() <= 1
+
+
+def test_empirical():
+    """Each value as often as its weight says."""
+    law = tb.laws.Empirical([3.0, 1.0, 2.0], weights=[1, 2, 1])
+    values, counts = law.icdf(U).unique(return_counts=True)
+    assert values.tolist() == [1.0, 2.0, 3.0] and counts.tolist() == [10000, 5000, 5000]
+    assert law.cdf(torch.tensor([0.5, 1.0, 2.5, 3.0])).tolist() == [0.0, 0.5, 0.75, 1.0]
+    assert "3 values from 1 to 3" in repr(law)
+
+
+def test_scores():
+    """A law of a normal score is the law of its probability; normal and lognormal laws go on where probabilities are 1."""
+    z = torch.linspace(-5, 5, 11)
+    for law, _, _ in TABLE.values():
+        assert_close(of_score(law, z), of_uniform(law, torch.special.ndtr(z)), rtol=1e-8, atol=1e-8)
+    far = torch.tensor([12.0])
+    for law in (tb.laws.Normal(2.0, 0.3), torch.distributions.Normal(2.0, 0.3)):
+        assert_close(of_score(law, far), torch.tensor([5.6]), rtol=1e-6, atol=0)
+    assert torch.isfinite(of_score(tb.laws.Gumbel(0.0, 1.0), far)).all()
+
+
+def test_from_text():
+    """What a file may say."""
+    assert of_text("EI", {"law": "normal", "mean": 1, "deviation": 0.1}) == tb.laws.Normal(1.0, 0.1)
+    assert of_text("EI", {"law": "truncated", "of": {"law": "Gumbel", "location": 1, "scale": 1}, "least": 0}) == (
+        tb.laws.Truncated(tb.laws.Gumbel(1.0, 1.0), 0.0))
+    assert of_text("EI", [0, 1]) == [0, 1] and of_text("EI", 2) == tb.laws.Constant(2.0) and set(KINDS) > {"empirical"}
+    for given, sentence in (({"law": "cauchy"}, "one of constant, uniform"),
+                            ({"law": "normal", "mean": 1}, "Normal has mean, deviation"),
+                            ({"law": "normal", "mean": 1, "sd": 1}, "'sd' was given for the law of 'EI'; Normal has")):
+        with pytest.raises(ValueError, match=sentence):
+            of_text("EI", given)
+
+
+REFUSED = {
+    "constant": (lambda: tb.laws.Constant(math.nan), "Constant's value = nan was given"),
+    "uniform": (lambda: tb.laws.Uniform(1.0, 1.0), "Uniform from 1 to 1 was given; least below largest"),
+    "normal": (lambda: tb.laws.Normal(1.0, 0.0), "Normal's deviation = 0 was given; a positive"),
+    "lognormal": (lambda: tb.laws.LogNormal(-1.0, 1.0), "LogNormal's mean = -1 was given"),
+    "triangular": (lambda: tb.laws.Triangular(0.0, 2.0, 1.0), "Triangular's mode = 2 was given for 0 to 1"),
+    "text": (lambda: tb.laws.Normal("a", 1.0), "was given"),
+    "truncated function": (lambda: tb.laws.Truncated(torch.exp, 0.0), "was given to Truncated; one with both cdf and icdf"),
+    "truncated to nothing": (lambda: tb.laws.Truncated(tb.laws.Normal(0.0, 1.0), 50.0), "lies with the probability 0"),
+    "upside down": (lambda: tb.laws.Truncated(tb.laws.Normal(0.0, 1.0), 1.0, 0.0), "least below largest is wanted"),
+    "no values": (lambda: tb.laws.Empirical([]), r"\[\] was given; numbers"),
+    "weights": (lambda: tb.laws.Empirical([1.0, 2.0], [1.0, -1.0]), "positive weights"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(name):
+    make, sentence = REFUSED[name]
+    with pytest.raises(ValueError, match=sentence):
+        make()

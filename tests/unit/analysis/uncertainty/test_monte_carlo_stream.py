@@ -1,0 +1,167 @@
+"""Streams: what the samples say, without them; taken up again, damaged, killed; constant memory."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+from torchbeam.analysis.uncertainty import monte_carlo_stream as module
+
+LAWS = {"a": (0.0, 1.0), "x": tb.laws.Normal(0.0, 1.0)}
+
+
+def function(theta):
+    y = torch.stack((theta[:, 0] + theta[:, 1], theta[:, 1].exp()), -1)
+    return y, torch.where(theta[:, 0] > 0.9, 7, 0)
+
+
+@pytest.fixture(scope="module", params=["sobol", "plain"])
+def both(request):
+    options = dict(replicates=16, design=request.param, sentences={7: "buckled"})
+    return tb.monte_carlo(function, LAWS, 2**14, **options), tb.monte_carlo_stream(function, LAWS, 2**14, chunk=300, **options)
+
+
+def test_moments(both):
+    kept, stream = both
+    assert_close(stream.mean, kept.mean, rtol=1e-12, atol=0)
+    assert_close(stream.deviation, kept.deviation, rtol=1e-12, atol=0)
+    d = kept.good - kept.mean
+    assert_close(stream.skewness, (d**3).mean(0) / (d**2).mean(0) ** 1.5)
+    assert_close(stream.kurtosis, (d**4).mean(0) / (d**2).mean(0) ** 2)
+    for a, b in zip(stream.mean_interval(), kept.mean_interval(), strict=True):
+        assert_close(a, b, rtol=1e-9, atol=0)
+
+
+def test_quantiles_and_probabilities(both):
+    """To the sketch's error; intervals about as long, and a little longer."""
+    kept, stream = both
+    levels = (0.01, 0.5, 0.99)
+    assert stream.error < 5e-3
+    assert_close(stream.quantile(levels), kept.quantile(levels), rtol=2 * stream.error, atol=1e-3)
+    a, b = stream.quantile(levels, 0.95), kept.quantile(levels, 0.95)
+    assert ((a.high - a.low) < 1.3 * (b.high - b.low) + 4 * stream.error * b.estimate.abs()).all()
+    assert ((a.low - b.low).abs() <= 4 * stream.error * b.low.abs() + 2e-3).all() and a.reasons == kept.reasons
+    x = torch.tensor([1.0, 2.0])
+    a, b = stream.exceedance(x), kept.exceedance(x)
+    assert_close(a.estimate, b.estimate, rtol=0, atol=2e-3)
+    assert ((a.high - a.low) < 1.3 * (b.high - b.low) + 4e-3).all()
+    assert (a.low <= b.estimate).all() and (b.estimate <= a.high).all()
+    assert stream.exceedance([[1.0], [2.0]]).low.shape == (2, 2) and stream.quantile(0.5).shape == (2,)
+    edges = torch.linspace(-6, 60, 12)
+    wanted = torch.stack([torch.histc(y, 11, -6, 60) for y in kept.good.unbind(-1)]) / len(kept.good)
+    assert_close(stream.histogram(edges), wanted, rtol=0, atol=2e-3)
+    assert "buckled" in repr(stream) and stream.failed == kept.failed
+
+
+def test_taken_up_again(tmp_path, monkeypatch):
+    """Stopped on the way: the same call goes on, computes no sample twice, and ends with the same numbers, to the bit."""
+    calls, stopped = [], []
+
+    def counted(theta):
+        calls.append(len(theta))
+        if len(calls) == 9 and not stopped:
+            stopped.append(True)
+            raise RuntimeError("out of luck")
+        return theta.exp()
+
+    monkeypatch.setattr(module, "EVERY", -1.0)
+    run = dict(function=counted, laws=LAWS, n=4096, replicates=8, chunk=200, out=tmp_path, version=1)
+    with pytest.raises(RuntimeError, match="out of luck"):
+        tb.monte_carlo_stream(**run)
+    found = tb.monte_carlo_stream(**run)
+    assert sum(calls) == 4096 + 112 and sorted(p.name for p in tmp_path.iterdir()) == ["run.json", "stream.pt"]
+    whole = tb.monte_carlo_stream(**{**run, "out": None})
+    assert (found.mean == whole.mean).all() and (found.quantile(0.9) == whole.quantile(0.9)).all()
+    calls.clear()
+    assert (tb.monte_carlo_stream(**run).kurtosis == whole.kurtosis).all() and not calls
+    longer = tb.monte_carlo_stream(**{**run, "n": 8192, "replicates": 16})
+    assert sum(calls) == 4096 and longer.samples == 8192
+    with pytest.raises(ValueError, match="with the summary of 8192 samples; at least as many"):
+        tb.monte_carlo_stream(**run)
+    for other, sentence in ((dict(n=2048), "another size"), (dict(seed=1), "another seed"),
+                            (dict(design="plain"), "another design")):
+        with pytest.raises(ValueError, match=sentence):
+            tb.monte_carlo_stream(**{**run, **other})
+    with pytest.raises(ValueError, match="another kept was given"):
+        tb.monte_carlo(counted, LAWS, 4096, replicates=8, chunk=200, out=tmp_path, version=1)
+
+
+def test_a_damaged_summary_is_computed_anew(tmp_path):
+    run = dict(function=torch.sin, laws=LAWS, n=512, chunk=32, out=tmp_path)
+    whole = tb.monte_carlo_stream(**run)
+    path = tmp_path / "stream.pt"
+    good = path.read_bytes()
+    stored = torch.load(path, weights_only=True)
+    stored["moments"][3][1] += 1e-12
+    torch.save(stored, path)
+    for damaged in (path.read_bytes(), good[:-50], b"", b"no summary"):
+        path.write_bytes(damaged)
+        with pytest.warns(UserWarning, match=r"stream.pt' is damaged \("):
+            assert (tb.monte_carlo_stream(**run).mean == whole.mean).all()
+
+
+def test_all_failed():
+    none = tb.monte_carlo_stream(lambda theta: theta / 0, LAWS, 64)
+    with pytest.raises(ValueError, match="all 64 samples failed"):
+        none.mean_interval()
+
+
+KILLED = """
+import sys, time, torch, torchbeam as tb
+from torchbeam.analysis.uncertainty import monte_carlo_stream as module
+module.EVERY = 0.01
+torch.set_default_dtype(torch.float64)
+def slow(theta):
+    time.sleep(0.05)
+    return theta.exp()
+print("begun", flush=True)
+found = tb.monte_carlo_stream(slow, {"a": (0.0, 1.0)}, 2**14, chunk=512, out=sys.argv[1], version=1)
+print(found.mean.item().hex(), found.quantile(0.99).item().hex())
+"""
+
+
+@pytest.mark.long
+def test_killed(tmp_path):
+    """kill -9 three times on the way: the fourth call ends with the numbers of an undisturbed run."""
+    def begin(folder):
+        return subprocess.Popen([sys.executable, "-c", KILLED, str(folder)], stdout=subprocess.PIPE, text=True)
+
+    for wait in (0.5, 0.6, 0.7):
+        process = begin(tmp_path / "killed")
+        process.stdout.readline()
+        time.sleep(wait)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    assert (tmp_path / "killed" / "stream.pt").exists()
+    results = [begin(tmp_path / name).communicate()[0].splitlines()[-1] for name in ("killed", "whole")]
+    assert results[0] == results[1]
+
+
+MEMORY = """
+import resource, torch, torchbeam as tb
+torch.set_default_dtype(torch.float64)
+laws = {"EI": tb.laws.LogNormal(1.0, 0.2), "P": tb.laws.Normal(1.0, 0.1)}
+def run(n):
+    return tb.monte_carlo_stream(lambda theta: theta[:, 1] / (3 * theta[:, 0]), laws, n, chunk=2**14)
+run(2**18)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+found = run(10_000_000 // 16 * 16)
+after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(after - before, found.mean.item(), *[x.item() for x in found.mean_interval()])
+"""
+
+
+@pytest.mark.long
+def test_ten_million_in_constant_memory():
+    """Not 40 MB more than for a 40th of that, where y alone would be 80; the mean is (1 + c^2)/3."""
+    given = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True).stdout.split()
+    assert int(given[0]) < 40_000
+    assert float(given[1]) == pytest.approx(1.04 / 3, rel=1e-6) and float(given[3]) <= 1.04 / 3 <= float(given[4])
+    assert math.isfinite(float(given[2]))

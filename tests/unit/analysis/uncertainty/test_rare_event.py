@@ -1,0 +1,128 @@
+"""Rare events: closed forms at 1e-6, two regions, curvature, failures; brute force at 1e-4 as a long run."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+import torch
+
+import torchbeam as tb
+
+NORMALS = {name: tb.laws.Normal(0.0, 1.0) for name in "abcd"}
+BETA = 4.753424  # Phi(-BETA) = 1e-6
+
+
+def linear(theta):
+    return theta.sum(-1) / 2
+
+
+def tail(beta):
+    return 0.5 * math.erfc(beta / 2**0.5)
+
+
+def test_subset_simulation():
+    """A linear limit state at 1e-6: within a factor of 1.5 (two standard errors of some 20 %), the truth in the interval."""
+    found = tb.rare_event(linear, NORMALS, BETA, 5000, seed=1)
+    assert found.low < 1e-6 < found.high and 1 / 1.5 < found.probability / 1e-6 < 1.5 and found.high / found.low < 3
+    assert len(found.thresholds) in (5, 6) and (found.thresholds.diff() > 0).all() and "subset" in repr(found)
+    assert 25_000 < found.evaluations < 35_000 and found.failed == 0
+    again = tb.rare_event(linear, NORMALS, BETA, 5000, seed=1, chunk=333)
+    assert again.probability == found.probability
+    assert tb.rare_event(linear, NORMALS, -1.0, 5000).probability == pytest.approx(tail(-1.0), rel=0.03)
+
+
+def test_importance_sampling():
+    """The same: FORM is exact, the estimate within 20 % of it; a function without gradients, an executor."""
+    found = tb.rare_event(linear, NORMALS, BETA, 1024, method="importance")
+    assert found.form == pytest.approx(1e-6, rel=1e-3) and found.low < 1e-6 < found.high
+    assert found.probability == pytest.approx(1e-6, rel=0.2) and len(found.points) == 1
+    assert found.points[0].tolist() == pytest.approx([BETA / 2] * 4, abs=1e-3)
+    with ThreadPoolExecutor(2) as pool:
+        other = tb.rare_event(lambda theta: linear(theta).detach(), NORMALS, BETA, 1024, method="importance", executor=pool,
+                              chunk=100)
+    assert other.probability == pytest.approx(found.probability, rel=1e-5) and other.evaluations > found.evaluations
+
+
+def test_strength_less_load():
+    """Lognormal strength over lognormal load, correlated: P(S/R > 1) = Phi(-beta) in closed form, beta from the logarithms."""
+    laws = {"R": tb.laws.LogNormal(5.0, 0.8), "S": tb.laws.LogNormal(1.5, 0.45)}
+    R, S, rho = laws["R"], laws["S"], 0.3
+    beta = (R.mu - S.mu) / math.sqrt(R.sigma**2 + S.sigma**2 - 2 * rho * R.sigma * S.sigma)
+    found = tb.rare_event(lambda R, S: S / R, laws, 1.0, 2048, method="importance", correlation={("R", "S"): rho}, by_name=True)
+    assert found.form == pytest.approx(tail(beta), rel=1e-3) and found.low < tail(beta) < found.high
+    assert found.probability == pytest.approx(tail(beta), rel=0.1) and 3 < found.beta[0] < 5
+    assert found.points[0, 0] == pytest.approx(found.points[0, 1].item(), rel=1e-4)
+
+
+def test_two_regions():
+    """y = |a|: both design points are found from eight starts, the probability is that of both; by runs as well."""
+    for method, n in (("importance", 1024), ("subset", 10000)):
+        found = tb.rare_event(lambda theta: theta[:, 0].abs(), NORMALS, 4.0, n, method=method, starts=8)
+        assert found.low < 2 * tail(4.0) < found.high, method
+        assert found.points is None or found.points[:, 0].abs().tolist() == pytest.approx([4.0, 4.0], rel=1e-4)
+
+
+def test_curved():
+    """y = |z|^2 of four scores: chi^2, P(> x) = exp(-x/2)(1 + x/2): subset simulation knows no direction."""
+    x = 30.0
+    wanted = math.exp(-x / 2) * (1 + x / 2)
+    found = tb.rare_event(lambda theta: theta.square().sum(-1), NORMALS, x, 10000, seed=2)
+    assert found.low < wanted < found.high and found.high / found.low < 2.5
+
+
+def test_failed_samples():
+    """They are not the event, and are counted."""
+    found = tb.rare_event(lambda theta: torch.where(theta[:, 1] > 0, torch.nan, theta[:, 0]), NORMALS, 3.0, 10000,
+                          seed=1)
+    assert found.low < tail(3.0) / 2 < found.high and found.failed > 0.2 * found.evaluations
+    assert list(found.reasons) == ["y is not finite"], found
+
+
+def test_beam():
+    """A strip's tip under a small load is linear in P/EI, both lognormal: beta in closed form, the factor by one evaluation."""
+    def deflection(EI, P):
+        section = tb.Section.from_stiffness(EA=math.inf, GA=math.inf, GJ=1.0, EI=EI, mass=1.0)
+        load = tb.TipLoad(force=torch.stack((0 * P, 0 * P, 1e-4 * P), -1))
+        state = tb.equilibrium(tb.Scene(tb.Beam.straight(1.0, 2, section), [load], plane="xz"), throw=False)
+        return state.tip.position[:, 2], state.status
+
+    one = deflection(torch.ones(1), torch.ones(1))[0].item()
+    EI, P = tb.laws.LogNormal(1.0, 0.1), tb.laws.LogNormal(1.0, 0.2)
+    beta = (math.log(2.5) + EI.mu - P.mu) / math.sqrt(EI.sigma**2 + P.sigma**2)
+    found = tb.rare_event(deflection, {"EI": EI, "P": P}, 2.5 * one, 2048, method="importance", by_name=True)
+    assert found.form == pytest.approx(tail(beta), rel=1e-3) and found.low < tail(beta) < found.high
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("method", ["subset", "importance"])
+def test_brute_force(method):
+    """1e-4 by 4 million plain samples, of a function with two curved regions: the intervals of both meet."""
+    laws = {"a": tb.laws.Gumbel(0.0, 1.0), "b": tb.laws.LogNormal(1.0, 0.5), "c": (-1.0, 1.0)}
+
+    def function(theta):
+        a, b, c = theta.unbind(-1)
+        return torch.maximum(a * b - 2 * c, 3 * b + 4 * c.square())
+
+    plain = tb.monte_carlo(function, laws, 2**22, design="plain", chunk=2**18).exceedance(19.0, 0.99)
+    found = tb.rare_event(function, laws, 19.0, 20_000, method=method, starts=8, interval=0.99)
+    assert 3e-5 < plain.estimate < 1e-3
+    assert found.low < plain.high and plain.low < found.high
+
+
+REFUSED = {
+    "few samples": (dict(n=100), "n = 100 was given for 10 runs of subset simulation; at least 500"),
+    "few for importance": (dict(n=20, method="importance"), "at least 32 are wanted"),
+    "method": (dict(method="line"), "'subset', 'importance' are there"),
+    "several numbers": (dict(function=lambda theta: theta), r"gave y \(1000, 4\) was given for a rare event"),
+    "all failed": (dict(function=lambda theta: theta[:, 0] / 0), "more than nine tenths of the samples"),
+    "no way there": (dict(function=lambda theta: theta[:, 0].sin(), method="importance"), "no design point was found"),
+    "constants": (dict(laws={"a": tb.laws.Constant(1.0)}), "laws that are all constant"),
+    "threshold": (dict(threshold=math.nan), "threshold = nan was given"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(name):
+    changed, sentence = REFUSED[name]
+    with pytest.raises(ValueError, match=sentence):
+        tb.rare_event(**{**dict(function=linear, laws=NORMALS, threshold=4.0, n=1000), **changed})

@@ -1,0 +1,191 @@
+"""Answers with errors: what intervals are made of, failed samples, until; coverage itself is measured by the study of it."""
+
+import math
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+from torchbeam.analysis.uncertainty.estimate import quantile_of_sorted
+
+LAWS = {"a": (0.0, 1.0), "b": (0.0, 1.0)}
+
+
+def total(theta):
+    return theta.sum(-1)
+
+
+def test_intervals_of_plain_samples():
+    """y = a: Student's interval of the mean; order statistics; Clopper and Pearson."""
+    found = tb.monte_carlo(lambda theta: theta[:, 0], LAWS, 400, design="plain")
+    mean, low, high = found.mean_interval(0.95)
+    assert_close((high - low) / 2, found.y.std() / 20 * 1.96593)  # t of 399
+    assert low < mean < high and found.mean_interval().samples == 400
+    ordered = found.y.sort().values
+    estimate, low, high = found.quantile(0.5, interval=0.9)
+    assert low in ordered and high in ordered and low < estimate < high
+    at = found.exceedance(0.9, 0.95)
+    hits = int((found.y > 0.9).sum())
+    assert at.estimate == hits / 400 and 0 < at.low < at.estimate < at.high and "Clopper" in at.method
+    assert found.exceedance(2.0).low == 0 and found.exceedance(2.0).high == pytest.approx(1 - 0.025 ** (1 / 400))
+
+
+def test_intervals_of_replicates():
+    """Means of 16 replicates of 64, by hand; much shorter than of as many independent samples. Deviation and quantiles too."""
+    found = tb.monte_carlo(total, LAWS, 1024, replicates=16)
+    means = found.y.reshape(16, 64).mean(1)
+    mean, low, high = found.mean_interval(0.95)
+    wanted = tuple(found.y.mean() + k * means.std() / 4 * 2.13145 for k in (-1, 0, 1))  # t of 15
+    assert_close((low, mean, high), wanted, rtol=1e-6, atol=0)
+    plain = tb.monte_carlo(total, LAWS, 1024, design="plain")
+    for statistic in (lambda s: s.mean_interval(), lambda s: s.quantile(0.9, 0.95), lambda s: s.deviation_interval(),
+                      lambda s: s.exceedance(1.4)):
+        a, b = statistic(found), statistic(plain)
+        assert a.high - a.low < 0.6 * (b.high - b.low)
+        assert "16 replicates" in a.method
+    assert abs(found.deviation_interval().estimate - 1 / 6**0.5) < 1e-3
+
+
+def test_shapes():
+    """Of y (n, 3): a level, several, thresholds of several shapes, bands."""
+    found = tb.monte_carlo(lambda theta: theta[:, :1] * torch.tensor([1.0, 2.0, 3.0]), LAWS, 256, replicates=8)
+    assert found.quantile(0.5, 0.9).low.shape == (3,) and found.quantile((0.1, 0.5), 0.9).low.shape == (2, 3)
+    assert found.exceedance(0.5).low.shape == (3,) and found.exceedance([[0.5], [1.5]]).low.shape == (2, 3)
+    wanted = torch.tensor([[0.5, 0.75, 5 / 6], [0, 0.25, 0.5]])
+    assert_close(found.exceedance([[0.5], [1.5]]).estimate, wanted, rtol=0, atol=6e-3)
+    bands = found.bands(0.8)
+    assert_close(bands.estimate, torch.tensor([[0.1], [0.5], [0.9]]) * torch.tensor([1.0, 2.0, 3.0]), rtol=0, atol=2e-2)
+    one = tb.monte_carlo(total, LAWS, 256)
+    assert one.exceedance([0.5, 1.0, 1.5]).estimate.shape == (3,) and one.quantile(0.5, 0.9).low.ndim == 0
+    y = torch.randn(1001, 2)
+    levels = torch.tensor([0.0, 0.33, 1.0])
+    assert_close(quantile_of_sorted(y.sort(0).values, levels), y.quantile(levels, 0))
+
+
+def test_few_samples_say_so():
+    """A quantile beyond the samples has no upper bound; replicates with too few hits leave the word to the binomial law."""
+    found = tb.monte_carlo(total, LAWS, 64, replicates=8)
+    assert found.quantile(0.999, 0.95).high == math.inf and found.quantile(0.5, 0.95).high < math.inf
+    rare = found.exceedance(1.9)
+    assert "Clopper" in rare.method and rare.high > 0.05
+
+
+def test_failures_are_told():
+    """By reason in each statistic; the exceedance with them, and without."""
+    def function(theta):
+        a = theta[:, 0]
+        return torch.where(a < 0.1, torch.nan, a), torch.where(a > 0.8, 7, 0)
+
+    found = tb.monte_carlo(function, LAWS, 1000, replicates=8, sentences={7: "buckled"})
+    assert found.reasons == {"buckled": 200, "y is not finite": 100}
+    for statistic in (found.mean_interval(), found.quantile(0.5, 0.9), found.exceedance(0.5), found.deviation_interval()):
+        assert statistic.failed == 300 and statistic.samples == 700 and "300 failed, 200: buckled" in repr(statistic)
+    shares = [found.exceedance(0.5, failed_exceed=choice).estimate.item() for choice in (None, True, False)]
+    assert shares == [pytest.approx(3 / 7, abs=2e-3), pytest.approx(0.6, abs=2e-3), pytest.approx(0.3, abs=2e-3)]
+    none = tb.monte_carlo(lambda theta: theta[:, 0] / 0, LAWS, 8)
+    for statistic in (none.mean_interval, lambda: none.quantile(0.5), lambda: none.exceedance(1.0)):
+        with pytest.raises(ValueError, match="all 8 samples failed"):
+            statistic()
+    assert none.exceedance(1.0, failed_exceed=True).estimate == 1
+
+
+def test_until(tmp_path):
+    """Replicates until the error is reached: fewer for a larger one; taken up again from its folder; of another statistic."""
+    calls = []
+
+    def counted(theta):
+        calls.append(len(theta))
+        return theta.square().sum(-1)
+
+    def relative(samples):
+        return samples.mean_interval().relative_error.item()
+
+    def error(samples):
+        return samples.quantile(0.5, 0.95)
+
+    coarse = tb.monte_carlo(counted, LAWS, 4096, until=1e-2, out=tmp_path)
+    assert coarse.replicates == 8 and len(coarse) == 512 and relative(coarse) <= 1e-2  # 64 points each: no fewer are looked at
+    finer = tb.monte_carlo(counted, LAWS, 4096, until=0.6 * relative(coarse), out=tmp_path)
+    assert 8 < finer.replicates < 64 and relative(finer) <= 0.6 * relative(coarse) and (finer.y[:512] == coarse.y).all()
+    assert sum(calls) == len(finer)
+    assert len(tb.monte_carlo(counted, LAWS, 4096, until=1e-9)) == 4096
+    other = tb.monte_carlo(counted, LAWS, 4096, replicates=32, until=(0.02, error))
+    assert other.quantile(0.5, 0.95).relative_error <= 0.02 and len(other) % 128 == 0
+
+
+def test_bootstrap():
+    """Of the deviation of 1000 normal samples: close to its normal theory, deviation/sqrt(2 n) times 1.96 on each side."""
+    found = tb.monte_carlo(lambda theta: theta[:, 0], {"x": tb.laws.Normal(0.0, 1.0)}, 1000, design="plain")
+    found = found.deviation_interval(0.95)
+    assert_close((found.high - found.low) / 2, torch.tensor(1.96 / 2000**0.5), rtol=0.15, atol=0)
+    assert found.method == "bootstrap"
+
+
+def test_successes():
+    """A y of yes and no: its mean is a probability, its quantiles are numbers."""
+    found = tb.monte_carlo(lambda theta: theta[:, 0] > 0.25, LAWS, 1024, replicates=16)
+    mean, low, high = found.mean_interval()
+    assert low <= 0.75 <= high and mean == pytest.approx(0.75, abs=2e-3)
+    assert found.quantile((0.1, 0.9)).tolist() == [0.0, 1.0] and found.exceedance(0.5).estimate == mean
+
+
+def test_convergence():
+    """By hand for the replicates; slopes: n^-1/2 of plain samples, beyond n^-1 of a Sobol sequence, for a smooth y."""
+    found = tb.monte_carlo(total, LAWS, 1024, replicates=16)
+    n, error = found.convergence(1.0)
+    assert n.tolist() == [1, 2, 4, 8, 16, 32, 64]
+    assert_close(error[3], (found.y.reshape(16, 64)[:, :8].mean(1) - 1).square().mean().sqrt())
+    assert_close(found.convergence()[1][0], found.y.reshape(16, 64)[:, 0].sub(found.mean).square().sum().div(15).sqrt())
+    slopes = []
+    for design in ("sobol", "plain"):
+        n, error = tb.monte_carlo(total, LAWS, 2**14, design=design, replicates=16).convergence(1.0)
+        x, y = n.log() - n.log().mean(), error.log()
+        slopes.append(((x * y).sum() / x.square().sum()).item())
+    assert slopes[0] < -1.0 and -0.65 < slopes[1] < -0.35
+    with pytest.raises(ValueError, match="of one Sobol sequence was asked for"):
+        tb.monte_carlo(total, LAWS, 8).convergence()
+
+
+def test_progress(capsys):
+    """A function gets counts after each chunk; the terminal a line."""
+    seen = []
+    tb.monte_carlo(lambda theta: theta / 0, LAWS, 100, chunk=30, progress=lambda at: seen.append((at.done, at.failed, at.eta)))
+    assert [x[:2] for x in seen] == [(30, 30), (60, 60), (90, 90), (100, 100)] and seen[-1][2] == 0
+    tb.monte_carlo(total, LAWS, 100, progress=True)
+    assert "100 of 100 samples, 100 %" in capsys.readouterr().err
+
+
+def test_chunk_from_throughput(tmp_path):
+    """A power of two; a folder keeps its own."""
+    sizes = []
+
+    def slow(theta):
+        sizes.append(len(theta))
+        return total(theta)
+
+    found = tb.monte_carlo(slow, LAWS, 4096, chunk="auto", out=tmp_path)
+    chunk = max(sizes)
+    assert len(found) == 4096 and chunk & (chunk - 1) == 0 and chunk >= 32
+    sizes.clear()
+    tb.monte_carlo(slow, LAWS, 8192, chunk="auto", out=tmp_path)
+    assert sum(sizes) == 4096
+
+
+REFUSED = {
+    "level": (lambda s: s.mean_interval(1.5), "level = 1.5 was given; a probability between"),
+    "levels": (lambda s: s.quantile(2.0), "levels = 2.0 were given; probabilities"),
+    "interval": (lambda s: s.quantile(0.5, interval=0.0), "interval = 0 was given"),
+    "threshold": (lambda s: s.exceedance(math.nan), "x"),
+    "until": (lambda s: tb.monte_carlo(total, LAWS, 256, until=2.0), "until = 2.0 was given; a relative error"),
+    "until with few": (lambda s: tb.monte_carlo(total, LAWS, 4, until=0.1), "for 4 replicates; at least 8"),
+    "progress": (lambda s: tb.monte_carlo(total, LAWS, 4, progress=3), "progress = 3 was given; a function or True"),
+    "chunk": (lambda s: tb.monte_carlo(total, LAWS, 4, chunk="big"), "chunk = 'big' was given"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(name):
+    call, sentence = REFUSED[name]
+    with pytest.raises(ValueError, match=sentence):
+        call(tb.monte_carlo(total, LAWS, 8))

@@ -1,0 +1,93 @@
+"""Surroundings of a function: numbers, tensors and functions around it are followed; what may change unnoticed is refused."""
+
+import functools
+import math
+import random
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import torch
+
+from torchbeam.core.surroundings import Surroundings, Unsteady
+
+number, weight, log, counted = 2.0, torch.ones(2), [], 0
+
+
+@dataclass(frozen=True)
+class Frozen:
+    gain: float
+    weight: torch.Tensor
+
+
+@dataclass
+class Settings:
+    gain: float = 1.0
+
+
+frozen, settings, array = Frozen(1.0, torch.ones(2)), Settings(), np.ones(2)
+
+
+def helper(x):
+    return number * x
+
+
+def counts(x):
+    global counted
+    counted += 1
+    return x
+
+
+def closing(value):
+    return lambda x: value * x
+
+
+def around(function):
+    return Surroundings(function=lambda: function)
+
+
+@pytest.mark.parametrize("function", [
+    lambda x: math.sin(number) * torch.relu(x) + max(1.0, 2.0),
+    lambda x: helper(x) @ weight,
+    lambda x: frozen.gain * x + frozen.weight,
+    lambda x: [y + 1 for y in x.unbind(-1)],
+    functools.partial(lambda gain, x: gain * x, 3.0),
+    closing((1.0, torch.ones(2))),
+    torch.tanh,
+])
+def test_numbers_tensors_and_functions_are_steady(function):
+    assert around(function).unchanged()
+
+
+@pytest.mark.parametrize("function, said", [
+    (lambda x: settings.gain * x, r"'settings' \(Settings\)"),
+    (lambda x: log[0] * x, r"'log' \(list\)"),
+    (lambda x: x + torch.as_tensor(array), r"'array' \(ndarray\)"),
+    (closing({"a": 1.0}), r"'value' \(dict\)"),
+    (counts, "'counted', which counts writes to"),
+    (lambda x: torch.randn(2) * x, "random numbers, by 'randn'"),
+    (lambda x: random.random() * x, "random numbers, by 'random'"),
+    (lambda x: np.sin(1.0) * x, r"'np' \(a module\)"),
+    (lambda x: print(x) or x, "'print'"),
+    (lambda x: x + nowhere, "'nowhere'"),  # noqa: F821
+    (Settings().__eq__, "Settings"),
+])
+def test_what_may_change_unnoticed_is_refused_by_name(function, said):
+    with pytest.raises(Unsteady, match=said):
+        around(function)
+
+
+def test_changes_are_noticed_and_equal_surroundings_have_equal_keys(monkeypatch):
+    """A number that another, equal one replaces has not changed; functions made anew by the same code are the same."""
+    monkeypatch.setitem(globals(), "weight", torch.ones(2))
+    found = around(lambda x: helper(x) * weight)
+    monkeypatch.setitem(globals(), "number", float("2.0"))
+    assert found.unchanged()
+    monkeypatch.setitem(globals(), "number", 3.0)
+    assert not found.unchanged()
+    monkeypatch.setitem(globals(), "number", 2.0)
+    assert found.unchanged()
+    weight.mul_(2)
+    assert not found.unchanged()
+    first, again, other = (around(closing(value)).key for value in (1.0, 1.0, 2.0))
+    assert first == again != other

@@ -1,0 +1,242 @@
+"""python -m torchbeam montecarlo: configurations, processes, a cluster; stopped and taken up again."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import torch
+
+import torchbeam as tb
+from torchbeam.studies.uncertainty.command import main
+from torchbeam.studies.uncertainty.config import read
+
+MODEL = """
+import time
+import torch
+import torchbeam as tb
+
+torch.set_default_dtype(torch.float64)
+SHIFT = 1.0
+
+def function(theta):
+    time.sleep({wait})
+    return theta.prod(-1) + SHIFT * torch.ones(()), torch.where(theta[:, 0] > 1.9, 7, 0)
+
+laws = {{"a": (0.0, 2.0), "b": tb.laws.Normal(1.0, 0.2)}}
+n = 512
+replicates, chunk, sentences = 8, 16, {{7: "buckled"}}
+thresholds = (2.5,)
+"""
+
+
+@pytest.fixture
+def model(tmp_path, request):
+    """A configuration whose name no other test has loaded."""
+    def write(wait=0.0, **changed):
+        path = tmp_path / f"model_{request.node.name.partition('[')[0]}.py"
+        text = MODEL.format(wait=wait)
+        path.write_text(text + "\n".join(f"{name} = {value!r}" for name, value in changed.items()))
+        return path
+
+    yield write
+    for name in [name for name in sys.modules if name.startswith("model_")]:
+        del sys.modules[name]
+    sys.path[:] = [path for path in sys.path if path != str(tmp_path)]
+
+
+def summary(folder):
+    return json.loads((folder / "summary.json").read_text())
+
+
+def test_python(model, tmp_path, capsys):
+    """The numbers are those of the function's own call; files and table; a second call computes nothing."""
+    path = model()
+    assert main([str(path), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    config = read(path)
+    wanted = tb.monte_carlo(config.function, config.laws, 512, replicates=8)
+    found = summary(tmp_path / "out")
+    assert found["statistics"][0]["estimate"] == wanted.mean.item() and found["reasons"] == {"buckled": wanted.failed}
+    printed = capsys.readouterr().out
+    assert "P(y > 2.5)" in printed and "quantile 0.95" in printed and (tmp_path / "out" / "summary.csv").exists()
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "samples").glob("chunk*")}
+    assert len(before) == 32
+    assert main([str(path), "--out", str(tmp_path / "out")]) == 0
+    assert {p: p.stat().st_mtime_ns for p in before} == before and "512 were there" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ending", ["json", "toml"])
+def test_text(model, tmp_path, ending, monkeypatch):
+    """Laws by name, a correlation by pairs, a stream."""
+    model()
+    if ending == "json":
+        text = json.dumps({"function": "model_test_text.py:function", "n": 512, "keep": False, "replicates": 8,
+                           "dtype": "float64", "laws": {"a": [0, 2], "b": {"law": "normal", "mean": 1, "deviation": 0.2}},
+                           "correlation": {"a,b": 0.5}, "sentences": {"7": "buckled"}})
+    else:
+        pytest.importorskip("tomllib")
+        text = ('function = "model_test_text.py:function"\nn = 512\nkeep = false\nreplicates = 8\ndtype = "float64"\n'
+                '[laws]\na = [0, 2]\nb = {law = "normal", mean = 1, deviation = 0.2}\n[correlation]\n"a,b" = 0.5\n'
+                '[sentences]\n7 = "buckled"\n')
+    path = tmp_path / f"run.{ending}"
+    path.write_text(text)
+    assert main([str(path), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    laws = {"a": (0.0, 2.0), "b": tb.laws.Normal(1.0, 0.2)}
+    wanted = tb.monte_carlo_stream(read(path).function, laws, 512, replicates=8, correlation={("a", "b"): 0.5})
+    found = summary(tmp_path / "out")
+    assert found["statistics"][0]["estimate"] == wanted.mean.item() and list(found["reasons"]) == ["buckled"]
+
+
+BAD = {
+    "not there": ("none.json", None, "which is not there"),
+    "ending": ("run.txt", "", "ends in .py, .json or .toml"),
+    "no JSON": ("run.json", "{", "run.json cannot be read"),
+    "a list": ("run.json", "[]", "holds a list"),
+    "unknown": ("run.json", '{"function": "math:sin", "laws": {"a": [0, 1]}, "samples": 3}', "'samples' was given in run.json"),
+    "no laws": ("run.json", '{"function": "math:sin", "n": 4}', "run.json without laws"),
+    "no function": ("run.json", '{"function": "sin", "laws": {"a": [0, 1]}, "n": 4}', '"FILE.py:NAME" or "MODULE:NAME"'),
+    "no file": ("run.json", '{"function": "no.py:f", "laws": {"a": [0, 1]}, "n": 4}', "is not there"),
+    "no module": ("run.json", '{"function": "nomodule.x:f", "laws": {"a": [0, 1]}, "n": 4}', "is not there"),
+    "no such function": ("run.json", '{"function": "math:f", "laws": {"a": [0, 1]}, "n": 4}', "'math' has no 'f'"),
+    "law": ("run.json", '{"function": "math:sin", "laws": {"a": {"law": "x"}}, "n": 4}', "one of constant"),
+    "dtype": ("run.json", '{"function": "math:sin", "laws": {"a": [0, 1]}, "n": 4, "dtype": "half"}', "float32 or float64"),
+    "no n": ("run.json", '{"function": "torch:sin", "laws": {"a": [0, 1]}}', "without n was given"),
+    "a name of another": ("json.py", "n = 1", "another module is called 'json'"),
+    "of a stream": ("run.json", '{"function": "torch:sin", "laws": {"a": [0, 1]}, "n": 16, "keep": false, "until": 0.1}',
+                    "'until' was given with keep = False"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_refused(name, tmp_path, capsys):
+    file, text, sentence = BAD[name]
+    if text is not None:
+        (tmp_path / file).write_text(text)
+    with pytest.raises(SystemExit) as ended:
+        main([str(tmp_path / file), "--out", str(tmp_path / "out"), "--quiet"])
+    assert ended.value.code == 2 and sentence in capsys.readouterr().err
+
+
+def command(path, out, *further):
+    code = "import sys; from torchbeam.studies.uncertainty.command import main; sys.exit(main())"
+    return subprocess.Popen([sys.executable, "-c", code, str(path), "--out", str(out), *further], stdout=subprocess.PIPE,
+                            stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.long
+def test_processes_of_which_one_is_killed(model, tmp_path):
+    """Two workers; one is killed with SIGKILL, then the command itself; the same command ends with the same numbers."""
+    path = model(wait=0.1)
+    whole = command(path, tmp_path / "whole", "--workers", "2")
+    assert whole.wait(120) == 0
+    process = command(path, tmp_path / "killed", "--workers", "2")
+    until(lambda: chunks(tmp_path / "killed") >= 4, process)
+    workers = [int(x) for x in children(process.pid) if "spawn_main" in cmdline(x)]
+    os.kill(workers[0], signal.SIGKILL)
+    until(lambda: chunks(tmp_path / "killed") >= 12, process)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert 12 <= chunks(tmp_path / "killed") < 32
+    again = command(path, tmp_path / "killed", "--workers", "2")
+    assert again.wait(120) == 0 and "were there" in again.communicate()[1]
+    assert summary(tmp_path / "killed")["statistics"] == summary(tmp_path / "whole")["statistics"]
+
+
+@pytest.mark.long
+def test_cluster(model, tmp_path):
+    """Dask's own programs: one worker is killed with SIGKILL, one joins late, then the scheduler is lost; the run is resumed
+    with a new one: the same numbers as without any of that.
+    """
+    pytest.importorskip("distributed")
+    path = model(wait=0.15)
+    whole = command(path, tmp_path / "whole", "--quiet")
+    assert whole.wait(120) == 0
+    with Cluster(tmp_path, 1) as cluster:
+        process = command(path, tmp_path / "lost", "--scheduler", cluster.address)
+        until(lambda: chunks(tmp_path / "lost") >= 3, process)
+        cluster.add()  # joins late
+        until(lambda: chunks(tmp_path / "lost") >= 8, process)
+        cluster.workers[0].kill()
+        until(lambda: chunks(tmp_path / "lost") >= 14, process)
+        cluster.scheduler.kill()
+        assert process.wait(120) == 1 and "goes on where it was" in process.communicate()[1]
+    assert 14 <= chunks(tmp_path / "lost") < 32
+    with Cluster(tmp_path, 2) as cluster:
+        again = command(path, tmp_path / "lost", "--scheduler", cluster.address)
+        assert again.wait(120) == 0, again.communicate()[1]
+    assert summary(tmp_path / "lost")["statistics"] == summary(tmp_path / "whole")["statistics"]
+
+
+class Cluster:
+    """A scheduler and workers, each a process of its own, as on several hosts."""
+
+    def __init__(self, folder, workers):
+        self.file = folder / f"scheduler-{time.monotonic_ns()}.json"
+        self.scheduler = self._begin("scheduler", "--scheduler-file", self.file, "--port", "0", "--no-dashboard",
+                                     "--host", "127.0.0.1")
+        until(self.file.exists, self.scheduler)
+        time.sleep(0.2)  # written whole
+        self.address = json.loads(self.file.read_text())["address"]
+        self.workers = []
+        for _ in range(workers):
+            self.add()
+
+    def add(self):
+        self.workers.append(self._begin("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard",
+                                        "--death-timeout", "60"))
+
+    def _begin(self, *words):
+        return subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_" + words[0], *map(str, words[1:])],
+                                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+def chunks(folder):
+    return len(list(folder.glob("samples/chunk-*.pt")))
+
+
+def until(true, process, seconds=90):
+    end = time.monotonic() + seconds
+    while not true():
+        assert process.poll() is None, process.communicate()[1]
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def children(pid):
+    with open(f"/proc/{pid}/task/{pid}/children") as file:
+        return file.read().split()
+
+
+def cmdline(pid):
+    with open(f"/proc/{pid}/cmdline") as file:
+        return file.read()
+
+
+def test_a_folder_that_workers_do_not_see(tmp_path):
+    """A worker on another machine: the caller writes its chunks; the dtype there is the caller's."""
+    from concurrent.futures import Future
+    from dataclasses import replace
+
+    class Elsewhere:
+        def submit(self, job):
+            future = Future()
+            there = replace(job, folder=replace(job.folder, path=tmp_path / "nowhere"), caller=("another", 1))
+            torch.set_default_dtype(torch.float32)
+            future.set_result(there())
+            return future
+
+    laws = {"a": (0.0, 1.0), "b": (0.0, 1.0)}
+    found = tb.monte_carlo(lambda theta: theta * torch.ones(2), laws, 64, chunk=16, out=tmp_path / "run", executor=Elsewhere())
+    assert found.y.dtype == torch.float64 and len(list((tmp_path / "run").glob("chunk*"))) == 4
+    assert not (tmp_path / "nowhere").exists()

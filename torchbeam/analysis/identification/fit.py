@@ -1,0 +1,212 @@
+"""Fit: the result of an identification."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core import files
+from ...core.arguments import choice, number
+from ...solvers.least_squares import Found
+from ...solvers.region import Region
+from . import student
+from .bootstrap import Bootstrap, bootstrap
+from .problem import Problem
+from .profile import Profile, profiles
+from .readings import Readings
+from .refinement import refined
+from .result import REASON, conclusions
+from .table import table
+from .transform import Transform
+
+INTERVALS = ("laplace", "profile", "bootstrap")
+FORMAT = 1  # of saved fits
+LOST = ("problem", "transform", "readings")  # of the fields, those that are not saved as they are
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Result of `identify`, from the best of the starts.
+
+    theta       (p,) the parameters;  names (p,). `fit["EI"]` is one of them, of its own shape; offsets and drifts come last
+    covariance  (p, p) of the parameters: sigma^2 (J^T J)^-1, first order, where sigma is that given or else the misfit's own
+                over T - p degrees of freedom, `freedom` (inf: sigma was given); with priors, of the posterior. `deviation` (p,)
+                the roots of its diagonal, `correlation` (p, p). Parameters that the data do not tell apart have huge
+                deviations and a correlation near 1 or -1
+    y           (...) the model there, offsets and drifts included, as the data were given
+    misfit      RMS of y - data (over sigma, where given)
+    status      0 = converged, 1 = more iterations are wanted, 2 = no step makes the misfit smaller, 3 = not identifiable:
+                the data do not say where parameters are, and theta is no estimate of these; 4 = the model fails there; 5 = not
+                followed, as other starts were better at first (of `statuses` alone)
+    unidentifiable  a sentence for each parameter that ran away, 1e9 times its start, and for each direction in which the
+                parameters can change by their own size while the misfit stays; empty where all are determined. `open` (p,)
+                bool says which parameters these are about
+    hints       sentences about what looks wrong: units, a misfit above sigma, residuals that are alike, bounds that are reached
+    message     the status in words, with these sentences, and what the model raised at trials
+    iterations  evaluations of the model and its derivatives, less the first;  derivatives how these were found
+    history     (iterations + 1, starts, p) the parameters on the way
+    starts      (starts, p) where each start ended;  misfits (starts,) with what misfit, statuses (starts,)
+    readings    data beside the model's values, of each measurement
+    jacobian    (data, p) derivatives of the readings that were measured, over sigma, by the coordinates of the search
+    """
+
+    theta: Tensor
+    names: tuple[str, ...]
+    covariance: Tensor
+    y: Any
+    misfit: Tensor
+    status: int
+    iterations: int
+    history: Tensor
+    starts: Tensor
+    misfits: Tensor
+    statuses: Tensor
+    unidentifiable: tuple[str, ...] = ()
+    message: str = ""
+    hints: tuple[str, ...] = ()
+    open: Tensor = field(default_factory=lambda: torch.zeros(0, dtype=torch.bool))
+    freedom: float = torch.inf
+    derivatives: str = ""
+    shapes: dict[str, tuple[int, tuple[int, ...]]] = field(default_factory=dict)
+    x: Tensor = field(default_factory=lambda: torch.zeros(0))
+    x_covariance: Tensor = field(default_factory=lambda: torch.zeros(0, 0))
+    bounds: Tensor = field(default_factory=lambda: torch.zeros(0, 2))
+    transform: Transform | None = None
+    readings: tuple[Readings, ...] = ()
+    jacobian: Tensor = field(default_factory=lambda: torch.zeros(0, 0))
+    problem: Problem | None = None
+
+    @classmethod
+    def of(cls, problem: Problem, found: Found, region: Region, derivatives: str, tolerance: float) -> Fit:
+        """From what a search has found."""
+        return cls(**conclusions(problem, found, region, derivatives, tolerance))
+
+    @property
+    def deviation(self) -> Tensor:
+        return self.covariance.diagonal().sqrt()
+
+    @property
+    def correlation(self) -> Tensor:
+        return self.covariance / (self.deviation[:, None] * self.deviation)
+
+    def __getitem__(self, name: str) -> Tensor:
+        """One parameter by name, of its own shape."""
+        if name in self.shapes:
+            first, shape = self.shapes[name]
+            return self.theta[first:first + torch.Size(shape).numel()].reshape(shape)
+        if name not in self.names:
+            raise KeyError(f"{name!r} was asked for; there are {', '.join(self.names)}")
+        return self.theta[self.names.index(name)]
+
+    def interval(self, level: float = 0.95, method: str = "laplace", *, repeats: int = 500, seed: int = 0) -> Tensor:
+        """(p, 2) least and largest values that the data are compatible with, at a level of confidence.
+
+        "laplace"    from the covariance: quantiles of Student's t with `freedom`, in the coordinates of the search, so that
+                     what is positive by its logarithm stays so. Exact where the model is linear in them
+        "profile"    where the least misfit, over all other parameters, rises by as much as that quantile says: the model's
+                     curvature counts. A batch of some ten fits for each parameter
+        "bootstrap"  from `repeats` fits, as one batch, of data that the fitted model and noise make
+
+        What the data do not determine goes from end to end of what it can be. All of them take the model as right and the noise
+        as independent; see `hints`.
+        """
+        choice("method", method, INTERVALS)
+        tail = _tail(level)
+        if method == "bootstrap":
+            found = self.bootstrap(repeats, seed=seed).interval(level)
+        elif method == "profile":
+            found = torch.stack([one.interval for one in self.profile(level=level)])
+        else:
+            away = student.quantile(1 - tail, self.freedom) * self.x_covariance.diagonal().sqrt()
+            found = torch.stack([self.transform.theta(end) for end in (self.x - away, self.x + away)], -1)
+        return self._within(found)
+
+    def profile(self, *names: str, level: float = 0.95) -> tuple[Profile, ...]:
+        """Profile likelihoods of the parameters (all), see `interval`."""
+        for name in names:
+            if name not in self.names:
+                raise ValueError(f"the parameter {name!r} was given; there are {', '.join(self.names)}")
+        which = [self.names.index(name) for name in names] or [*range(len(self.names))]
+        return profiles(self._problem("profile"), self.x, self.x_covariance, which,
+                        student.quantile(1 - _tail(level), self.freedom), self._scale)
+
+    def bootstrap(self, repeats: int = 500, *, seed: int = 0) -> Bootstrap:
+        """Fits of so many sets of data that the fitted model and noise make, followed as one batch from here."""
+        return bootstrap(self._problem("bootstrap"), self.x, self._scale, repeats, seed)
+
+    def refined(self, model: Any) -> Fit:
+        """The fit that a finer model finds, of a finer mesh or shorter steps: its readings with the derivatives of the model
+        at hand, by Gauss-Newton steps until these are a hundredth of a deviation (defect correction; Boehmer and Stetter 1984).
+        Some evaluations of one sample each, in place of a search with the finer model. What the parameters move by is the
+        error that the mesh has brought in.
+
+        model  as `identify` was given, for the same parameters and data
+
+        Raises ValueError where the finer model fails, or the steps do not become smaller: the models differ too much.
+        """
+        return Fit.of(*refined(self._problem("refined fit"), model, self.x, self.jacobian, self._scale), self.derivatives, 1e-6)
+
+    def summary(self, level: float = 0.95) -> str:
+        """A table for the reader: parameters with their intervals, the misfit, what is not told, and hints."""
+        return table(self, level, REASON)
+
+    def save(self, path: str | Path) -> None:
+        """Write all but the model into a file. Raises files.NotWritten (an OSError) where that fails."""
+        plain = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in LOST}
+        readings = [dict(vars(r)) for r in self.readings]
+        files.save(path, {"torchbeam fit": FORMAT, **plain, "transform": dict(vars(self.transform)), "readings": readings})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Fit:
+        """A fit from its file: without the model, so without profiles and bootstrap. Raises ValueError for another file."""
+        try:
+            given = torch.load(path, weights_only=True)
+        except Exception as error:
+            if isinstance(error, OSError):
+                raise
+            given = None
+        if not isinstance(given, dict) or given.pop("torchbeam fit", None) != FORMAT:
+            raise ValueError(f"the file {str(path)!r} was given, which is no saved fit of this version; one is wanted")
+        return cls(**{**given, "transform": Transform(**given["transform"]),
+                      "readings": tuple(Readings(**r) for r in given["readings"])})
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{n} = {v:.5g} +- {d:.2g}" for n, v, d in
+                          zip(self.names, self.theta.tolist(), self.deviation.tolist(), strict=True))
+        return f"Fit({found}; misfit {self.misfit.item():.3g}, {REASON[self.status]} in {self.iterations}" + (
+            f"; {'; '.join(self.unidentifiable)}" if self.unidentifiable else "") + ")"
+
+    @property
+    def _scale(self) -> float:
+        """Standard deviation of the weighted data: 1 where sigma was given."""
+        if self.freedom == torch.inf:
+            return 1.0
+        numbers = self.freedom + len(self.theta)
+        return self.misfit.item() * (numbers / self.freedom) ** 0.5
+
+    def _problem(self, what: str) -> Problem:
+        if self.problem is None:
+            raise ValueError(f"a {what} of a fit from a file was asked for, which has no model; one from tb.identify is wanted")
+        if bool(self.open.all()):
+            raise ValueError(f"a {what} of a fit that determines nothing was asked for")
+        return self.problem
+
+    def _within(self, interval: Tensor) -> Tensor:
+        """Cut at bounds; of parameters that are not determined, all that they can be."""
+        least, largest = self.bounds.unbind(-1)
+        least = torch.where(self.transform.log, least.clamp(min=0), least)
+        all_ = torch.stack((least, largest), -1)
+        low, high = interval.unbind(-1)
+        found = torch.stack((torch.maximum(low, least), torch.minimum(high, largest)), -1)
+        return torch.where(self.open[:, None] | ~torch.isfinite(found).all(-1, keepdim=True) & found.isnan(), all_, found)
+
+
+def _tail(level: float) -> float:
+    level = number("level", level)
+    if not 0 < level < 1:
+        raise ValueError(f"level = {level:g} was given; one between 0 and 1 is wanted")
+    return (1 - level) / 2

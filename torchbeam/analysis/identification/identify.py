@@ -1,0 +1,165 @@
+"""Identification: parameters of models from data, by damped Gauss-Newton steps from several starts at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.arguments import boolean, choice, count
+from ...core.arguments import tolerance as check_tolerance
+from ...core.validation import Value
+from ...solvers.lbfgs import descend
+from ...solvers.least_squares import Found, search
+from ...solvers.region import Region
+from .fit import Fit
+from .measurement import Measurement
+from .parameters import Parameters
+from .problem import Model, Problem, experiments_of
+
+DERIVATIVES = ("auto", "forward", "difference", "adjoint")
+STEP = 1e-4  # of differences
+COARSE = 10.0  # times that: another step, which finds the same derivatives where differences are good
+SAME = 1e-3  # of a column of J
+
+
+def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: bool = False,
+             bounds: tuple[Value, Value] | None = None, sigma: Value | None = None, absolute_sigma: bool = True,
+             names: Sequence[str] | None = None, starts: int = 1, spread: float = 3.0, follow: int = 32, seed: int = 0,
+             derivatives: str = "auto", relative_step: float | None = None, iterations: int = 50, tolerance: float = 1e-6,
+             progress: bool = False) -> Fit:
+    """Parameters theta for which model(theta) is nearest to the data, in the sum of squares over sigma.
+
+    model        theta -> y, batched: sample i of y depends on sample i of theta alone. theta is (N, p), or name -> (N, *shape)
+                 where parameters have names. y (N, ...) is as the data; or (y, status (N,)), 0 = success; or the `Solution` of
+                 N samples, which the measurements read
+    data         (...) as y without its first axis; NaN where nothing was measured. Or a `Measurement`, which has noise, times,
+                 sensor, offset and drift; or several of one experiment, in a list: y is then a list too, or a Solution.
+                 name -> any of these: several experiments; then `model` is name -> model, or one for all
+    start        (p,), or (starts, p) to be followed all at once, as one batch: the best end counts; or name -> `Parameter`,
+                 number or tensor. Parameters are all experiments', but for those that are each one's own
+    starts       so many, drawn about the one that was given, within a factor of `spread`; between bounds where there are two
+    follow       of these, so many that fit best are followed; the others are evaluated once
+    log          search in log theta (theta is positive): for stiffness, mass and damping
+    bounds       (least, largest) of theta, (p,) each: a step that leaves them is cut, and goes along them
+    sigma        (...) standard deviation of the data: weights them, and scales the covariance
+    absolute_sigma  False: sigma (of measurements too) weighs the data, but the size of the noise is that of the misfit
+    derivatives  "difference": central differences of `relative_step` (1e-4), a batch of 2 p times the starts, which run on the
+                 compiled engine. "forward": forward mode, the p directions as a batch, by eager steps. "adjoint": the gradient
+                 of the squares by reverse mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond
+                 some hundreds; it takes more iterations, one start after the other, no bounds. "auto": differences, where those
+                 of ten times the step agree with them to 1e-3 at the start, and else forward mode
+    tolerance    of the largest step, relative to theta (of log theta, absolute); also, squared, of the decrease of the squares
+    progress     a line of progress (tqdm)
+
+    Levenberg's and Marquardt's method: (J^T J + lambda diag(J^T J)) step = -J^T r, lambda raised until the squares go down,
+    each start by itself. (Nocedal and Wright 2006, section 10.3.) No step changes a parameter by more than ten times its size
+    (with `log`: by a factor of more than ten), or takes it beyond 1e9 times its start. A trial at which the model raises, has a
+    status, or is not finite is a step that is not taken: a shorter one is tried. Starts that are done, or fail, are no longer
+    evaluated.
+
+    A parameter that ran away is named in `unidentifiable`, and so are parameters, or changes of several together, that change
+    the misfit by no more than `tolerance` of itself, or than rounding, where they change by their own size. The status is then
+    never 0.
+
+    Raises ValueError for a model whose output does not fit the data, for starts at none of which it is finite, fewer data than
+    parameters, data without a number; what the model raises at all starts goes through.
+    """
+    choice("derivatives", derivatives, DERIVATIVES)
+    check_tolerance("tolerance", tolerance)
+    boolean("progress", progress)
+    limit = count("iterations", iterations)
+    step = STEP if relative_step is None else check_tolerance("relative_step", relative_step)
+    experiments = experiments_of(model, data, sigma)
+    like = [m.values for e in experiments for m in e.measurements]
+    if not isinstance(start, Mapping) and not any(isinstance(d, Measurement) for d in _each(data)):
+        like = _each(data)
+    parameters = Parameters.of(start, log, bounds, names, [e.name for e in experiments if e.name is not None], like)
+    if bounds is not None and derivatives == "adjoint":
+        raise ValueError("bounds were given with derivatives = 'adjoint', which takes none; 'difference' and 'forward' do")
+    parameters = parameters.more_starts(starts, spread, seed)
+    problem = replace(Problem.of(experiments, parameters, boolean("absolute_sigma", absolute_sigma)), relative_step=step)
+    parameters = problem.parameters
+    x = parameters.x
+    region = Region(x, parameters.size, parameters.transform.additive, *parameters.bounds(x), problem.target)
+    with torch.no_grad():
+        way = derivatives if derivatives in ("forward", "difference") else _chosen(problem, x)
+        problem = replace(problem, method=way)
+        with _line(progress, len(x)) as report:
+            if derivatives == "adjoint":
+                found = _by_adjoint(problem, x, region, limit, tolerance)
+            else:
+                most = count("follow", follow) if starts > 1 else None
+                found = search(problem, x, region, limit, tolerance, follow=most, progress=report)
+        return Fit.of(problem, found, region, derivatives if derivatives == "adjoint" else way, tolerance)
+
+
+def _each(data: Any) -> list[Any]:
+    parts = list(data.values()) if isinstance(data, Mapping) else [data]
+    return [d for part in parts for d in (part if isinstance(part, (list, tuple)) and any(
+        isinstance(one, Measurement) for one in part) else [part])]
+
+
+def _chosen(problem: Problem, x: Tensor) -> str:
+    """"difference" where these do not depend on their step at the first start that has a Jacobian, else "forward"."""
+    m = problem.parameters.model
+    for k in range(len(x)):
+        which = torch.tensor([k], device=x.device)
+        try:
+            r, J = problem.linearised(x[k:k + 1], which)
+        except Exception:
+            if len(x) == 1:
+                raise
+            continue
+        coarse = replace(problem, relative_step=COARSE * problem.relative_step)
+        try:
+            _, other = coarse.linearised(x[k:k + 1], which, r)
+        except Exception:  # it raises there, or is not finite: nothing is known against differences
+            return "difference"
+        if not torch.isfinite(J).all() or not torch.isfinite(other).all():
+            continue
+        off = torch.linalg.vector_norm(J - other, dim=1)[0, :m] - SAME * torch.linalg.vector_norm(J, dim=1)[0, :m]
+        rounding = 10 * torch.finfo(x.dtype).eps / problem.steps(x[k:k + 1])[0, :m]
+        return "difference" if (off <= rounding * torch.linalg.vector_norm(r + problem.target[:1])).all() else "forward"
+    return "difference"
+
+
+def _by_adjoint(problem: Problem, x: Tensor, region: Region, iterations: int, tolerance: float) -> Found:
+    def objective(at: Tensor, k: int) -> Tensor:
+        which = torch.tensor([k], device=x.device)
+        return problem.residuals(at, which).square().sum() + 2 * problem.objective_prior(at).sum()
+
+    x, status, history, raised = descend(objective, x, region, iterations, tolerance)
+    every = torch.arange(len(x), device=x.device)
+    try:
+        r, J = problem.linearised(x, every)
+    except Exception:  # next to where the search ended, maybe: forward mode looks at that alone
+        r, J = replace(problem, method="forward").linearised(x, every)
+    return Found(x, r, J, status, history, raised)
+
+
+def _tqdm() -> Any:
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        return None
+    return tqdm
+
+
+@contextmanager
+def _line(wanted: bool, starts: int) -> Iterator[Callable[[int, int, float], None] | None]:
+    """What shows a line of progress; None where none is wanted, or tqdm is not installed."""
+    bar_of = _tqdm() if wanted else None
+    if bar_of is None:
+        yield None
+        return
+    with bar_of(total=starts, desc="identify", unit="start") as bar:
+        def report(iteration: int, active: int, squares: float) -> None:
+            bar.set_postfix_str(f"iteration {iteration}, squares {squares:.4g}", refresh=False)
+            bar.update(starts - active - bar.n)
+            bar.refresh()
+        yield report

@@ -1,0 +1,134 @@
+"""Measurement: what an instrument recorded, with its noise, its clock, its offset and drift."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.arguments import boolean
+from ...core.validation import Value, as_tensor, common_dtype, finite, positive
+from ...sensors import Sensor
+from ...sensors.observe import observe
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """Values of an instrument with one or more channels.
+
+    values  (times, *channels) in the unit of the model's readings, or of any shape where there are no times; NaN: missing
+    sigma   standard deviation of the noise, in that unit, that broadcasts with `values`: a number, or one for each channel
+            (channels,). None = not known: one for all data, estimated from the misfit
+    times   (times,) s by the instrument's clock, in any order
+    sensor  of tb.sensors, or a function of states: then a model may return a `Solution`, which is read by `tb.observe`
+    rate    the sensor's rate is what was measured: of a velocity the acceleration
+    delay   s by which the readings lag; or the name of a parameter that is it
+    clock   relative error of the clock, or the name of a parameter that is it: where it shows s, (1 + clock) s have passed
+    offset  each channel reads a constant more than what is there, a parameter beside the others
+    drift   each channel reads a straight line more, per s, or per the series' length where it has no times
+    name    in sentences and pictures; None = the sensor's
+
+    Raises ValueError for values without a number, other shapes, a sigma that is not positive, a sensor without times.
+    """
+
+    values: Any
+    sigma: Any = None
+    times: Any = None
+    sensor: Sensor | Callable[[Any], Tensor] | None = None
+    rate: bool = False
+    delay: Value | str = 0.0
+    clock: Value | str = 0.0
+    offset: bool = False
+    drift: bool = False
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        dtype, device = common_dtype(self.values)
+        values = as_tensor(self.values, dtype, device).detach()
+        if values.isnan().all():
+            raise ValueError(f"{self._of} of {values.numel()} numbers, all NaN, were given; some that were measured are wanted")
+        if values.isinf().any():
+            raise ValueError(f"{self._of} hold infinite numbers; finite ones are wanted, and NaN where nothing was measured")
+        object.__setattr__(self, "values", values)
+        for name in ("rate", "offset", "drift"):
+            boolean(name, getattr(self, name))
+        if self.sigma is not None:
+            sigma = positive("sigma", as_tensor(self.sigma, dtype, device)).detach()
+            try:
+                sigma = sigma.expand(values.shape)
+            except RuntimeError:
+                raise ValueError(f"sigma of shape {tuple(sigma.shape)} was given for {self._of} of shape "
+                                 f"{tuple(values.shape)}; one that broadcasts is wanted") from None
+            object.__setattr__(self, "sigma", sigma)
+        if self.times is not None:
+            times = finite("times", as_tensor(self.times, dtype, device)).detach()
+            if times.ndim != 1 or not values.ndim or len(times) != len(values):
+                raise ValueError(f"times of shape {tuple(times.shape)} were given for {self._of} of shape "
+                                 f"{tuple(values.shape)}; (times,) for values (times, ...) are wanted")
+            object.__setattr__(self, "times", times)
+        if self.sensor is not None and self.times is None:
+            raise ValueError("a sensor was given to a Measurement without times; times=(times,) are wanted")
+        for name in ("delay", "clock"):
+            if not isinstance(getattr(self, name), str):
+                object.__setattr__(self, name, finite(name, as_tensor(getattr(self, name), dtype, device)))
+
+    @classmethod
+    def of(cls, data: Any, sigma: Any) -> Measurement:
+        """Of bare data, or as it is."""
+        if isinstance(data, Measurement):
+            if sigma is not None:
+                raise ValueError("sigma was given beside a Measurement; Measurement(values, sigma=...) is wanted")
+            return data
+        return cls(data, sigma)
+
+    @property
+    def _of(self) -> str:
+        return "data" if self.name is None else f"data of {self.name!r}"
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of parameters that it wants."""
+        return tuple(v for v in (self.delay, self.clock) if isinstance(v, str))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """One for each channel."""
+        channels = self.values.shape[1:].numel() if self.times is not None or self.values.ndim > 1 else 1
+        of = isinstance(self.sensor, Sensor) and self.sensor.size == channels
+        name = self.name or (self.sensor.name if of else "")
+        if channels == 1:
+            return (name,)
+        return tuple(f"{name} {label}".strip() for label in (self.sensor.labels if of else map(str, range(channels))))
+
+    def read(self, solution: Any, parameters: Mapping[str, Tensor] | None = None) -> Tensor:
+        """Readings (N, *values.shape) of a solution of N samples; `parameters` (N,) by name where delay or clock are some."""
+        if self.sensor is None:
+            raise ValueError("a model that gave a Solution was given with data without a sensor; "
+                             "tb.Measurement(values, times=..., sensor=...) is wanted")
+        delay, clock = (parameters[v] if isinstance(v, str) else v for v in (self.delay, self.clock))
+        times = self.times * (1 + clock) if not clock.ndim else self.times[:, None] * (1 + clock)
+        found = observe(solution, self.sensor, times, delay=delay, rate=self.rate)
+        if found.ndim < 2:
+            raise ValueError("a model that gave a Solution without batch axes was given; one sample for each row of theta is "
+                             "wanted")
+        return found.movedim(0, 1).reshape(found.shape[1], *self.values.shape) if (
+            found[:, 0].numel() == self.values.numel()) else found.movedim(0, 1)
+
+    def nuisance(self) -> tuple[tuple[str, ...], Tensor]:
+        """Names (q,) and basis (q, *values.shape) of its own linear parameters."""
+        values = self.values
+        channels = values.shape[1:] if self.times is not None or values.ndim > 1 else ()
+        along = self.times if self.times is not None else torch.linspace(0, 1, len(values) if values.ndim else 1).to(values)
+        shapes = [(name, shape) for name, shape in (("offset", torch.ones_like(along)), ("drift", along))
+                  if getattr(self, name)]
+        names, basis = [], []
+        for name, shape in shapes:
+            for k, label in enumerate(self.labels):
+                one = torch.zeros(len(along), channels.numel() if channels else 1).to(values)
+                one[:, k] = shape
+                basis.append(one.reshape(values.shape))
+                names.append(f"{name} of {label}" if label else name)
+        return tuple(names), torch.stack(basis) if basis else values.new_zeros(0, *values.shape)

@@ -1,0 +1,94 @@
+"""Parameter: one quantity to be identified, with its start, coordinate, bounds and prior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.distributions import Distribution
+
+from ...core.arguments import boolean, choice
+from ...core.validation import Value, as_tensor, common_dtype, finite, positive
+from .transform import TRANSFORMS
+
+
+@dataclass(frozen=True, eq=False)
+class Parameter:
+    """A quantity to be identified, a number or a tensor of them.
+
+    start      where the search begins, of any shape
+    transform  None: searched as it is; "log": its logarithm, for what is positive (stiffness, mass, damping); "logit": of its
+               place between the bounds, which it then never touches
+    bounds     (least, largest), numbers or tensors like `start`
+    prior      of torch.distributions, what is known beforehand of theta itself: minus its logarithm is added to half the
+               squares over sigma, so that the estimate is that of the largest posterior density of theta
+    scale      size of a change that matters, for what starts at zero. None = |start|, or the deviation of the prior, or the
+               width of the bounds
+    own        one for each experiment, in place of one for all; named "experiment.name"
+
+    Raises ValueError for a start outside of bounds or prior, "logit" without bounds, a prior of vectors.
+    """
+
+    start: Any
+    transform: str | None = None
+    bounds: tuple[Value, Value] | None = None
+    prior: Distribution | None = None
+    scale: Value | None = None
+    own: bool = False
+
+    def __post_init__(self) -> None:
+        choice("transform", self.transform, TRANSFORMS)
+        boolean("own", self.own)
+        dtype, device = common_dtype(self.start)
+        start = finite("start", as_tensor(self.start, dtype, device)).detach()
+        object.__setattr__(self, "start", start)
+        if self.transform == "log":
+            positive("a start by its logarithm", start)
+        if self.transform == "logit" and self.bounds is None:
+            raise ValueError("the transform 'logit' was given without bounds; bounds=(least, largest) are wanted")
+        if self.bounds is not None:
+            object.__setattr__(self, "bounds", self._bounds())
+        if self.scale is not None:
+            object.__setattr__(self, "scale", positive("scale", as_tensor(self.scale, dtype, device)).expand_as(start))
+        if self.prior is not None:
+            self._check_prior()
+
+    def _bounds(self) -> tuple[Tensor, Tensor]:
+        start = self.start
+        if not isinstance(self.bounds, (tuple, list)) or len(self.bounds) != 2:
+            raise ValueError(f"bounds = {self.bounds!r} were given; (least, largest) is wanted")
+        least, largest = (as_tensor(b, start.dtype, start.device).expand_as(start) for b in self.bounds)
+        ends = largest < torch.inf, least > -torch.inf
+        inside = (least < start) & (start < largest) if self.transform == "logit" else (least <= start) & (start <= largest)
+        if not inside.all() or not (least < largest).all() or (self.transform == "logit" and not (ends[0] & ends[1]).all()):
+            raise ValueError(f"bounds from {least.min().item():g} to {largest.max().item():g} were given for a start of "
+                             f"{start.flatten()[0].item():g}; finite ones with it between them are wanted")
+        return least, largest
+
+    def _check_prior(self) -> None:
+        if not isinstance(self.prior, Distribution) or self.prior.event_shape or not self.prior.support.event_dim == 0:
+            raise ValueError(f"the prior {self.prior!r} was given; one of torch.distributions, of single numbers, is wanted")
+        try:
+            density = self.prior.log_prob(self.start.clone())
+        except ValueError:
+            density = torch.tensor(-torch.inf)
+        if not torch.isfinite(density).all():
+            raise ValueError(f"a start of {self.start.flatten()[0].item():g} was given, which the prior {self.prior} does not "
+                             "know; one that it does is wanted")
+
+    @property
+    def size(self) -> Tensor:
+        """Size of a change that matters, like `start`; 0 where it is not known."""
+        start = self.start
+        if self.scale is not None:
+            return self.scale
+        size = start.abs()
+        if self.prior is not None:
+            spread = torch.as_tensor(self.prior.stddev, dtype=start.dtype, device=start.device).expand_as(start)
+            size = torch.where((size == 0) & torch.isfinite(spread), spread, size)
+        if self.bounds is not None:
+            width = self.bounds[1] - self.bounds[0]
+            size = torch.where((size == 0) & torch.isfinite(width), width / 2, size)
+        return size

@@ -1,0 +1,177 @@
+"""All parameters of an identification as one vector: names, places, coordinates, priors, starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.distributions import Distribution
+
+from ...core.arguments import count
+from ...core.validation import Value, as_tensor, common_dtype, finite, positive
+from .parameter import Parameter
+from .transform import Transform
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One parameter's place in the vector: numbers first to first + size - 1, of a shape; `experiment` whose own it is."""
+
+    name: str
+    first: int
+    shape: tuple[int, ...]
+    experiment: str | None = None
+    prior: Distribution | None = None
+
+    @property
+    def size(self) -> int:
+        return max(1, int(torch.Size(self.shape).numel()))
+
+    @property
+    def place(self) -> slice:
+        return slice(self.first, self.first + self.size)
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Layout of the vector theta (p,): those of the model, then those of the measurements (offsets, drifts).
+
+    names    (p,) of the numbers;  entries  of named parameters; none where the model takes the vector itself
+    start    (S, p) theta;  size (p,) of changes that matter, 0 = not known;  least, largest (p,) bounds
+    model    how many of the numbers the model takes
+    """
+
+    names: tuple[str, ...]
+    entries: tuple[Entry, ...]
+    transform: Transform
+    start: Tensor
+    size: Tensor
+    least: Tensor
+    largest: Tensor
+    model: int
+    by_name: bool = field(default=False)
+
+    @classmethod
+    def of(cls, start: Any, log: bool, bounds: tuple[Value, Value] | None, names: Sequence[str] | None,
+           experiments: Sequence[str], like: Any) -> Parameters:
+        """From what `identify` was given; `like`: data, whose dtype it is where the start has none."""
+        if isinstance(start, Mapping):
+            if bounds is not None or names is not None:
+                raise ValueError("bounds or names were given beside parameters by name; tb.Parameter(start, bounds=...) is "
+                                 "wanted")
+            return _named(start, log, experiments, common_dtype(*_numbers(start), like))
+        dtype, device = common_dtype(start, like)
+        start = finite("start", as_tensor(start, dtype, device)).detach()
+        start = start[None] if start.ndim == 1 else start
+        if start.ndim != 2:
+            raise ValueError(f"a start of shape {tuple(start.shape)} was given; (p,) or (starts, p) is wanted")
+        p = start.shape[1]
+        names = tuple(names) if names is not None else tuple(f"theta[{i}]" for i in range(p))
+        if len(names) != p:
+            raise ValueError(f"{len(names)} names were given for {p} parameters")
+        low, high = (start.new_full((p,), end) for end in (-torch.inf, torch.inf))
+        least, largest = (low, high) if bounds is None else (as_tensor(b, dtype, device).expand(p) for b in bounds)
+        if log:
+            positive("start", start)
+            positive("bounds", least.clamp(min=0) if bounds is None else least, zero=True)
+        every = torch.full((p,), bool(log), device=device)
+        return cls(names, (), Transform(every, torch.zeros_like(every), low, high), start, start[0].abs(), least, largest, p)
+
+    @property
+    def priors(self) -> tuple[Entry, ...]:
+        return tuple(e for e in self.entries if e.prior is not None)
+
+    @property
+    def x(self) -> Tensor:
+        """(S, p) coordinates of the starts."""
+        return self.transform.x(self.start)
+
+    def bounds(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Bounds (like x) of coordinates."""
+        T = self.transform
+        zero = torch.zeros_like(self.least)
+        logs = (torch.where(T.log, b.clamp(min=0), zero + 1).log() for b in (self.least, self.largest))
+        low, high = (torch.where(T.log, new, b) for new, b in zip(logs, (self.least, self.largest), strict=True))
+        return (torch.where(T.logit, -torch.inf, low).expand_as(x), torch.where(T.logit, torch.inf, high).expand_as(x))
+
+    def given(self, theta: Tensor, experiment: str | None = None) -> Any:
+        """What a model takes: (N, p), or name -> (N, *shape) of the parameters of an experiment and of all."""
+        if not self.by_name:
+            return theta[:, :self.model]
+        return {e.name: theta[:, e.place].reshape(len(theta), *e.shape) for e in self.entries
+                if e.experiment in (None, experiment)}
+
+    def more_starts(self, starts: int, spread: float, seed: int) -> Parameters:
+        """With so many starts, the first as given, the others at random (scrambled Sobol) within a factor of `spread`; between
+        bounds where a parameter has two.
+        """
+        if count("starts", starts) == 1:
+            return self
+        if len(self.start) > 1:
+            raise ValueError(f"starts = {starts} was given beside {len(self.start)} starts; one of them is wanted")
+        if not spread > 1:
+            raise ValueError(f"spread = {spread} was given; a factor above 1 is wanted")
+        first, T = self.start[0], self.transform
+        u = torch.quasirandom.SobolEngine(self.model, scramble=True, seed=seed).draw(starts - 1, dtype=torch.float64).to(first)
+        u = torch.nn.functional.pad(u, (0, len(first) - self.model), value=0.5)
+        factor = spread ** (2 * u - 1)
+        size = torch.where(first == 0, self.size, 0)
+        theta = first * factor + size * (2 * u - 1)
+        between = torch.isfinite(self.least) & torch.isfinite(self.largest)
+        least, largest = (torch.where(between, b, 0) for b in (self.least, self.largest))
+        theta = torch.where(between & ~T.log, least + (largest - least) * u, theta)
+        theta = torch.maximum(torch.minimum(theta, self.largest), self.least)
+        return Parameters(**{**vars(self), "start": torch.cat((self.start, theta))})
+
+    def with_nuisance(self, names: Sequence[str]) -> Parameters:
+        """With so many linear parameters of measurements behind the others, from zero on."""
+        q = len(names)
+        if not q:
+            return self
+        none, T = torch.zeros(q, dtype=torch.bool, device=self.start.device), self.transform
+
+        def longer(x: Tensor, value: float) -> Tensor:
+            return torch.nn.functional.pad(x, (0, q), value=value)
+
+        transform = Transform(torch.cat((T.log, none)), torch.cat((T.logit, none)), longer(T.low, 0.0), longer(T.high, 0.0))
+        return Parameters((*self.names, *names), self.entries, transform, longer(self.start, 0.0), longer(self.size, 0.0),
+                          longer(self.least, -torch.inf), longer(self.largest, torch.inf), self.model, self.by_name)
+
+
+def _numbers(start: Mapping[str, Any]) -> list[Any]:
+    return [p.start if isinstance(p, Parameter) else p for p in start.values()]
+
+
+def _named(start: Mapping[str, Any], log: bool, experiments: Sequence[str], kind: tuple) -> Parameters:
+    """Vector of named parameters, shared ones and one of each experiment's own."""
+    if not start:
+        raise ValueError("no parameters were given; one at least is wanted")
+    entries, given, names, first = [], [], [], 0
+    for name, one in start.items():
+        if not isinstance(name, str):
+            raise ValueError(f"a parameter named {name!r} was given; text is wanted")
+        one = one if isinstance(one, Parameter) else Parameter(as_tensor(one, *kind), transform="log" if log else None)
+        if one.own and len(experiments) < 2:
+            raise ValueError(f"the parameter {name!r}, own to each experiment, was given with one; several are wanted")
+        for experiment in experiments if one.own else (None,):
+            entry = Entry(name, first, tuple(one.start.shape), experiment, one.prior)
+            full = name if experiment is None else f"{experiment}.{name}"
+            names += [full] if not entry.shape else [f"{full}[{i}]" for i in range(entry.size)]
+            entries.append(entry)
+            given.append(one)
+            first += entry.size
+
+    def joined(read: Any, like: Any = lambda one: one.start) -> Tensor:
+        numbers = [torch.as_tensor(read(one)).to(kind[1], kind[0]) for one in given]
+        return torch.cat([x.expand_as(like(one)).flatten() for x, one in zip(numbers, given, strict=True)])
+
+    low, high = (joined(lambda one, end=end, i=i: one.bounds[i] if one.bounds is not None else torch.tensor(end))
+                 for i, end in enumerate((-torch.inf, torch.inf)))
+    logs, logits = (joined(lambda one, name=name: float(one.transform == name)).bool() for name in ("log", "logit"))
+    zero = torch.zeros_like(low)
+    transform = Transform(logs, logits, torch.where(logits, low, zero), torch.where(logits, high, zero))
+    start, size = joined(lambda one: one.start)[None], joined(lambda one: one.size)
+    return Parameters(tuple(names), tuple(entries), transform, start, size, low, high, first, True)

@@ -1,0 +1,244 @@
+"""Problem: weighted misfits of experiments as a function of the parameters, and their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.validation import concrete
+from ...solvers.jacobian import difference, forward
+from ...solvers.least_squares import OtherShape
+from ...state.solution import Solution
+from .measurement import Measurement
+from .parameters import Parameters
+
+Model = Callable[[Any], Any]  # theta -> y (N, ...), Solution, (y, status (N,)); or a tuple of y, one for each measurement
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A model and what was measured of it; `single`: its data were given as one."""
+
+    name: str | None
+    model: Model
+    measurements: tuple[Measurement, ...]
+    single: bool
+
+    def values(self, parameters: Parameters, theta: Tensor) -> Tensor:
+        """Readings (N, numbers) of all its measurements, in a row; NaN of samples that failed."""
+        given = parameters.given(theta, self.name)
+        y, status = _with_status(self.model(given), len(theta))
+        if isinstance(y, Solution):
+            status = y.status if status is None else torch.where(status == 0, y.status, status)
+            parts = [m.read(y, given if isinstance(given, dict) else None) for m in self.measurements]
+        else:
+            parts = [y] if self.single else y
+        wanted = [(len(theta), *m.values.shape) for m in self.measurements]
+        if not isinstance(parts, (list, tuple)) or not all(isinstance(part, Tensor) for part in parts):
+            raise OtherShape(f"a model that gave a {type(y).__name__} was given; a tensor {wanted[0]}"
+                             f"{'' if self.single else ' and so on, one for each measurement,'} or a Solution is wanted")
+        for part, shape in zip(parts, wanted, strict=False):
+            if tuple(part.shape) != shape:
+                what = f"theta {tuple(theta.shape)}" if not parameters.by_name else f"{len(theta)} samples"
+                raise OtherShape(f"a model that gave {tuple(part.shape)} for {what} was given; {shape} is wanted")
+        if len(parts) != len(wanted):
+            raise OtherShape(f"a model that gave {len(parts)} tensors was given for {len(wanted)} measurements")
+        found = torch.cat([part.reshape(len(theta), -1) for part in parts], -1)
+        if status is None or not (concrete(status) != 0).any():
+            return found
+        if tuple(status.shape) != (len(theta),):
+            raise OtherShape(f"a model that gave a status {tuple(status.shape)} was given; ({len(theta)},) is wanted")
+        return torch.where((status == 0)[:, None], found, torch.nan)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Least squares of all experiments: r(x) = (y + nuisance - data) / sigma, and minus the logarithm of priors.
+
+    known       (all numbers,) bool: which were measured;  weight (T,) of those
+    target      (1 or S, T): weighted data, one set for all starts or each its own;  sigma_given: it is that of the noise
+    nuisance    (q, all numbers): how linear parameters of measurements enter;  basis (q, T) the same, weighted
+    method      "forward" or "difference", of relative_step
+    """
+
+    experiments: tuple[Experiment, ...]
+    parameters: Parameters
+    known: Tensor
+    weight: Tensor
+    target: Tensor
+    nuisance: Tensor
+    basis: Tensor
+    sigma_given: bool
+    method: str = "difference"
+    relative_step: float = 1e-4
+
+    @classmethod
+    def of(cls, experiments: Sequence[Experiment], parameters: Parameters, absolute_sigma: bool = True) -> Problem:
+        """From experiments and the parameters of their models; those of their measurements are added."""
+        every = [(e, m) for e in experiments for m in e.measurements]
+        given = {m.sigma is not None for _, m in every}
+        if len(given) > 1:
+            raise ValueError("measurements with sigma and without were given; all or none are wanted")
+        values = torch.cat([m.values.flatten() for _, m in every])
+        known = ~values.isnan()
+        weight = torch.cat([(torch.ones_like(m.values) if m.sigma is None else 1 / m.sigma).flatten() for _, m in every])
+        names, rows, before = [], [], 0
+        for e, m in every:
+            own, basis = m.nuisance()
+            names += [n if e.name is None else f"{e.name}.{n}" for n in own]
+            after = len(values) - before - m.values.numel()
+            rows.append(torch.nn.functional.pad(basis.reshape(len(own), m.values.numel()), (before, after)))
+            before += m.values.numel()
+        parameters = parameters.with_nuisance(names)
+        numbers, p = int(known.sum()), len(parameters.names)
+        if numbers < p:
+            raise ValueError(f"{numbers} data were given for {p} parameters; at least as many are wanted")
+        scaled = given == {True} and absolute_sigma
+        if parameters.priors and not scaled:
+            raise ValueError("priors were given with data without an absolute sigma, against which they are weighed; one is "
+                             "wanted")
+        known_names = {e.name for e in parameters.entries}
+        for _, m in every:
+            if wrong := [n for n in m.parameters if n not in known_names]:
+                raise ValueError(f"a Measurement with the parameter {wrong[0]!r} was given; there are "
+                                 f"{', '.join(sorted(known_names)) or 'none by name'}")
+        weight = weight[known]
+        return cls(tuple(experiments), parameters, known, weight, (values[known] * weight)[None],
+                   torch.cat(rows), torch.cat(rows)[:, known] * weight, scaled)
+
+    def values(self, theta: Tensor) -> Tensor:
+        """Readings (N, all numbers), measured or not, without offsets and drifts."""
+        parts = [e.values(self.parameters, theta) for e in self.experiments]
+        return torch.cat(parts, -1) if len(parts) > 1 else parts[0]
+
+    def weighted(self, x: Tensor) -> Tensor:
+        """Weighted readings (N, T) of coordinates (N, model) of the model's parameters."""
+        nuisance = x.new_zeros(len(x), len(self.basis))  # of which the model knows nothing
+        theta = self.parameters.transform.theta(torch.cat((x, nuisance), -1))
+        return self.values(theta)[:, self.known] * self.weight
+
+    def residuals(self, x: Tensor, which: Tensor) -> Tensor:
+        """r (N, T) of coordinates (N, p) of the starts `which` (N,)."""
+        return self.weighted(x[:, :self.parameters.model]) + self._besides(x, which)
+
+    def linearised(self, x: Tensor, which: Tensor, r: Tensor | None = None, rough: bool = False) -> tuple[Tensor, Tensor]:
+        """r (N, T) and J (N, T, p); r where it is known already. A rough J is of differences of one side."""
+        m, besides = self.parameters.model, self._besides(x, which)
+        if self.method == "forward":
+            y, J = forward(self.weighted, x[:, :m])
+        else:
+            bounds = (b[..., :m] for b in self.parameters.bounds(x))
+            y, J = difference(self.weighted, x[:, :m], self.steps(x)[:, :m], *bounds, None if r is None else r - besides,
+                              central=not rough)
+        if len(self.basis):
+            J = torch.cat((J, self.basis.mT.expand(len(x), -1, -1)), -1)
+        return y + besides, J
+
+    def steps(self, x: Tensor) -> Tensor:
+        """Changes (N, p) by which derivatives are found."""
+        one = torch.ones_like(x)
+        size, far = self.parameters.size, x.abs()
+        size = torch.where(size > 0, torch.maximum(far, 1e-3 * size), torch.where(far > 1e-3, far, one))
+        return self.relative_step * torch.where(self.parameters.transform.additive, one, size)
+
+    def _besides(self, x: Tensor, which: Tensor) -> Tensor:
+        """What r has beside the model's readings: nuisance less data."""
+        target = self.target[which] if len(self.target) > 1 else self.target
+        return x[:, self.parameters.model:] @ self.basis - target if len(self.basis) else -target
+
+    def prior(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Minus the logarithm of the priors' density (N,), its gradient and curvature (N, p) by coordinates; the curvature is
+        that of Gauss and Newton, and not negative.
+        """
+        value, gradient, curvature = x.new_zeros(len(x)), torch.zeros_like(x), torch.zeros_like(x)
+        if not self.parameters.priors:
+            return value, gradient, curvature
+        theta, slope = self.parameters.transform.theta(x), self.parameters.transform.slope(x)
+        for entry in self.parameters.priors:
+            here = entry.place
+            phi, first, second = _surprise(entry, theta[:, here])
+            value = value + phi
+            gradient[:, here] = first * slope[:, here]
+            curvature[:, here] = second.clamp(min=0) * slope[:, here].square()
+        return value, gradient, curvature
+
+    def objective_prior(self, x: Tensor) -> Tensor:
+        """Minus the logarithm of the priors' density (N,), differentiable."""
+        theta, total = self.parameters.transform.theta(x), x.new_zeros(len(x))
+        for entry in self.parameters.priors:
+            total = total - _log_prob(entry, theta[:, entry.place]).sum(-1)
+        return total
+
+    def with_data(self, values: Sequence[Tensor]) -> Problem:
+        """The same for other values of each measurement, missing where those of this one are."""
+        measured = iter(values)
+        experiments = tuple(replace(e, measurements=tuple(replace(m, values=next(measured)) for m in e.measurements))
+                            for e in self.experiments)
+        target = torch.cat([v.flatten() for v in values])[self.known] * self.weight
+        return replace(self, experiments=experiments, target=target[None])
+
+    def with_targets(self, target: Tensor) -> Problem:
+        """The same with other data, (S, T) weighted, for each start."""
+        return replace(self, target=target)
+
+
+def _log_prob(entry: Any, theta: Tensor) -> Tensor:
+    """(N, size); minus infinity outside of the support."""
+    shaped = theta.reshape(len(theta), *entry.shape)
+    inside = entry.prior.support.check(shaped.detach())
+    if not inside.all():
+        return torch.where(inside, torch.zeros_like(shaped), -torch.inf).reshape(theta.shape)
+    return entry.prior.log_prob(shaped).reshape(theta.shape)
+
+
+def _surprise(entry: Any, theta: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """-log p (N,), its first and second derivatives (N, size): each number of a prior is by itself."""
+    with torch.enable_grad():
+        theta = theta.detach().requires_grad_()
+        density = -_log_prob(entry, theta)
+        total = density.sum()
+        if not total.requires_grad:
+            return density.sum(-1).detach(), torch.zeros_like(theta), torch.zeros_like(theta)
+        (first,) = torch.autograd.grad(total, theta, create_graph=True)
+        second = torch.zeros_like(theta)
+        if first.requires_grad:
+            found = torch.autograd.grad(first.sum(), theta, allow_unused=True)[0]
+            second = second if found is None else found
+    return density.sum(-1).detach(), first.detach(), second.detach()
+
+
+def _with_status(given: Any, samples: int) -> tuple[Any, Tensor | None]:
+    """y and status of what a model gave."""
+    if isinstance(given, tuple) and len(given) == 2 and not hasattr(given, "_fields"):
+        y, status = given
+        if isinstance(status, Tensor) and not status.is_floating_point():
+            return y, status
+    return given, None
+
+
+def experiments_of(model: Any, data: Any, sigma: Any) -> tuple[Experiment, ...]:
+    """Experiments of what `identify` was given: a model and data, or both by the names of experiments."""
+    if not isinstance(data, Mapping):
+        if isinstance(model, Mapping):
+            raise ValueError("models by name were given with data without names; data by the same names are wanted")
+        return (_experiment(None, model, data, sigma),)
+    if not data:
+        raise ValueError("data of no experiment were given; one at least is wanted")
+    if isinstance(model, Mapping) and set(model) != set(data):
+        raise ValueError(f"models of {', '.join(map(str, model))} and data of {', '.join(map(str, data))} were given; the same "
+                         "names are wanted")
+    sigmas = sigma if isinstance(sigma, Mapping) else dict.fromkeys(data, sigma)
+    return tuple(_experiment(name, model[name] if isinstance(model, Mapping) else model, data[name], sigmas.get(name))
+                 for name in data)
+
+
+def _experiment(name: str | None, model: Any, data: Any, sigma: Any) -> Experiment:
+    if not callable(model):
+        raise ValueError(f"a model of type {type(model).__name__} was given; a function of theta is wanted")
+    several = isinstance(data, (list, tuple)) and any(isinstance(d, Measurement) for d in data)
+    measurements = [Measurement.of(d, sigma) for d in (data if several else [data])]
+    return Experiment(name, model, tuple(measurements), not several)

@@ -1,0 +1,114 @@
+"""Profile likelihood: the least misfit with one parameter held, over what it is held at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...solvers.least_squares import CONVERGED, STUCK, search
+from ...solvers.region import Region
+from .problem import Problem
+
+PLACES = (0.4, 0.75, 1.0, 1.35)  # of the half-interval that the covariance says
+WIDER = 4  # times that the outermost place is doubled where the interval is not found
+ITERATIONS = 25
+TOLERANCE = 1e-5
+
+
+@dataclass(frozen=True)
+class Profile:
+    """One parameter held at `values` (m,), increasing: `rise` (m,), the least 2 ln(likelihood ratio) there, or what F says of
+    it where sigma is not known; `threshold` at the ends of the `interval` (2,), which are infinite where it is not reached.
+    """
+
+    name: str
+    values: Tensor
+    rise: Tensor
+    threshold: float
+    interval: Tensor
+
+
+def profiles(problem: Problem, x: Tensor, covariance: Tensor, which: Sequence[int], quantile: float, scale: float
+             ) -> tuple[Profile, ...]:
+    """Of the parameters `which`, from the fit's coordinates x (p,) and their covariance; all held values of all of them are one
+    batch of fits, and so are those that refine the ends.
+    """
+    with torch.no_grad():
+        step = quantile * covariance.diagonal().sqrt()
+        none = torch.zeros(1, dtype=torch.long, device=x.device)
+        best = _objective(problem, problem.residuals(x[None], none), x[None])
+        points = {j: {0.0: 0.0} for j in which}  # place in half-intervals -> signed root of the rise, in quantiles
+        todo = [(j, side * place) for j in which for place in PLACES for side in (-1, 1)]
+        for _ in range(WIDER + 2):
+            held = torch.tensor([j for j, _ in todo], device=x.device)
+            place = torch.tensor([c for _, c in todo], dtype=x.dtype, device=x.device)
+            rise = _least(problem, x, covariance, held, place * step[held]) - best
+            for (j, c), value in zip(todo, (rise.clamp(min=0).sqrt() / (scale * quantile)).tolist(), strict=True):
+                points[j][c] = value if c > 0 else -value
+            todo = [(j, c) for j in which for c in _next(points[j])]
+            if not todo:
+                break
+        found = []
+        for j in which:
+            places = torch.tensor(sorted(points[j]), dtype=x.dtype)
+            heights = torch.tensor([points[j][c] for c in places.tolist()], dtype=x.dtype)
+            ends = x.new_tensor([_end(points[j], side) for side in (-1, 1)])
+            coordinates = x.repeat(len(places) + 2, 1)
+            coordinates[:, j] = x[j] + step[j] * torch.cat((places.to(x), torch.where(torch.isfinite(ends), ends, 0)))
+            values = problem.parameters.transform.theta(coordinates)[:, j]
+            interval = torch.where(torch.isfinite(ends), values[-2:], ends)
+            rise = (heights * quantile).square()
+            found.append(Profile(problem.parameters.names[j], values[:-2], rise, quantile**2, interval))
+    return tuple(found)
+
+
+def _least(problem: Problem, x: Tensor, covariance: Tensor, held: Tensor, away: Tensor) -> Tensor:
+    """Twice the least objective (n,) with the parameters `held` (n,) at x + away; infinite where no fit is found."""
+    parameters = problem.parameters
+    ridge = covariance[held] / covariance[held, held][:, None]
+    starts = x + ridge * away[:, None]
+    least, largest = (b.clone() for b in parameters.bounds(starts))
+    starts = torch.maximum(torch.minimum(starts, largest), least)
+    rows = torch.arange(len(held), device=x.device)
+    pin = x[held] + away
+    outside = (pin < least[rows, held]) | (pin > largest[rows, held])
+    starts[rows, held] = least[rows, held] = largest[rows, held] = torch.where(outside, x[held], pin)
+    region = Region(starts, parameters.size, parameters.transform.additive, least, largest, problem.target)
+    try:
+        found = search(problem, starts, region, ITERATIONS, TOLERANCE)
+    except ValueError:  # none of them can be evaluated
+        return torch.full_like(away, torch.inf)
+    value = _objective(problem, found.r, found.x)
+    good = ((found.status == CONVERGED) | (found.status == STUCK)) & ~outside
+    return torch.where(good & torch.isfinite(value), value, torch.inf)
+
+
+def _objective(problem: Problem, r: Tensor, x: Tensor) -> Tensor:
+    return r.square().sum(-1) + 2 * problem.prior(x)[0]
+
+
+def _end(points: dict[float, float], side: int) -> float:
+    """Where the signed root passes `side`, by a straight line between the neighbours; infinite where it does not."""
+    inner = 0.0
+    for c in sorted((c for c in points if c * side > 0), key=abs):
+        if points[c] * side >= 1:
+            a, b = points[inner] * side, points[c] * side
+            return inner + (c - inner) * (1 - a) / (b - a) if b < float("inf") else (inner + c) / 2
+        inner = c
+    return side * float("inf")
+
+
+def _next(points: dict[float, float]) -> list[float]:
+    """Places that are wanted: beyond those that were looked at, or at an end, unless one is as near as 2 % of the height."""
+    wanted = []
+    for side in (-1, 1):
+        end, far = _end(points, side), max(abs(c) for c in points if c * side > 0)
+        if end == side * float("inf"):
+            if far < PLACES[-1] * 2**WIDER:
+                wanted.append(2 * side * far)
+        elif min(abs(points[c] * side - 1) for c in points if c * side > 0) > 0.02 and round(end, 9) not in points:
+            wanted.append(end)
+    return wanted

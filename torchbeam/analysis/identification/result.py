@@ -1,0 +1,121 @@
+"""What a search has found: the best start, its covariance, what is not told, hints."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED, Found
+from ...solvers.region import Region
+from .hints import bound_hints, fit_hints, unit_hints
+from .problem import Problem
+from .readings import Readings
+from .undetermined import undetermined
+
+UNIDENTIFIABLE = 3
+REASON = {CONVERGED: "converged", UNFINISHED: "more iterations are wanted", STUCK: "no step makes the misfit smaller",
+          UNIDENTIFIABLE: "not identifiable", FAILED: "the model fails there", LEFT: "not followed"}
+
+
+def conclusions(problem: Problem, found: Found, region: Region, derivatives: str, tolerance: float) -> dict[str, Any]:
+    """Fields of a `Fit`, of the best of the starts."""
+    parameters, T = problem.parameters, problem.parameters.transform
+    x, r, J = found.x, found.r, found.J
+    phi, _, bend = problem.prior(x)
+    squares, p, numbers = r.square().sum(-1), x.shape[1], r.shape[1]
+    theta, history = T.theta(x), T.theta(found.history)
+    region.sized(torch.arange(len(x), device=x.device), torch.where(torch.isfinite(r), r, 0), J)
+    at_unit = torch.where(T.additive, 1.0, torch.maximum(x.abs(), region.size))
+    rounding = torch.finfo(x.dtype).eps / (problem.relative_step if problem.method == "difference" else 1)
+    target = problem.target
+    least_seen = torch.maximum(tolerance * torch.linalg.vector_norm(r, dim=-1),
+                               rounding * torch.linalg.vector_norm(r + target, dim=-1))
+    away, shown, open_ = region.away(x), [], []
+    for k in range(len(x)):
+        J_size = torch.nan_to_num(torch.cat((J[k], torch.diag(bend[k].sqrt()))) * at_unit[k])
+        said, which = undetermined(parameters.names, theta[k], parameters.start[k], away[k], J_size, least_seen[k])
+        good = torch.isfinite(squares[k]) & (found.status[k] < FAILED)
+        shown.append(said if good else ())
+        open_.append(which & good)
+    blind = torch.tensor([bool(said) for said in shown], device=x.device)
+    statuses = torch.where(blind, UNIDENTIFIABLE, found.status)
+    total = torch.where(torch.isfinite(squares) & (found.status != LEFT), squares + 2 * phi, torch.inf)
+    best = int(total.argmin())
+    freedom = torch.inf if problem.sigma_given else float(max(numbers - p, 1))
+    scale = 1.0 if problem.sigma_given else squares[best] / freedom
+    x_covariance = scale * _inverse(J[best].mT @ J[best] + torch.diag(bend[best]))
+    slope = T.slope(x[best])
+    told = ~open_[best]
+    seen = J[best][:, told]
+    deviation = _everywhere(problem, ((seen @ x_covariance[told][:, told]) * seen).sum(-1).clamp(min=0).sqrt() / problem.weight)
+    readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
+    odd = () if found.first is None else unit_hints(_readings(problem, _known(problem, found.first[best])))
+    hints = (*odd, *fit_hints(readings, squares[best].item(), numbers - p, problem.sigma_given),
+             *bound_hints(parameters.names, x[best], *parameters.bounds(x[best])))
+    if odd:
+        warnings.warn(odd[0], UserWarning, stacklevel=5)
+    status, misfits = int(statuses[best]), (squares / numbers).sqrt()
+    failed = int((statuses == FAILED).sum())
+    message = "; ".join((REASON[status], *shown[best], *hints, *(
+        [f"the model failed at {failed} of {len(x)} starts"] if failed else []), *(
+        [f"at {len(found.raised)} trials the model raised, last {found.raised[-1]!r}"] if found.raised else [])))
+    shapes = {e.name if e.experiment is None else f"{e.experiment}.{e.name}": (e.first, tuple(e.shape))
+              for e in parameters.entries}
+    return dict(theta=theta[best], names=parameters.names, covariance=slope[:, None] * x_covariance * slope,
+                y=_as_given(readings, problem), misfit=misfits[best], status=status, iterations=len(found.history) - 1,
+                history=history, starts=theta, misfits=misfits, statuses=statuses, unidentifiable=shown[best],
+                message=message, hints=hints, open=open_[best], freedom=freedom, derivatives=derivatives, shapes=shapes,
+                x=x[best], x_covariance=x_covariance, bounds=torch.stack((parameters.least, parameters.largest), -1),
+                transform=T, readings=readings, jacobian=J[best], problem=problem)
+
+
+def _everywhere(problem: Problem, known: Tensor) -> Tensor:
+    """(all numbers,) of what is known where something was measured, NaN elsewhere."""
+    found = torch.full(problem.known.shape, torch.nan, dtype=known.dtype, device=known.device)
+    found[problem.known] = known
+    return found
+
+
+def _known(problem: Problem, r: Tensor) -> Tensor:
+    """The model's values (all numbers,) from residuals (T,), NaN where nothing was measured; offsets and drifts are in them."""
+    return _everywhere(problem, (r + problem.target[0]) / problem.weight)
+
+
+def _values(problem: Problem, x: Tensor, r: Tensor) -> Tensor:
+    """The model's values (all numbers,) at coordinates (p,); it is asked for those alone that residuals do not tell."""
+    if problem.known.all():
+        return _known(problem, r)
+    theta = problem.parameters.transform.theta(x)
+    return problem.values(theta[None])[0] + theta[problem.parameters.model:] @ problem.nuisance
+
+
+def _readings(problem: Problem, values: Tensor, deviation: Tensor | None = None) -> tuple[Readings, ...]:
+    """Data beside the model's values (all numbers,), by measurement."""
+    found, first = [], 0
+    for e in problem.experiments:
+        for m in e.measurements:
+            here, shape = slice(first, first + m.values.numel()), m.values.shape
+            y, off = (None if v is None else v[here].reshape(shape) for v in (values, deviation))
+            found.append(Readings(e.name, m.labels, m.times, m.values, y, m.sigma, off))
+            first += m.values.numel()
+    return tuple(found)
+
+
+def _as_given(readings: tuple[Readings, ...], problem: Problem) -> Any:
+    """The model's values in the form in which the data were given."""
+    rest = iter(readings)
+    parts = {}
+    for e in problem.experiments:
+        own = tuple(next(rest).y for _ in e.measurements)
+        parts[e.name] = own[0] if e.single else own
+    return parts[None] if None in parts else parts
+
+
+def _inverse(A: Tensor) -> Tensor:
+    """Of a symmetric matrix without negative eigenvalues; where it is singular to rounding, its largest meaningful one."""
+    size = A.diagonal().clamp(min=torch.finfo(A.dtype).tiny).rsqrt()
+    values, vectors = torch.linalg.eigh(size[:, None] * A * size)
+    return size[:, None] * (vectors / values.clamp(min=torch.finfo(A.dtype).eps * values.amax()) @ vectors.mT) * size

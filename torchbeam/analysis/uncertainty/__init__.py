@@ -1,0 +1,1 @@
+"""Uncertainty: laws of random parameters, samples in chunks, answers with errors, sensitivities, rare events."""

@@ -1,0 +1,163 @@
+"""Estimates with their intervals: from independent samples, and from independent replicates of a design."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from ...core.arguments import number
+from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
+
+FEW = 5  # samples of a replicate beyond a quantile or threshold, below which replicates do not tell the error
+RESAMPLES = 1000  # of a bootstrap
+Statistic = Callable[[Tensor], Tensor]  # samples (n, ...) -> (...)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimate with an interval that covers the true value in `level` of all runs: `estimate, low, high = ...`.
+
+    estimate, low, high  tensors of one shape
+    samples              good ones that it is of;  failed: samples left out, by reason in `reasons`
+    method               how the interval was found
+    """
+
+    estimate: Tensor
+    low: Tensor
+    high: Tensor
+    level: float
+    samples: int
+    method: str
+    reasons: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def failed(self) -> int:
+        return sum(self.reasons.values())
+
+    @property
+    def relative_error(self) -> Tensor:
+        """Half the interval's width over the size of the estimate."""
+        return (self.high - self.low) / (2 * self.estimate.abs())
+
+    def __iter__(self) -> Iterator[Tensor]:
+        return iter((self.estimate, self.low, self.high))
+
+    def __repr__(self) -> str:
+        lost = f"; {self.failed} failed" + "".join(f", {n}: {why}" for why, n in self.reasons.items()) if self.failed else ""
+        if self.estimate.numel() == 1:
+            e, a, b = (x.item() for x in self)
+            found = f"{e:.5g}, {a:.5g} to {b:.5g}"
+        else:
+            found = f"{tuple(self.estimate.shape)}"
+        return f"Estimate({found} at {100 * self.level:g} % by {self.method}; {self.samples} samples{lost})"
+
+
+def level_of(name: str, level: float) -> float:
+    """A probability in (0, 1); ValueError otherwise."""
+    level = number(name, level)
+    if not 0 < level < 1:
+        raise ValueError(f"{name} = {level:g} was given; a probability between 0 and 1 is wanted")
+    return level
+
+
+def mean(groups: Sequence[Tensor], level: float, reasons: Mapping[str, int]) -> Estimate:
+    """Mean of groups of samples (m, ...): each group is a replicate; of one group the samples are independent. Student's
+    interval.
+    """
+    if len(groups) > 1:
+        return replicated(groups, lambda y: y.mean(0), level, reasons)
+    y = groups[0]
+    half = y.std(0) / math.sqrt(len(y)) * student_quantile((1 + level) / 2, max(len(y) - 1, 1))
+    centre = y.mean(0)
+    return Estimate(centre, centre - half, centre + half, level, len(y), "Student's t", reasons)
+
+
+def quantile(groups: Sequence[Tensor], levels: Tensor, level: float, reasons: Mapping[str, int]) -> Estimate:
+    """Quantiles (K, ...) at `levels` (K,). By replicates where each has at least FEW samples beyond the quantile: the interval
+    of the probability at the quantile, from the replicates' shares, is that of the level (Woodruff 1952). Otherwise between
+    order statistics (binomial), which holds for any law.
+    """
+    pooled = torch.cat(list(groups)).sort(0).values
+    centre = quantile_of_sorted(pooled, levels)
+    few = len(pooled) / len(groups) * torch.minimum(levels, 1 - levels) < FEW
+    low, high, methods = centre.clone(), centre.clone(), set()
+    for k, q in enumerate(levels.tolist()):
+        if len(groups) > 1 and not few[k]:
+            half = _half([(y <= centre[k]).double().mean(0) for y in groups], level, len(pooled))
+            for bound, place in ((low, q - half), (high, q + half)):
+                bound[k] = at_levels(pooled, place.clamp(0, 1))
+            methods.add(f"{len(groups)} replicates")
+            continue
+        ranks = binomial_ranks(q, len(pooled), level)
+        low[k] = pooled[ranks[0] - 1] if ranks[0] else -math.inf
+        high[k] = pooled[ranks[1] - 1] if ranks[1] <= len(pooled) else math.inf
+        methods.add("order statistics")
+    return Estimate(centre, low, high, level, len(pooled), " and ".join(sorted(methods)), reasons)
+
+
+def probability(groups: Sequence[Tensor], level: float, reasons: Mapping[str, int]) -> Estimate:
+    """Probability (...) of what is True in groups of samples (m, ...). By replicates where each has FEW or more of either kind,
+    otherwise by Clopper and Pearson's interval, which is never too short for independent samples.
+    """
+    hits = torch.stack([y.sum(0, dtype=torch.float64) for y in groups])  # (groups, ...)
+    sizes = hits.new_tensor([len(y) for y in groups])
+    n = int(sizes.sum())
+    total = hits.sum(0)
+    centre = total / n
+    flat = total.flatten().tolist()
+    known = {count: binomial_interval(count, n, level) for count in set(flat)}
+    low, high = (hits.new_tensor([known[count][side] for count in flat]).reshape(total.shape) for side in (0, 1))
+    if len(groups) == 1:
+        return Estimate(centre, low, high, level, n, "Clopper and Pearson", reasons)
+    half = _half(list(hits / sizes.reshape(-1, *[1] * total.ndim)), level, n)
+    many = torch.minimum(total, n - total) >= FEW * len(groups)
+    low, high = torch.where(many, centre - half, low).clamp_min(0), torch.where(many, centre + half, high).clamp_max(1)
+    method = f"{len(groups)} replicates" if many.all() else "Clopper and Pearson" if not many.any() else (
+        f"{len(groups)} replicates, or Clopper and Pearson where they are few")
+    return Estimate(centre, low, high, level, n, method, reasons)
+
+
+def replicated(groups: Sequence[Tensor], statistic: Statistic, level: float, reasons: Mapping[str, int]) -> Estimate:
+    """Any statistic of all samples, with Student's interval from its scatter among the replicates."""
+    pooled = torch.cat(list(groups))
+    centre, each = statistic(pooled), torch.stack([statistic(y) for y in groups])
+    half = each.std(0) / math.sqrt(len(groups)) * student_quantile((1 + level) / 2, len(groups) - 1)
+    return Estimate(centre, centre - half, centre + half, level, len(pooled), f"{len(groups)} replicates", reasons)
+
+
+def bootstrap(y: Tensor, statistic: Statistic, level: float, reasons: Mapping[str, int]) -> Estimate:
+    """Any statistic of independent samples y (n, ...), with the interval between percentiles of that of samples drawn from
+    them. (Efron 1979.)
+    """
+    draw = torch.Generator().manual_seed(0)
+    each = torch.stack([statistic(y[torch.randint(len(y), (len(y),), generator=draw)]) for _ in range(RESAMPLES)])
+    low, high = quantile_of_sorted(each.sort(0).values, each.new_tensor([(1 - level) / 2, (1 + level) / 2]))
+    return Estimate(statistic(y), low, high, level, len(y), "bootstrap", reasons)
+
+
+def _half(shares: Sequence[Tensor], level: float, n: int) -> Tensor:
+    """Half the interval of a probability (...) from its shares in replicates of n samples together."""
+    half = torch.stack(list(shares)).std(0) / math.sqrt(len(shares)) * student_quantile((1 + level) / 2, len(shares) - 1)
+    return half.clamp_min(-math.log((1 - level) / 2) / n)  # replicates that agree to the last sample: the rule of three
+
+
+def at_levels(y: Tensor, level: Tensor) -> Tensor:
+    """Quantiles (...) of sorted samples (n, ...), each number at a level of its own (...)."""
+    place = level * (len(y) - 1)
+    below = place.floor().long()
+    a, b = (y.gather(0, k[None])[0] for k in (below, (below + 1).clamp_max(len(y) - 1)))
+    return torch.lerp(a, b, place - below)
+
+
+def quantile_of_sorted(y: Tensor, levels: Tensor) -> Tensor:
+    """Quantiles (K, ...) at `levels` (K,) of sorted samples (n, ...), linear between order statistics (of any number:
+    torch.quantile takes 16 million).
+    """
+    place = levels.to(y.dtype) * (len(y) - 1)
+    below = place.floor().long()
+    part = (place - below).reshape(-1, *[1] * (y.ndim - 1))
+    return torch.lerp(y[below], y[(below + 1).clamp_max(len(y) - 1)], part)

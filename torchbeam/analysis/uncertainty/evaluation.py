@@ -1,0 +1,179 @@
+"""Evaluation of a function at the points of a design, chunk by chunk, here or by an executor."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Executor
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.arguments import count
+from ...core.files import NotWritten
+from ...core.validation import precision
+from .chunks import Chunk, ChunkFolder
+from .designs import SOBOL_POINTS
+from .joint_law import JointLaw
+from .progress import Progress, Report
+from .samples import FAILED
+
+Function = Callable[..., Any]  # theta (N, p) -> y (N, ...), or (y, status (N,))
+AHEAD = 1024  # chunks that an executor is given before the first of them is back
+
+
+@dataclass(frozen=True)
+class Job:
+    """One chunk of work: samples first to last - 1 of a design. Calling it gives theta, y and status, and whether they are
+    written: into the folder, where there is one and this machine sees it. Another process computes on one thread, with the
+    caller's default dtype.
+    """
+
+    function: Function
+    joint: JointLaw
+    design: Any
+    first: int
+    last: int
+    dtype: torch.dtype
+    by_name: bool
+    folder: ChunkFolder | None
+    caller: tuple[str, int]
+    default: torch.dtype
+    reduce: Callable[[Chunk], Any] | None = None
+
+    def __call__(self) -> tuple[Any, bool]:
+        if _here() != self.caller:
+            torch.set_num_threads(1)
+            torch.set_default_dtype(self.default)
+        theta = self.design.theta(self.joint, self.first, self.last).detach().to(self.dtype)
+        chunk = theta, *evaluated(self.function, self.joint.named(theta.clone()) if self.by_name else theta.clone(), len(theta),
+                                  self.by_name)
+        written = self.folder is not None and self.folder.reachable
+        if written:
+            self.folder.put(self.first, chunk)
+        return chunk if self.reduce is None else self.reduce(chunk), written
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A function, the laws and design of its parameters, and how it is evaluated.
+
+    reduce  what becomes of a chunk where it was computed, without a folder: something with `failed`, the number of samples
+    """
+
+    function: Function
+    joint: JointLaw
+    design: Any
+    dtype: torch.dtype
+    chunk: int
+    by_name: bool = False
+    executor: Executor | None = None
+    folder: ChunkFolder | None = None
+    reduce: Callable[[Chunk], Any] | None = None
+
+    def chunks(self, first: int, last: int, progress: Progress | None = None) -> Generator[Any, None, None]:
+        """Chunks of samples first to last - 1, in order; from the folder where they are there, and reduced if so wished."""
+        ends = [(a, min(a + self.chunk, last)) for a in range(first, last, self.chunk)]
+        found = {} if self.folder is None else {a: chunk for a, b in ends if (chunk := self.folder.get(a, b - a)) is not None}
+        todo = [end for end in ends if end[0] not in found]
+        if self.folder is not None and todo:
+            self.folder.writable()
+        jobs = (Job(self.function, self.joint, self.design.part(a, b), a, b, self.dtype, self.by_name, self.folder, _here(),
+                    torch.get_default_dtype(), self.reduce) for a, b in todo)
+        made = (job() for job in jobs) if self.executor is None else _gathered(self.executor, jobs)
+        try:
+            for a, b in ends:
+                known = found.pop(a, None)
+                chunk, written = (tuple(part[:b - a] for part in known), True) if known is not None else next(made)
+                if self.folder is not None and not written:
+                    self.folder.put(a, chunk)
+                if progress is not None:
+                    failed = int((chunk[2] != 0).sum()) if self.reduce is None else chunk.failed
+                    progress.add(b - a, failed, known is not None)
+                yield chunk
+        finally:
+            made.close()
+            if self.folder is not None and todo:
+                with suppress(NotWritten):
+                    self.folder.finish(self.function, self.joint.laws)
+
+
+def evaluated(function: Function, given: Any, n: int, by_name: bool = False) -> tuple[Tensor, Tensor]:
+    """y (n, ...) and status (n,) of a function at n samples, detached and on the CPU; ValueError where they do not fit."""
+    y, status = split(function(**given) if by_name else function(given), n)
+    y, status = (_alone(x.detach().cpu()) for x in (y, status.long()))
+    finite = torch.isfinite(y).reshape(n, -1).all(-1)
+    return y, torch.where((status == 0) & ~finite, FAILED, status)
+
+
+def split(given: Any, n: int) -> tuple[Tensor, Tensor]:
+    """y (n, ...) and status (n,) of what a function returned; ValueError where they do not fit."""
+    y, status = given if isinstance(given, tuple) and len(given) == 2 else (given, torch.zeros(n, dtype=torch.long))
+    for name, value, wanted in (("y", y, f"({n}, ...)"), ("a status", status, f"({n},)")):
+        if not isinstance(value, Tensor):
+            raise ValueError(f"a function that gave {name} as a {type(value).__name__} was given; a tensor {wanted} is wanted")
+        if value.shape[:1] != (n,) or (value is status and value.ndim != 1):
+            raise ValueError(f"a function that gave {name} {tuple(value.shape)} was given; {wanted} is wanted")
+    return y, status
+
+
+def one_kind(chunks: Iterable[tuple[int, Chunk]]) -> None:
+    """ValueError where y changes its shape or dtype from one chunk to the next; chunks with their first samples."""
+    kind = None
+    for first, (_, y, _) in chunks:
+        now = (y.dtype, tuple(y.shape[1:]))
+        if kind not in (None, now):
+            raise ValueError(f"a function that gave y (N, ...) of {kind} and, from sample {first} on, of {now} was given; one "
+                             "kind is wanted")
+        kind = now
+
+
+def settings(n: Any, seed: Any, chunk: Any, executor: Any, dtype: Any, version: Any) -> tuple[int, int, int, torch.dtype]:
+    """n, seed, chunk and dtype, if these and the others are what they should be; ValueError otherwise."""
+    if executor is not None and not hasattr(executor, "submit"):
+        raise ValueError(f"executor = {executor!r} was given; a concurrent.futures.Executor is wanted")
+    if isinstance(version, bool) or not isinstance(version, (str, int, type(None))):
+        raise ValueError(f"version = {version!r} was given; a text or a whole number is wanted")
+    if dtype is not None and not isinstance(dtype, torch.dtype):
+        raise ValueError(f"dtype = {dtype!r} was given; torch.float32 or torch.float64 is wanted")
+    if count("seed", seed, 0) >= 2**63:
+        raise ValueError(f"seed = {seed} was given; one below 2^63 is wanted")
+    if count("n", n) > SOBOL_POINTS:
+        raise ValueError(f"n = {n} was given; the sequence has 2^30 points")
+    return n, seed, count("chunk", chunk), precision(dtype or torch.get_default_dtype())
+
+
+def _alone(x: Tensor) -> Tensor:
+    """The tensor without what it is a part of, such as the state of all nodes: that would be kept, and written, with it."""
+    return x.clone() if x.untyped_storage().nbytes() > x.numel() * x.element_size() else x
+
+
+def _here() -> tuple[str, int]:
+    """Machine and process."""
+    return platform.node(), os.getpid()
+
+
+def _gathered(executor: Executor, jobs: Iterable[Callable[[], Any]]) -> Generator[Any, None, None]:
+    """What jobs give, in their order; AHEAD of them at most are under way."""
+    waiting: deque = deque()
+    try:
+        for job in jobs:
+            waiting.append(executor.submit(job))
+            if len(waiting) >= AHEAD:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def progress_of(report: Report | bool | None, total: int) -> Progress | None:
+    """Progress of a run of so many samples, told to a function or, with True, to the terminal; ValueError for anything else."""
+    return None if report in (None, False) else Progress(total, time.monotonic(), report)

@@ -1,0 +1,39 @@
+"""Importance sampling around design points."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from ...math.distributions import normal_probability, normal_score, student_quantile
+from .design_point import DesignPoints
+from .designs import Sobol
+from .limit_state import LimitState
+
+
+def importance_sampling(limit: LimitState, points: DesignPoints, n: int, replicates: int, seed: int) -> Tensor:
+    """Probability (replicates,) of y > threshold by each of several Sobol sequences.
+
+    Samples follow the mixture of normal laws around the points, h(z) = sum_i w_i phi(z - z_i), w_i as Phi(-beta_i) (Melchers
+    1989): p = mean([y > threshold] phi(z)/h(z)), and phi(z)/h(z) = 1/sum_i w_i exp(z . z_i - |z_i|^2/2).
+    """
+    d, each = limit.joint.dimension, n // replicates
+    share = normal_probability(-points.beta.abs())
+    share = share / share.sum()
+    u = Sobol(d + 1, seed, each).uniform(0, each * replicates)
+    which = torch.searchsorted(share.cumsum(0), u[:, 0].contiguous()).clamp_max(len(share) - 1)
+    z = points.z[which] + normal_score(u[:, 1:])
+    exponent = z @ points.z.mT - points.z.square().sum(-1) / 2
+    ratio = (-torch.logsumexp(share.log() + exponent, -1)).exp()
+    return torch.where(limit(z) > limit.threshold, ratio, 0.0).reshape(replicates, each).mean(-1)
+
+
+def interval(each: Tensor, level: float) -> tuple[float, float, float]:
+    """Mean of replicates and Student's interval of it; from 0 to 1 where no sample was within the event."""
+    mean = each.mean().item()
+    if mean == 0:
+        return 0.0, 0.0, 1.0
+    half = (each.std() / math.sqrt(len(each))).item() * student_quantile((1 + level) / 2, len(each) - 1)
+    return mean, max(mean - half, 0.0), min(mean + half, 1.0)

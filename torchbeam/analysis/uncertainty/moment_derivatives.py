@@ -1,0 +1,122 @@
+"""Derivatives of moments by the parameters of laws, sample by sample along the path of the reparameterisation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...core.arguments import boolean, count
+from ...core.validation import Value, as_tensor, finite, precision
+from ...math.distributions import student_quantile
+from .designs import Sobol
+from .estimate import Estimate, level_of
+from .evaluation import Function, settings, split
+from .joint_law import Correlation, JointLaw
+from .laws import Law
+from .samples import FAILED, reasons_of
+
+
+@dataclass(frozen=True)
+class MomentDerivatives:
+    """Moments of y (...) and their derivatives by the parameters q (m,) of laws, each an `Estimate`.
+
+    mean, deviation          (...) and (...)
+    mean_by, deviation_by    (m, ...) their derivatives
+    """
+
+    mean: Estimate
+    deviation: Estimate
+    mean_by: Estimate
+    deviation_by: Estimate
+
+    def __repr__(self) -> str:
+        return f"MomentDerivatives(mean {self.mean!r}; by {self.mean_by.estimate.shape[0]} parameters)"
+
+
+def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str, Law]], q: Value, n: int, *,
+                       replicates: int = 16, interval: float = 0.95, correlation: Correlation | None = None, seed: int = 0,
+                       chunk: int = 256, by_name: bool = False) -> MomentDerivatives:
+    """Mean and standard deviation of y, and their derivatives by parameters of the laws, such as the deviation of a stiffness.
+
+    function  as `monte_carlo` has it, and differentiable by theta: y carries gradients
+    laws      q (m,) -> dict of laws, differentiable: such as lambda q: {"EI": torch.distributions.Normal(q[0], q[1])}, or a
+              function of u
+    q         (m,) where the derivatives are taken
+    n, replicates, correlation, seed, chunk, by_name   as `monte_carlo` has them; n is a multiple of the replicates
+
+    theta = F^-1(u; q) at fixed u, so that d mean/dq = mean(dy/dtheta dtheta/dq) (pathwise derivatives; Glasserman 2003, section
+    7.2): y has to be continuous in theta. Computed here, in the dtype of q, without an executor: gradients do not travel.
+    Samples that failed count neither in values nor in derivatives. Raises ValueError as `monte_carlo` does, and for a y without
+    gradient.
+    """
+    level = level_of("interval", interval)
+    boolean("by_name", by_name)
+    q = finite("q", as_tensor(q, q.dtype if isinstance(q, Tensor) and q.is_floating_point() else torch.get_default_dtype()))
+    if q.ndim != 1:
+        raise ValueError(f"q {tuple(q.shape)} was given; (m,) is wanted")
+    q = q.detach().clone().requires_grad_()
+    joint = JointLaw.of(laws(q), correlation)
+    n, seed, chunk, _ = settings(n, seed, chunk, None, precision(q.dtype), None)
+    points = n // count("replicates", replicates, 2)
+    if points * replicates != n or points < 2:
+        raise ValueError(f"n = {n} was given for {replicates} replicates; a multiple, of at least 2 points each, is wanted")
+    plan, sums, lost = Sobol(joint.dimension, seed, points), [], []
+    for k in range(replicates):
+        total = None
+        for first in range(k * points, (k + 1) * points, chunk):
+            last = min(first + chunk, (k + 1) * points)
+            joint = JointLaw.of(laws(q), correlation)  # a graph of its own
+            part, y, status = _sums(function, joint, plan, first, last, q, by_name)
+            total = part if total is None else tuple(a + b for a, b in zip(total, part, strict=True))
+            lost.append((y, status))
+        sums.append(total)
+    reasons = reasons_of(*(torch.cat(part) for part in zip(*lost, strict=True)), {})
+    good = [total for total in sums if total[0] > 1]
+    if len(good) < 2:
+        raise ValueError(f"nearly all {n} samples failed ({', '.join(reasons)}); there are no moments of so few")
+    each = [torch.stack(part) for part in zip(*map(_moments, good), strict=True)]
+    pooled = _moments(tuple(sum(part) for part in zip(*good, strict=True)))
+    factor = student_quantile((1 + level) / 2, len(good) - 1) / math.sqrt(len(good))
+    samples = int(sum(total[0] for total in good))
+    halves = [factor * scatter.std(0) for scatter in each]
+    method = f"{len(good)} replicates"
+    return MomentDerivatives(*(Estimate(centre, centre - half, centre + half, level, samples, method, reasons)
+                               for centre, half in zip(pooled, halves, strict=True)))
+
+
+def _sums(function: Function, joint: JointLaw, plan: Sobol, first: int, last: int, q: Tensor, by_name: bool
+          ) -> tuple[tuple[Tensor, ...], Tensor, Tensor]:
+    """Number of good samples; sums of y and y^2 (...), and of their derivatives (m, ...); y and status of all."""
+    theta = joint.of_uniform(plan.uniform(first, last)).to(q.dtype)
+    y, status = split(function(**joint.named(theta)) if by_name else function(theta), last - first)
+    if not y.requires_grad:
+        raise ValueError("a function whose y carries no gradient by q was given; one of torch operations, and laws that depend "
+                         "on q, are wanted")
+    flat = y.reshape(len(y), -1)
+    status = torch.where((status == 0) & ~torch.isfinite(flat).all(-1), FAILED, status).detach().cpu()
+    values = flat[(status == 0).to(flat.device)]
+    moments = (values.sum(0), values.square().sum(0))
+    by = [torch.stack([_gradient(number, q) for number in moment.unbind()], -1) for moment in moments]
+    shape = y.shape[1:]
+    sums = (torch.tensor(float(len(values)), dtype=torch.float64),
+            *(m.detach().double().reshape(shape) for m in moments), *(b.double().reshape(len(q), *shape) for b in by))
+    return sums, y.detach().cpu(), status
+
+
+def _gradient(number: Tensor, q: Tensor) -> Tensor:
+    found, = torch.autograd.grad(number, q, retain_graph=True, allow_unused=True)
+    return torch.zeros_like(q) if found is None else found
+
+
+def _moments(sums: tuple[Tensor, ...]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Mean, deviation and their derivatives, of sums."""
+    n, total, squares, total_by, squares_by = sums
+    mean, mean_by = total / n, total_by / n
+    variance = (squares / n - mean.square()) * n / (n - 1)
+    variance_by = (squares_by / n - 2 * mean * mean_by) * n / (n - 1)
+    deviation = variance.clamp_min(0).sqrt()
+    return mean, deviation, mean_by, variance_by / (2 * deviation)

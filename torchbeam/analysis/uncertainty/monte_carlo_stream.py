@@ -1,0 +1,132 @@
+"""Monte Carlo without keeping samples, in constant memory."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.arguments import boolean, choice, count
+from ...core.files import NotWritten, save
+from .chunks import ChunkFolder
+from .evaluation import Evaluation, Function, progress_of, settings
+from .joint_law import Correlation, JointLaw
+from .laws import Law
+from .moments import Moments
+from .monte_carlo import DESIGNS, folder_of
+from .progress import Report
+from .sketch import Sketch
+from .stream import Stream, Summarise
+
+EVERY = 10.0  # seconds from one writing of the summary to the next
+FILE = "stream.pt"
+
+
+def monte_carlo_stream(function: Function, laws: Mapping[str, Law], n: int, *, replicates: int = 16,
+                       correlation: Correlation | None = None, design: str = "sobol", seed: int = 0, chunk: int = 4096,
+                       executor: Executor | None = None, out: str | Path | None = None, dtype: torch.dtype | None = None,
+                       version: str | int | None = None, by_name: bool = False, sentences: Mapping[int, str] | None = None,
+                       progress: Report | bool | None = None) -> Stream:
+    """Evaluate a function at n samples as `monte_carlo` does, and keep a summary of y in place of the samples.
+
+    n         a multiple of `replicates`, independent Sobol sequences from whose scatter intervals come. Memory does not grow
+              with it: 70 kB for each number of y in each replicate
+    out       a folder: the summary is written there every ten seconds, with the place in the sequence, and at the end; the same
+              call goes on from it and ends with the same numbers
+    function, laws, correlation, design, seed, chunk, executor, dtype, version, by_name, sentences, progress   as `monte_carlo`
+              has them
+
+    Raises what `monte_carlo` raises.
+    """
+    joint = JointLaw.of(laws, correlation)
+    choice("design", design, DESIGNS)
+    boolean("by_name", by_name)
+    n, seed, chunk, dtype = settings(n, seed, chunk, executor, dtype, version)
+    points = n // count("replicates", replicates)
+    if points * replicates != n:
+        raise ValueError(f"n = {n} was given for {replicates} replicates; a multiple is wanted")
+    plan = DESIGNS[design](joint.dimension, seed, points)
+    folder = folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype),
+                       **{**plan.label, "kept": "summary", "points": points})
+    stream, done = (Stream(joint.names, plan.independent), 0) if folder is None else _taken_up(folder, joint, plan.independent)
+    if done > n:
+        raise ValueError(f"n = {n} was given for a folder with the summary of {done} samples; at least as many are wanted")
+    work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor, reduce=Summarise(dict(sentences or {})))
+    at, written = progress_of(progress, n), time.monotonic()
+    if at is not None and done:
+        at.add(done, stream.failed, True)
+    while done < n:
+        end = min((done // points + 1) * points, n)  # a chunk belongs to one replicate
+        for part in work.chunks(done, end, at):  # summarised where it was computed
+            stream.merge(done // points, part)
+            done += part.samples
+            if folder is not None and (done == n or time.monotonic() - written > EVERY):
+                _write(folder, stream, done)
+                written = time.monotonic()
+    if folder is not None:
+        with suppress(NotWritten):
+            folder.finish(function, joint.laws)
+    return stream
+
+
+def _write(folder: ChunkFolder, stream: Stream, done: int) -> None:
+    state = _state(stream)
+    save(folder.path / FILE, dict(state, done=done, run=folder.label["run"], checksum=_checksum(state, done, folder)))
+
+
+def _taken_up(folder: ChunkFolder, joint: JointLaw, independent: bool) -> tuple[Stream, int]:
+    """Summary in the folder, and how many samples it is of; an empty one where there is none, or a damaged one."""
+    path = folder.path / FILE
+    empty = Stream(joint.names, independent)
+    try:
+        found = torch.load(io.BytesIO(path.read_bytes()), weights_only=True)
+        done = found.pop("done")
+        if found.pop("run") != folder.label["run"] or found.pop("checksum") != _checksum(found, done, folder):
+            raise ValueError("it is another run's, or its checksum is wrong")
+    except FileNotFoundError:
+        folder.writable()
+        return empty, 0
+    except Exception as error:  # of a damaged file torch.load may raise anything
+        why = str(error) if type(error) is ValueError else "it cannot be read"
+        warnings.warn(f"{str(path)!r} is damaged ({why}); it is computed anew", stacklevel=3)
+        return empty, 0
+    stream = Stream(joint.names, independent, None if found["shape"] is None else tuple(found["shape"]),
+                    [None if one is None else Moments(*one) for one in found["moments"]],
+                    [[Sketch(*one) for one in sketches] for sketches in found["sketches"]], found["samples"], found["reasons"])
+    return stream, done
+
+
+def _state(stream: Stream) -> dict[str, Any]:
+    """What a file holds of a stream: numbers, texts and tensors."""
+    return dict(shape=None if stream.shape is None else list(stream.shape), samples=stream.samples, reasons={**stream.reasons},
+                moments=[None if one is None else [one.n, one.mean, one.second, one.third, one.fourth, one.least, one.largest]
+                         for one in stream.moments],
+                sketches=[[[one.most, one.keys, one.counts, one.joined] for one in sketches] for sketches in stream.sketches])
+
+
+def _checksum(state: Any, done: int, folder: ChunkFolder) -> str:
+    sum_ = hashlib.sha256(f"{folder.label['run']} {done}".encode())
+
+    def walk(value: Any) -> None:
+        if isinstance(value, Tensor):
+            sum_.update(f"{value.dtype} {tuple(value.shape)}".encode() + value.contiguous().numpy().tobytes())
+        elif isinstance(value, dict):
+            walk(sorted(value.items()))
+        elif isinstance(value, Sequence) and not isinstance(value, str):
+            sum_.update(f"[{len(value)}".encode())
+            for one in value:
+                walk(one)
+        else:
+            sum_.update(repr(value).encode())
+
+    walk(state)
+    return sum_.hexdigest()

@@ -1,0 +1,96 @@
+"""Output of samples: tables for pandas and xarray, summaries as CSV and JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.files import csv_text, folder, write
+
+LEVELS = (0.01, 0.05, 0.5, 0.95, 0.99)
+COLUMNS = ("quantity", "y", "estimate", "low", "high", "level")
+
+
+def to_pandas(samples: Any) -> Any:
+    """A pandas.DataFrame, a row for each sample: theta by name, y or y[...], status and replicate."""
+    pandas = _imported("pandas")
+    y = samples.y.reshape(len(samples), -1)
+    return pandas.DataFrame({**dict(zip(samples.names, samples.theta.numpy().T, strict=True)),
+                             **dict(zip(_labels(samples.y.shape[1:]), y.numpy().T, strict=True)),
+                             "status": samples.status.numpy(), "replicate": samples.replicate.numpy()})
+
+
+def to_xarray(samples: Any, dims: Sequence[str] | None = None, coords: dict[str, Any] | None = None) -> Any:
+    """An xarray.Dataset: theta's columns by name, y, status and replicate over `sample`.
+
+    dims    names of y's further axes, such as ("time",); None: axis_1, axis_2 ...
+    coords  of these, such as {"time": t}
+    """
+    xarray = _imported("xarray")
+    dims = tuple(f"axis_{k}" for k in range(1, samples.y.ndim)) if dims is None else tuple(dims)
+    if len(dims) != samples.y.ndim - 1:
+        raise ValueError(f"dims = {dims} were given for a y {tuple(samples.y.shape[1:])}; a name for each axis is wanted")
+    columns = {name: ("sample", column.numpy()) for name, column in zip(samples.names, samples.theta.unbind(-1), strict=True)}
+    coords = {name: value.numpy() if isinstance(value, Tensor) else value for name, value in (coords or {}).items()}
+    return xarray.Dataset({**columns, "y": (("sample", *dims), samples.y.numpy()), "status": ("sample", samples.status.numpy()),
+                           "replicate": ("sample", samples.replicate.numpy())}, coords)
+
+
+def summary(result: Any, levels: Sequence[float] = LEVELS, interval: float = 0.95) -> dict[str, Any]:
+    """What `Samples` or a `Stream` say, as numbers and texts: rows of `COLUMNS` for mean, deviation and quantiles of each
+    number of y with their intervals, numbers of samples, of failed ones by reason.
+    """
+    found = {"mean": result.mean_interval(interval)}
+    if hasattr(result, "deviation_interval"):
+        found["deviation"] = result.deviation_interval(interval)
+    rows = []
+    for name, one in found.items():
+        rows += _rows(name, one, interval)
+    quantiles = result.quantile(tuple(levels), interval)
+    for k, level in enumerate(levels):
+        rows += _rows(f"quantile {level:g}", [part[k] for part in quantiles], interval)
+    return {"samples": quantiles.samples + quantiles.failed, "failed": quantiles.failed, "reasons": dict(quantiles.reasons),
+            "names": list(result.names), "method": found["mean"].method, "statistics": rows}
+
+
+def write_summary(result: Any, path: str | Path, levels: Sequence[float] = LEVELS, interval: float = 0.95) -> Path:
+    """`summary` in a file: .json, or .csv for its rows alone. ValueError for another ending; files.NotWritten."""
+    path = Path(path)
+    if path.suffix not in (".json", ".csv"):
+        raise ValueError(f"the file {path.name!r} was given; one that ends in .json or .csv is wanted")
+    folder(path.parent)
+    found = summary(result, levels, interval)
+    if path.suffix == ".json":
+        write(path, json.dumps(found, indent=1) + "\n")
+    else:
+        write(path, csv_text([COLUMNS, *([row[name] for name in COLUMNS] for row in found["statistics"])]))
+    return path
+
+
+def _rows(name: str, estimate: Any, level: float) -> list[dict[str, Any]]:
+    parts = [part.reshape(-1).tolist() for part in estimate]
+    return [dict(zip(COLUMNS, (name, label, *map(_number, numbers), level), strict=True))
+            for label, *numbers in zip(_labels(next(iter(estimate)).shape), *parts, strict=True)]
+
+
+def _number(value: float) -> float | None:
+    """JSON has no infinity: a bound that is not there is None."""
+    return value if math.isfinite(value) else None
+
+
+def _labels(shape: torch.Size) -> list[str]:
+    return [f"y[{', '.join(map(str, place))}]" if place else "y" for place in product(*map(range, shape))]
+
+
+def _imported(name: str) -> Any:
+    try:
+        return __import__(name)
+    except ImportError:
+        raise ImportError(f"{name} is wanted: pip install 'torchbeam[uq]'") from None

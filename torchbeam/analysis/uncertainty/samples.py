@@ -1,0 +1,191 @@
+"""Samples of a function of random parameters, and what they say, with errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.status import STATUS
+from ...core.validation import Value, as_tensor, finite
+from . import estimate, output
+from .estimate import Estimate, Statistic, level_of
+
+FAILED = 1  # status of a sample whose y is not finite
+NOT_FINITE = "y is not finite"
+
+
+@dataclass(frozen=True)
+class Samples:
+    """theta (n, p), its columns by `names`; y (n, ...); status (n,): 0 = good. Statistics are of the good ones, and say how
+    many failed, and why.
+
+    replicates   the samples are that many independent designs of equal size, one after the other
+    independent  whether samples are independent: of plain sampling. Those of a Sobol sequence are not; in one replicate their
+                 intervals are those of independent ones: too wide, as a rule
+    sentences    by status: why samples failed
+    """
+
+    names: tuple[str, ...]
+    theta: Tensor
+    y: Tensor
+    status: Tensor
+    replicates: int = 1
+    independent: bool = False
+    sentences: Mapping[int, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    @property
+    def good(self) -> Tensor:
+        """y of the good samples."""
+        return self.y[self.status == 0]
+
+    @property
+    def replicate(self) -> Tensor:
+        """Number (n,) of the replicate that a sample belongs to."""
+        return torch.arange(len(self)) // max(len(self) // self.replicates, 1)
+
+    @property
+    def failed(self) -> int:
+        """Number of samples that failed."""
+        return int((self.status != 0).sum())
+
+    @property
+    def reasons(self) -> dict[str, int]:
+        """Failed samples by reason, those of most first."""
+        return reasons_of(self.y, self.status, self.sentences)
+
+    @property
+    def mean(self) -> Tensor:
+        return self.good.mean(0)
+
+    @property
+    def deviation(self) -> Tensor:
+        return self.good.std(0)
+
+    def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
+        """Quantiles, (...) of one level and (levels, ...) of several; with `interval`, a confidence level, an `Estimate` of
+        them: from replicates, or else between order statistics (binomial).
+        """
+        given = as_tensor(levels, torch.float64)
+        if given.ndim > 1 or not ((given >= 0) & (given <= 1)).all():
+            raise ValueError(f"levels = {levels!r} were given; probabilities, one or a sequence, are wanted")
+        several = given.reshape(-1)
+        if interval is None:
+            y = self._filled(self.good.sort(0).values)
+            y = y if y.is_floating_point() else y.double()
+            found = estimate.quantile_of_sorted(y, several)
+            return found if given.ndim else found[0]
+        found = estimate.quantile(self._groups(), several, level_of("interval", interval), self.reasons)
+        return found if given.ndim else _first(found)
+
+    def mean_interval(self, level: float = 0.95) -> Estimate:
+        """Mean (...), with Student's interval: of the means of replicates, or of the samples."""
+        return estimate.mean(self._groups(), level_of("level", level), self.reasons)
+
+    def deviation_interval(self, level: float = 0.95) -> Estimate:
+        """Standard deviation (...), with its interval."""
+        return self.statistic(lambda y: y.std(0), level)
+
+    def statistic(self, function: Statistic, level: float = 0.95) -> Estimate:
+        """Any statistic, function of samples (n, ...), with its interval: from its scatter among replicates, or else by
+        bootstrap.
+        """
+        level, groups = level_of("level", level), self._groups()
+        if len(groups) > 1:
+            return estimate.replicated(groups, function, level, self.reasons)
+        return estimate.bootstrap(groups[0], function, level, self.reasons)
+
+    def exceedance(self, x: Any, interval: float = 0.95, *, failed_exceed: bool | None = None) -> Estimate:
+        """Probability that y > x, for thresholds x that broadcast with one sample's y.
+
+        failed_exceed  None: of the good samples; True or False: samples that failed are taken to exceed, or not to
+        """
+        x = finite("x", as_tensor(x, self.y.dtype if self.y.is_floating_point() else torch.float64))
+        values = self.y.reshape(len(self), *[1] * max(x.ndim - (self.y.ndim - 1), 0), *self.y.shape[1:])
+        above, good = values > x, self.status == 0
+        if failed_exceed is not None:
+            above, good = torch.where(good.reshape(-1, *[1] * (above.ndim - 1)), above, bool(failed_exceed)), good | True
+        return estimate.probability(self._groups(above, good), level_of("interval", interval), self.reasons)
+
+    def bands(self, level: float = 0.9, interval: float = 0.95) -> Estimate:
+        """Bands of histories (3, ...): at each instant the quantile below which (1 - level)/2 lie, the median, and that above
+        which as many lie; each with its interval, which holds instant by instant.
+        """
+        level = level_of("level", level)
+        return self.quantile(((1 - level) / 2, 0.5, (1 + level) / 2), interval)
+
+    def convergence(self, reference: Value | None = None) -> tuple[Tensor, Tensor]:
+        """Numbers of samples (K,), doubling, and the error (K, ...) of the mean of so many: the RMS over replicates, or over 16
+        parts of independent samples, of the distance from the `reference`, or from the mean of all. Good samples count.
+        """
+        groups = self._groups()
+        if len(groups) == 1 and not self.independent:
+            raise ValueError("the convergence of one Sobol sequence was asked for; replicates are wanted")
+        groups = groups if len(groups) > 1 else list(groups[0].chunk(16))
+        least = min(map(len, groups))
+        n = torch.tensor([2**k for k in range(least.bit_length())])
+        sums = torch.stack([y[:least].cumsum(0)[n - 1] for y in groups])
+        means = sums / n.reshape(-1, *[1] * (sums.ndim - 2))
+        centre = torch.cat(groups).mean(0) if reference is None else as_tensor(reference, torch.float64)
+        freedom = len(groups) - (reference is None)
+        return n, ((means - centre).square().sum(0) / freedom).sqrt()
+
+    def to_pandas(self) -> Any:
+        """A pandas.DataFrame, a row for each sample: theta by name, y or y[...], status and replicate (extra `uq`)."""
+        return output.to_pandas(self)
+
+    def to_xarray(self, dims: Sequence[str] | None = None, coords: dict[str, Any] | None = None) -> Any:
+        """An xarray.Dataset over `sample` (extra `uq`); `dims` name y's further axes, `coords` say where they are."""
+        return output.to_xarray(self, dims, coords)
+
+    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> dict[str, Any]:
+        """Mean, deviation and quantiles with intervals, and failures, as numbers and texts for JSON."""
+        return output.summary(self, levels, interval)
+
+    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> Path:
+        """The summary in a file that ends in .json or .csv."""
+        return output.write_summary(self, path, levels, interval)
+
+    def _groups(self, y: Tensor | None = None, good: Tensor | None = None) -> list[Tensor]:
+        """Good samples of each replicate that has any."""
+        y = self.y.double() if y is None else y
+        good = self.status == 0 if good is None else good
+        groups = [part[chosen] for part, chosen in zip(y.chunk(self.replicates), good.chunk(self.replicates), strict=True)]
+        self._filled(torch.cat(groups))
+        groups = [group for group in groups if len(group) > 1]
+        return groups if groups else [self.good.double()]
+
+    def _filled(self, y: Tensor) -> Tensor:
+        if not len(y):
+            raise ValueError(f"all {len(self)} samples failed ({', '.join(self.reasons)}); there is no statistic of none")
+        return y
+
+    def __repr__(self) -> str:
+        lost = f"; {self.failed} failed" + "".join(f", {n}: {why}" for why, n in self.reasons.items()) if self.failed else (
+            "; 0 failed")
+        times = f" in {self.replicates} replicates" if self.replicates > 1 else ""
+        return f"Samples({len(self.y)} of {', '.join(self.names)}{times}{lost}; y {tuple(self.y.shape[1:])})"
+
+
+def reasons_of(y: Tensor, status: Tensor, sentences: Mapping[int, str]) -> dict[str, int]:
+    """Failed samples by reason: by status, those whose y is not finite first of all."""
+    if not (status != 0).any():
+        return {}
+    known = {**STATUS, **sentences}
+    finite_ = torch.isfinite(y).reshape(len(y), -1).all(-1)
+    found = {NOT_FINITE: int(((status == FAILED) & ~finite_).sum())}
+    for code in status[(status != 0) & ((status != FAILED) | finite_)].unique().tolist():
+        why = known.get(code, f"status {code}")
+        found[why] = found.get(why, 0) + int(((status == code) & ((status != FAILED) | finite_)).sum())
+    return dict(sorted(((why, n) for why, n in found.items() if n), key=lambda item: -item[1]))
+
+
+def _first(found: Estimate) -> Estimate:
+    return Estimate(found.estimate[0], found.low[0], found.high[0], found.level, found.samples, found.method, found.reasons)

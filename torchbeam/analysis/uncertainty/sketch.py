@@ -1,0 +1,98 @@
+"""Quantile sketch: counts in bins whose width is a known part of the value."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+FINEST = 2.0**-30  # logarithm of a bin's largest over its least value, before bins are joined
+ZERO = 2**45  # number of the bin about zero, that of the finest width: below exp(-ZERO FINEST) = 1e-14231
+
+
+@dataclass
+class Sketch:
+    """Counts of numbers in bins (gamma^(k-1), gamma^k], and the same for negative ones: a quantile is known to the relative
+    error `error` = (gamma - 1)/(gamma + 1), about half a bin's width. (DDSketch; Masson, Rim and Lee 2019.)
+
+    Where there are more than `most` bins, each two neighbours are joined, gamma squared, until there are not (UDDSketch;
+    Epicoco et al. 2020). So counts depend on the numbers alone, not on their order or on how they came in parts.
+
+    keys    (K,) int64, increasing with the value: sign times (k + ZERO, at this width), 0 for zero;  counts (K,) int64
+    joined  times that bins were joined: log gamma = FINEST 2^joined
+    """
+
+    most: int
+    keys: Tensor
+    counts: Tensor
+    joined: int = 0
+
+    @classmethod
+    def empty(cls, most: int) -> Sketch:
+        return cls(most, torch.zeros(0, dtype=torch.long), torch.zeros(0, dtype=torch.long))
+
+    @property
+    def width(self) -> float:
+        """log gamma."""
+        return FINEST * 2.0**self.joined
+
+    @property
+    def error(self) -> float:
+        """Relative error of a value."""
+        return math.tanh(self.width / 2)
+
+    @property
+    def total(self) -> int:
+        return int(self.counts.sum())
+
+    def add(self, x: Tensor) -> None:
+        """Count numbers x (n,), finite."""
+        x = x.detach().double()
+        size = x.abs()
+        tiny = math.exp(-700.0)
+        place = torch.ceil(size.clamp_min(tiny).log() / FINEST).long() + ZERO
+        self._count(torch.where(size < tiny, 0, x.sign().long() * place), torch.ones_like(place), 0)
+
+    def merge(self, other: Sketch) -> None:
+        """Count all that another sketch has."""
+        self._count(other.keys, other.counts, other.joined)
+
+    def bins(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Least and largest value of each bin (K,), increasing, and counts (K,)."""
+        size = self.keys.abs() - _joined(torch.tensor(ZERO), self.joined)
+        outer, inner = ((size + step).double() * self.width for step in (0, -1))
+        outer, inner = (torch.where(self.keys == 0, 0.0, x.exp()) for x in (outer, inner))
+        return torch.where(self.keys < 0, -outer, inner), torch.where(self.keys < 0, -inner, outer), self.counts
+
+    def at_ranks(self, ranks: Tensor) -> Tensor:
+        """Values (R,) of the samples of these ranks (R,), 0 to total - 1 and parts of one, to the relative `error`."""
+        low, high, counts = self.bins()
+        k = torch.searchsorted(counts.cumsum(0), ranks.double().contiguous(), right=True).clamp_max(len(counts) - 1)
+        middle = 2 * low * high / torch.where(self.keys == 0, 1.0, low + high)  # equally far, relatively, from both ends
+        return middle[k]
+
+    def above(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Least and largest number (...) of samples above x (...): those of the bin that x lies in are not told apart."""
+        low, high, counts = self.bins()
+        beyond = counts.sum() - torch.cat((counts.new_zeros(1), counts.cumsum(0)))
+        x = x.double().contiguous()
+        low = torch.where(self.keys > 0, low, low.nextafter(torch.tensor(-torch.inf).double()))  # these hold their least value
+        return beyond[torch.searchsorted(low, x)], beyond[torch.searchsorted(high, x, right=True)]
+
+    def _count(self, keys: Tensor, counts: Tensor, joined: int) -> None:
+        joint = max(joined, self.joined)
+        both = torch.cat((_joined(self.keys, joint - self.joined), _joined(keys, joint - joined)))
+        amounts, self.joined = torch.cat((self.counts, counts)), joint
+        while True:
+            self.keys, place = both.unique(return_inverse=True)
+            self.counts = torch.zeros_like(self.keys).index_add(0, place, amounts)
+            if len(self.keys) <= self.most:
+                return
+            both, amounts, self.joined = _joined(self.keys, 1), self.counts, self.joined + 1
+
+
+def _joined(keys: Tensor, times: int) -> Tensor:
+    """Keys after bins were joined so often: half of their size, rounded up."""
+    return keys.sign() * ((keys.abs() + (2**times - 1)) >> times)

@@ -1,0 +1,240 @@
+"""Summary of a stream of samples: moments, quantiles, probabilities and histograms in constant memory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.validation import Value, as_tensor, finite
+from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
+from . import output
+from .estimate import FEW, Estimate, level_of
+from .moments import Moments
+from .samples import reasons_of
+from .sketch import Sketch
+
+BINS = 2**12  # of a sketch: one of each number of y in each replicate
+
+
+@dataclass(frozen=True)
+class Part:
+    """Summary of one chunk of samples: shape of a y, number of samples, moments (None without good ones), a sketch of each
+    number of y, failed samples by reason.
+    """
+
+    shape: tuple[int, ...]
+    samples: int
+    moments: Moments | None
+    sketches: list[Sketch]
+    reasons: dict[str, int]
+
+    @property
+    def failed(self) -> int:
+        return sum(self.reasons.values())
+
+
+@dataclass(frozen=True)
+class Summarise:
+    """Function that makes a `Part` of a chunk; `sentences` by status."""
+
+    sentences: Mapping[int, str]
+
+    def __call__(self, chunk: tuple[Tensor, Tensor, Tensor]) -> Part:
+        _, y, status = chunk
+        good = y[status == 0].double()
+        sketches = [Sketch.empty(BINS) for _ in range(math.prod(y.shape[1:]))] if len(good) else []
+        for sketch, numbers in zip(sketches, good.reshape(len(good), -1).unbind(-1) if len(good) else (), strict=True):
+            sketch.add(numbers)
+        return Part(tuple(y.shape[1:]), len(y), Moments.of(good) if len(good) else None, sketches,
+                    reasons_of(y, status, self.sentences))
+
+
+@dataclass
+class Stream:
+    """What is kept of a stream of samples: moments and a sketch of each number of y, by replicate; failed samples by reason.
+
+    names       of theta's columns;  shape of one y
+    replicates  moments, None of one without good samples, and sketches, one for each number of y, of each
+    samples     how many were seen
+    """
+
+    names: tuple[str, ...]
+    independent: bool
+    shape: tuple[int, ...] | None = None
+    moments: list[Moments | None] = field(default_factory=list)
+    sketches: list[list[Sketch]] = field(default_factory=list)
+    samples: int = 0
+    reasons: dict[str, int] = field(default_factory=dict)
+
+    def merge(self, replicate: int, part: Part) -> None:
+        """Count samples of one replicate."""
+        if self.shape is None:
+            self.shape = part.shape
+        elif self.shape != part.shape:
+            raise ValueError(f"a function that gave y (N, ...) of {self.shape} and, from sample {self.samples} on, of "
+                             f"{part.shape} was given; one kind is wanted")
+        while len(self.moments) <= replicate:
+            self.moments.append(None)
+            self.sketches.append([Sketch.empty(BINS) for _ in range(max(math.prod(self.shape), 1))])
+        self.samples += part.samples
+        for why, n in part.reasons.items():
+            self.reasons[why] = self.reasons.get(why, 0) + n
+        if part.moments is not None:
+            old = self.moments[replicate]
+            self.moments[replicate] = part.moments if old is None else old.merged(part.moments)
+            for sketch, other in zip(self.sketches[replicate], part.sketches, strict=True):
+                sketch.merge(other)
+
+    @property
+    def failed(self) -> int:
+        return sum(self.reasons.values())
+
+    @property
+    def all(self) -> Moments:
+        """Moments of all good samples."""
+        known = self._known()
+        whole = known[0]
+        for one in known[1:]:
+            whole = whole.merged(one)
+        return whole
+
+    @property
+    def mean(self) -> Tensor:
+        return self.all.mean
+
+    @property
+    def deviation(self) -> Tensor:
+        return self.all.deviation
+
+    @property
+    def skewness(self) -> Tensor:
+        return self.all.skewness
+
+    @property
+    def kurtosis(self) -> Tensor:
+        return self.all.kurtosis
+
+    @property
+    def error(self) -> float:
+        """Largest relative error of a value that a sketch gives."""
+        return max(sketch.error for sketch in self._pooled())
+
+    def mean_interval(self, level: float = 0.95) -> Estimate:
+        """Mean (...), with Student's interval: of the means of replicates, or of the samples."""
+        known, whole, level = self._known(), self.all, level_of("level", level)
+        if self._groups > 1:
+            error, freedom = torch.stack([one.mean for one in known]).std(0) / math.sqrt(len(known)), len(known) - 1
+        else:
+            error, freedom = whole.deviation / math.sqrt(whole.n), max(whole.n - 1, 1)
+        half = student_quantile((1 + level) / 2, freedom) * error
+        return self._estimate(whole.mean, whole.mean - half, whole.mean + half, level)
+
+    def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
+        """Quantiles, (...) of one level and (levels, ...) of several, to the relative `error`; with `interval` an `Estimate` of
+        them, its interval wider by that error.
+        """
+        given = as_tensor(levels, torch.float64)
+        if given.ndim > 1 or not ((given >= 0) & (given <= 1)).all():
+            raise ValueError(f"levels = {levels!r} were given; probabilities, one or a sequence, are wanted")
+        several, pooled, n = given.reshape(-1), self._pooled(), self.all.n
+        ranks = several * (n - 1)
+        centre = torch.stack([sketch.at_ranks(ranks) for sketch in pooled], -1)
+        if interval is None:
+            return self._shaped(centre, given)
+        level = level_of("interval", interval)
+        low, high = centre.clone(), centre.clone()
+        for k, q in enumerate(several.tolist()):
+            few = self._groups == 1 or n / self._groups * min(q, 1 - q) < FEW
+            for j, sketch in enumerate(pooled):
+                if few:
+                    ends = [rank - 1 for rank in binomial_ranks(q, n, level)]
+                else:
+                    half = self._share_error(j, centre[k, j], level, n) * n
+                    ends = [max(q * (n - 1) - half, 0), min(q * (n - 1) + half, n - 1)]
+                for bound, rank, side in ((low, ends[0], -1), (high, ends[1], 1)):
+                    value = sketch.at_ranks(torch.tensor([float(rank)]))[0].item() if 0 <= rank <= n - 1 else side * math.inf
+                    bound[k, j] = value if math.isinf(value) else value + side * abs(value) * sketch.error
+        return self._estimate(*(self._shaped(x, given) for x in (centre, low, high)), level)
+
+    def exceedance(self, x: Value, interval: float = 0.95) -> Estimate:
+        """Probability that y > x, for thresholds x that broadcast with one y. Samples in the bin that x lies in are taken half:
+        the interval is wider by them.
+        """
+        level, n = level_of("interval", interval), self.all.n
+        x = finite("x", as_tensor(x, torch.float64))
+        shape = torch.broadcast_shapes(x.shape, self.shape)
+        numbers = torch.arange(max(math.prod(self.shape), 1)).reshape(self.shape).expand(shape).flatten().tolist()
+        rows = []
+        for j, at in zip(numbers, x.expand(shape).flatten(), strict=True):
+            least, most = (v.item() for v in self._pooled()[j].above(at))
+            few = self._groups == 1 or min(least, n - most) < FEW * self._groups
+            if few:
+                low, high = binomial_interval(least, n, level)[0], binomial_interval(most, n, level)[1]
+            else:
+                half = self._share_error(j, at, level, n)
+                low, high = max(least / n - half, 0.0), min(most / n + half, 1.0)
+            rows.append(((least + most) / 2 / n, low, high))
+        return self._estimate(*(part.reshape(shape) for part in torch.tensor(rows, dtype=torch.float64).unbind(-1)), level)
+
+    def histogram(self, edges: Value) -> Tensor:
+        """Shares (..., bins) of the good samples between edges (bins + 1,); a sketch's bins that an edge cuts go half to each
+        side.
+        """
+        edges = finite("edges", as_tensor(edges, torch.float64))
+        if edges.ndim != 1 or len(edges) < 2 or not (edges.diff() > 0).all():
+            raise ValueError(f"edges {tuple(edges.shape)} were given; (bins + 1,) increasing numbers are wanted")
+        above = torch.stack([sum(sketch.above(edges)) / 2 for sketch in self._pooled()])
+        return (-above.diff(dim=-1) / self.all.n).reshape(*self.shape, -1)
+
+    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> dict[str, Any]:
+        """Mean and quantiles with intervals, and failures, as numbers and texts for JSON."""
+        return output.summary(self, levels, interval)
+
+    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> Path:
+        """The summary in a file that ends in .json or .csv."""
+        return output.write_summary(self, path, levels, interval)
+
+    def _share_error(self, j: int, x: Tensor, level: float, n: int) -> float:
+        """Half the interval of P(y > x) from its shares in the replicates; at least the rule of three."""
+        known = [(sketches[j], one.n) for sketches, one in zip(self.sketches, self.moments, strict=True) if one is not None]
+        shares = torch.stack([sum(sketch.above(x)) / 2 / size for sketch, size in known])
+        half = student_quantile((1 + level) / 2, len(shares) - 1) * shares.std().item() / math.sqrt(len(shares))
+        return max(half, -math.log((1 - level) / 2) / n)
+
+    def _known(self) -> list[Moments]:
+        known = [one for one in self.moments if one is not None]
+        if not known:
+            raise ValueError(f"all {self.samples} samples failed ({', '.join(self.reasons)}); there is no statistic of none")
+        return known
+
+    @property
+    def _groups(self) -> int:
+        """Groups whose scatter tells the error; 1 = samples do."""
+        return 1 if self.independent else len(self._known())
+
+    def _pooled(self) -> list[Sketch]:
+        """Sketches of all replicates together, one for each number of y."""
+        self._known()
+        pooled = [Sketch.empty(BINS * 2) for _ in self.sketches[0]]
+        for sketches in self.sketches:
+            for whole, one in zip(pooled, sketches, strict=True):
+                whole.merge(one)
+        return pooled
+
+    def _shaped(self, rows: Tensor, given: Tensor) -> Tensor:
+        found = rows.reshape(-1, *self.shape)
+        return found if given.ndim else found[0]
+
+    def _estimate(self, centre: Tensor, low: Tensor, high: Tensor, level: float) -> Estimate:
+        return Estimate(centre, low, high, level, self.all.n, f"{self._groups} replicates" if self._groups > 1 else "counts",
+                        dict(sorted(self.reasons.items(), key=lambda item: -item[1])))
+
+    def __repr__(self) -> str:
+        lost = f"{self.failed} failed" + "".join(f", {n}: {why}" for why, n in self.reasons.items())
+        return f"Stream({self.samples} of {', '.join(self.names)} in {len(self.moments)} replicates; {lost}; y {self.shape})"

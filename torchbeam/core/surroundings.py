@@ -1,0 +1,155 @@
+"""Surroundings of a function: what it reads beside its arguments, and whether that is as it was."""
+
+from __future__ import annotations
+
+import builtins
+import dis
+import functools
+import types
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+STEADY = (type(None), type(Ellipsis), bool, int, float, complex, str, bytes, torch.dtype, torch.device, torch.layout)
+PACKAGES = {"torch", "math", "cmath", "operator", "functools", "typing", __name__.split(".")[0]}  # of functions without memory
+PURE = {  # of Python's own
+    "abs", "all", "any", "bool", "complex", "dict", "divmod", "enumerate", "filter", "float", "frozenset", "getattr",
+    "hasattr", "int", "isinstance", "issubclass", "len", "list", "map", "max", "min", "pow", "range", "repr", "reversed",
+    "round", "set", "slice", "sorted", "str", "sum", "super", "tuple", "type", "zip",
+}
+RANDOM = {"normal", "normal_", "uniform_", "bernoulli", "bernoulli_", "multinomial", "dropout", "exponential_", "random_"}
+WRITTEN = {"STORE_GLOBAL", "DELETE_GLOBAL", "STORE_ATTR", "DELETE_ATTR"}  # tensors count by their versions
+ABSENT = object()
+
+
+class Unsteady(ValueError):
+    """Error: a function reads, or writes, what may be another thing at its next call."""
+
+
+class Variable(NamedTuple):
+    """What `read` gave, and of a tensor how often it had been written to."""
+
+    read: Callable[[], Any]
+    value: Any
+    version: int | None
+
+    def unchanged(self) -> bool:
+        now = self.read()
+        if now is not self.value:
+            return isinstance(now, STEADY) and type(now) is type(self.value) and now == self.value
+        return self.version is None or now._version == self.version
+
+
+class Surroundings:
+    """Variables that functions, and those that they call, close over and find in their modules: numbers, words, tensors,
+    functions, and tuples and frozen dataclasses of such. Raises Unsteady, with what it is, for all else that may change
+    unnoticed, for functions that write to what is around them or draw random numbers, and for packages other than `PACKAGES`.
+    """
+
+    def __init__(self, **reads: Callable[[], Any]) -> None:
+        """reads: name -> what gives a function, or what it uses."""
+        self.variables: list[Variable] = []
+        self._met: dict[int, Any] = {}
+        for name, read in reads.items():
+            self._hold(name, read)
+
+    def unchanged(self) -> bool:
+        return all(one.unchanged() for one in self.variables)
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Equal for equal surroundings, as long as these exist; functions count by their code."""
+        return tuple((type(one.value), one.value) if isinstance(one.value, STEADY) else one.value.__code__
+                     if isinstance(one.value, types.FunctionType) else (id(one.value), one.version) for one in self.variables)
+
+    def _hold(self, name: str, read: Callable[[], Any]) -> None:
+        value = read()
+        self.variables.append(Variable(read, value, self._take(name, value)))
+
+    def _take(self, name: str, value: Any) -> int | None:
+        """Look at what a name stands for, and at what that reads; the version of a tensor."""
+        if isinstance(value, STEADY) or id(value) in self._met:
+            return None
+        self._met[id(value)] = value
+        if isinstance(value, Tensor):
+            if value.is_inference():
+                raise Unsteady(f"{name!r}, a tensor of inference mode, which does not tell whether it was written to")
+            return value._version
+        if isinstance(value, (tuple, frozenset)) or (is_dataclass(value) and _frozen(value)):
+            for part in value if isinstance(value, (tuple, frozenset)) else (getattr(value, f.name) for f in fields(value)):
+                self._part(name, part)
+        elif isinstance(value, functools.partial):
+            for part in (value.func, *value.args, *value.keywords.values()):
+                self._part(name, part)
+        elif isinstance(value, types.FunctionType) and not _of_package(value):
+            self._function(value.__name__, value)
+        elif isinstance(value, types.MethodType):
+            self._part(name, value.__self__)
+            self._part(name, value.__func__)
+        elif not _of_package(value):
+            kind = "a module" if isinstance(value, types.ModuleType) else type(value).__name__
+            raise Unsteady(f"{name!r} ({kind})")
+        return None
+
+    def _part(self, name: str, value: Any) -> None:
+        """Of what cannot be made to hold another."""
+        if isinstance(value, Tensor):
+            self._hold(name, lambda: value)
+        else:
+            self._take(name, value)
+
+    def _function(self, name: str, function: types.FunctionType) -> None:
+        for part in (*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values()):
+            self._part(f"a default of {name}", part)
+        for variable, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+            self._hold(variable, lambda cell=cell: cell.cell_contents)
+        for code in _codes(function.__code__):
+            for step in dis.get_instructions(code):
+                self._step(name, function, step)
+
+    def _step(self, name: str, function: types.FunctionType, step: dis.Instruction) -> None:
+        """One of a function's code."""
+        said = step.argval
+        if step.opname in WRITTEN or (step.opname == "STORE_DEREF" and said in function.__code__.co_freevars):
+            raise Unsteady(f"{said!r}, which {name} writes to")
+        if step.opname == "IMPORT_NAME":
+            raise Unsteady(f"{said!r}, which {name} imports")
+        if step.opname.startswith("LOAD_") and isinstance(said, str) and step.opcode not in dis.hasconst and (
+                said in RANDOM or said.startswith("rand")):
+            raise Unsteady(f"random numbers, by {said!r}")
+        if step.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
+            self._global(function.__globals__, said)
+
+    def _global(self, known: dict[str, Any], name: str) -> None:
+        if name in known:
+            self._hold(name, lambda: known.get(name, ABSENT))
+        elif name not in PURE and not isinstance(getattr(builtins, name, None), type):
+            raise Unsteady(f"{name!r}")
+
+
+def _frozen(value: Any) -> bool:
+    return not isinstance(value, type) and value.__dataclass_params__.frozen
+
+
+def _of_package(value: Any) -> bool:
+    """Whether a module, class, function or operation is of one of `PACKAGES`, or of Python's own that are pure."""
+    if isinstance(value, types.ModuleType):
+        name = value.__name__
+    elif callable(value) and hasattr(value, "__name__"):
+        name = getattr(value, "__module__", None) or getattr(type(value), "__module__", "")
+        if name == builtins.__name__ and isinstance(value, types.BuiltinFunctionType):
+            return value.__name__ in PURE
+    else:
+        return False
+    return name.split(".")[0] in PACKAGES or name == builtins.__name__
+
+
+def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
+    """Code, and the code of functions within it."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            yield from _codes(constant)

@@ -1,0 +1,114 @@
+"""Readings of a trajectory at times of their own: irregular, delayed, missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import boolean
+from ..core.arguments import function as check_function
+from ..core.validation import Value, as_tensor, broadcast, concrete
+from .sensor import Sensor
+
+NEIGHBOURS = 5  # instants that a slope is found from: fourth order
+OUTSIDE = 1e-6  # of the trajectory's length by which a time may lie outside of it
+
+
+def observe(solution: Any, sensor: Sensor | Callable[[Any], Tensor], times: Value, *, delay: Value = 0.0, rate: bool = False
+            ) -> Tensor:
+    """Readings (times, ..., *sensor.shape) of a solution at times between its instants.
+
+    solution  `Solution` of any form, with instants t (time,)
+    sensor    of `tb.sensors`, or a function of the states that gives (time, ..., *shape)
+    times     (times,) s in any order, or (times, ...) of each sample; NaN: nothing is read, the reading is NaN
+    delay     (...) s by which the readings lag: at the time s the motion of s - delay is read. What that finds before the first
+              instant is the reading there, at rest; what it finds behind the last is NaN
+    rate      the reading's derivative by time, per s. Of `NodeVelocity` it is the acceleration in the axes of frame a
+
+    Between two instants a reading is the cubic of both values and slopes (Hermite), the slopes those of the polynomial through
+    the five nearest instants: errors h^4/384 y'''' (of a rate h^3/125 y''''), and one continuous derivative.
+    Differentiable by the solution, by times and by delay, in both modes. Where the motion has a kink between two instants
+    (a force that begins) the order is lost there; instants at the kinks bring it back but for the slopes next to them.
+
+    Stress and reactions are means over a step of an implicit method, which lag by half of it: `delay=-step/2` takes that back.
+
+    Raises ValueError for times beyond the trajectory where there is no delay, and for other shapes.
+    """
+    boolean("rate", rate)
+    t = solution.t.detach().contiguous()
+    if len(t) < 2:
+        raise ValueError(f"a solution of {len(t)} instants was given to observe; two or more are wanted")
+    values = (sensor if isinstance(sensor, Sensor) else check_function("sensor", sensor))(solution.state)
+    if values.shape[:1] != t.shape:
+        raise ValueError(f"a sensor that gave {tuple(values.shape)} for {len(t)} instants was given; time as its first axis is "
+                         "wanted")
+    shape = sensor.shape if isinstance(sensor, Sensor) else values.shape[len(solution.state.t.shape):]
+    batch = values.shape[1:values.ndim - len(shape)]
+    times, delay = as_tensor(times, t.dtype, t.device), as_tensor(delay, t.dtype, t.device)
+    if times.ndim == 0:
+        raise ValueError("one number was given for times; a series (times,) or (times, ...) is wanted")
+    seen = torch.isfinite(times)
+    if not (concrete(delay) != 0).any():
+        _within(times[seen], t)
+    own = broadcast("times and delay", times.shape[1:], delay.shape)
+    if own:
+        batch = broadcast("times and readings", own, batch)
+        values = values.reshape(len(t), *(1,) * (len(batch) + len(shape) + 1 - values.ndim), *values.shape[1:])
+        values = values.expand(len(t), *batch, *shape)
+    at = times.reshape(len(times), *(1,) * (len(own) - times.ndim + 1), *times.shape[1:]) - delay
+    return _read(t, values, at, seen, len(batch), rate)
+
+
+def _read(t: Tensor, values: Tensor, at: Tensor, seen: Tensor, axes: int, rate: bool) -> Tensor:
+    """Readings at the instants `at` (times, ...) of a trajectory of `values` (time, ..., *shape) with `axes` batch axes."""
+    slopes = _slopes(t, values)
+    seen = seen.reshape(*seen.shape, *(1,) * (at.ndim - seen.ndim)) if seen.ndim == 1 else seen
+    at = torch.where(seen, at, t[0])
+    ahead = at - t[-1] > OUTSIDE * (t[-1] - t[0])
+    k = torch.searchsorted(t, at.detach().contiguous(), right=True).sub(1).clamp(0, len(t) - 2)
+    start, h = t[k], t.diff()[k]
+    s = torch.clamp((at - start) / h, 0, 1)
+
+    def wide(x: Tensor) -> Tensor:
+        """x (times, ...) with the axes of readings."""
+        if x.ndim > 1:
+            x = x.reshape(len(x), *(1,) * (axes - x.ndim + 1), *x.shape[1:])
+        else:
+            x = x.reshape(len(x), *(1,) * axes)
+        return x.reshape(*x.shape, *(1,) * (values.ndim - 1 - axes))
+
+    def taken(x: Tensor, which: Tensor) -> Tensor:
+        if which.ndim == 1:
+            return x[which]
+        return torch.gather(x, 0, wide(which).expand(len(which), *x.shape[1:]))
+
+    (a, b), (va, vb) = (tuple(taken(x, k + i) for i in (0, 1)) for x in (values, slopes))
+    h, s, wrong = wide(h), wide(s), wide(~seen | ahead)
+    rise, bend = b - a - h * va, h * (vb - va)
+    c, d = 3 * rise - bend, bend - 2 * rise
+    found = va + s * (2 * c + 3 * s * d) / h if rate else a + s * (h * va + s * (c + s * d))
+    return torch.where(wrong, torch.nan, found)
+
+
+def _slopes(t: Tensor, values: Tensor) -> Tensor:
+    """Derivatives of `values` (time, ...) at their instants: those of the polynomials through `NEIGHBOURS` of them."""
+    n = min(NEIGHBOURS, len(t))
+    order = torch.arange(n, device=t.device)
+    near = (torch.arange(len(t), device=t.device) - n // 2).clamp(0, len(t) - n)[:, None] + order
+    away = t[near] - t[:, None]
+    size = away.abs().amax(-1, keepdim=True)
+    powers = (away / size)[:, None] ** order[:, None]  # (time, power, neighbour)
+    weights = torch.linalg.solve(powers, (order == 1).to(t).expand(len(t), n)) / size
+    weights = weights.reshape(*weights.shape, *(1,) * (values.ndim - 1))
+    return sum(weights[:, j] * values[near[:, j]] for j in range(n))
+
+
+def _within(times: Tensor, t: Tensor) -> None:
+    """ValueError for times outside of the trajectory."""
+    times, room = concrete(times), OUTSIDE * (t[-1] - t[0])
+    if times.numel() and ((times < t[0] - room) | (times > t[-1] + room)).any():
+        raise ValueError(f"times from {times.min().item():g} to {times.max().item():g} s were given to observe; the solution "
+                         f"goes from {t[0].item():g} to {t[-1].item():g} s")

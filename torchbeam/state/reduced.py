@@ -1,0 +1,78 @@
+"""Reduced states: in the coordinates in which they were solved for, public as far as they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.leaves import with_values
+from ..math.shapes import broadcast_shapes
+from .instant import Point, Reaction
+
+AT_NODES = ("position", "rotation", "velocity", "spin")
+
+
+class ReducedStates:
+    """Parts of a trajectory, one after the other, in the coordinates of a space (see `torchbeam.nodal.coordinates`): of a plane
+    they are half the numbers, and of the tip a few.
+    """
+
+    def __init__(self, parts: tuple[Any, ...], space: Any) -> None:
+        self.parts, self.space = parts, space
+
+    def whole(self) -> Any:
+        """All of them, in these coordinates."""
+        whole = _whole(self.parts)
+        recorded = torch.is_grad_enabled() and torch._C._is_fwd_grad_enabled()
+        if recorded or not any(part.position.requires_grad for part in self.parts):
+            self.parts = (whole,)  # the memory of the others is free
+        return whole
+
+    def public(self) -> Any:
+        """All of them."""
+        return self.space.to_public(self.whole())
+
+    def node(self, index: int) -> Point:
+        """As `State.node`."""
+        nodes = self.parts[0].position.shape[-2]
+        at = slice(index % nodes, index % nodes + 1)
+        return Point(lambda: self._of({"position": at}, at).position[..., 0, :],
+                     lambda: self._of({"velocity": at}, at).velocity[..., 0, :],
+                     lambda: self._of({"rotation": at}, at).axes[..., 0, :, :],
+                     lambda: self._of({"rotation": at, "spin": at}, at).node(0).spin)
+
+    @property
+    def nodes(self) -> Tensor:
+        """(..., N+1, 3) m, frame a."""
+        return self._of({"position": slice(None)}).position
+
+    @property
+    def root(self) -> Reaction:
+        """As `State.root`."""
+        return self._of({"reaction": slice(None)}).root
+
+    @property
+    def status(self) -> Tensor:
+        return joined(*(part.status for part in self.parts))
+
+    def _of(self, rows: dict[str, slice], nodes: slice = slice(0)) -> Any:
+        """With these rows of these fields, and none of the others."""
+        names = (*AT_NODES, "stress", "reaction")
+        cut = [with_values(part, **{name: getattr(part, name)[..., rows.get(name, slice(0)), :] for name in names})
+               for part in self.parts]
+        return self.space.of_nodes(nodes).to_public(_whole(cut))
+
+
+def _whole(parts: Sequence[Any]) -> Any:
+    return parts[0].map(joined, *parts[1:])
+
+
+def joined(*parts: Tensor) -> Tensor:
+    """Parts of a series, one after the other, of common batch axes."""
+    if len(parts) == 1:
+        return parts[0]
+    shape = broadcast_shapes(*(x.shape[1:] for x in parts))
+    return torch.cat([x.expand(len(x), *shape) for x in parts])

@@ -1,0 +1,244 @@
+"""Coverage: how often stated intervals of identified parameters hold the truth."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from multiprocessing import get_context
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.distributions import Normal
+
+from ..analysis.identification.fit import Fit
+from ..analysis.identification.identify import identify
+from ..analysis.identification.measurement import Measurement
+from ..analysis.identification.parameter import Parameter
+from ..cli import study, threads
+from ..core.results import measured_on, sentence, write
+from ..core.results import table as markdown_table
+from ..dynamics.simulate import simulate
+from ..scene import effects as fx
+from ..scene.beam import Beam
+from ..scene.scene import Scene
+from ..scene.section import Section
+from ..sensors.observe import observe
+from ..solvers.least_squares import CONVERGED, Found, search
+from ..solvers.region import Region
+from ..state.solution import Solution
+from ..statics.equilibrium import equilibrium
+
+TRUE = {"EI": 1.0, "tau": 2e-3, "clamp": 40.0, "tip": 0.05}
+LENGTH, MASS, SPAN = 0.5, 0.25, 0.3  # m, kg/m, s
+NOISE, SAG = 0.05, 2e-4  # of the RMS of a channel; m
+CLOCK = 2e-3  # deviation of the clock's relative error
+READINGS = 100
+REPEATS, RESAMPLES = 200, 300
+LEVEL = 0.95
+COARSE, REFINED, FINE = (6, 1e-3), (12, 2.5e-4), (24, 1.25e-4)  # elements, step
+ABOUT = (
+    "A strip of 0.5 m with a tip mass in an elastic clamp, struck at the tip; two accelerometers ({readings} readings each "
+    "over {span:g} s at irregular times, 5 % noise, unknown offsets) and the sag (0.2 mm). EI, damping, clamp and tip mass are "
+    "identified many times, from starts within a factor of 1.5, and it is counted how often the stated {level:g} % "
+    "interval holds the truth: {repeats} repeats know that to {binomial:.1f} % (one deviation). Own mesh: the data are those "
+    "of the model ({coarse[0]} elements, steps of {coarse_ms:g} ms); else of {fine[0]} elements and steps of {fine_ms:g} ms; "
+    "refined: the fit was carried over to {refined[0]} elements and steps of {refined_ms:g} ms by `Fit.refined`. "
+    "Clock: the sampling rate is off by {clock:g} % (one deviation), another amount in each repeat; it is a parameter with "
+    "that prior, or left out. Warned: how many fits said that misfit or residuals are no noise."
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """Data and model of a row: mesh of the data, deviation of the clock, whether the clock is a parameter, sigma is known."""
+
+    name: str
+    mesh: tuple[int, float] = FINE
+    clock: float = 0.0
+    known_clock: bool = False
+    absolute_sigma: bool = True
+    refined: bool = False
+    method: str = "laplace"
+    repeats: int = REPEATS
+
+
+CASES = (
+    Case("noise, own mesh", COARSE),
+    Case("noise, own mesh, sigma from the misfit", COARSE, absolute_sigma=False),
+    Case("noise, finer mesh"),
+    Case("noise, finer mesh, refined", refined=True),
+    Case("noise, finer mesh, wrong clock, refined, clock a parameter", clock=CLOCK, known_clock=True, refined=True),
+    Case("noise, finer mesh, wrong clock, refined, clock left out", clock=CLOCK, refined=True, repeats=100),
+    Case("noise, own mesh", COARSE, method="profile", repeats=50),
+    Case("noise, own mesh", COARSE, method="bootstrap", repeats=50),
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One parameter of one case: share of repeats whose interval held the truth; RMS and mean of the error of its logarithm
+    (the clock: of itself) over the stated deviation; repeats that converged, and that were warned of.
+    """
+
+    case: str
+    method: str
+    parameter: str
+    coverage: float
+    error: float
+    bias: float
+    repeats: int
+    converged: int
+    warned: int
+
+
+def scene(theta: dict[str, Tensor], elements: int, struck: bool) -> Scene:
+    """Strips of parameters (n,) in the plane of their motion."""
+    section = Section.from_stiffness(EA=2e6, GA=4e5, GJ=1.0, EI=theta["EI"], mass=MASS, inertia=5e-6)
+    stiff = torch.full_like(theta["clamp"], 1e6)
+    effects: list[Any] = [fx.Gravity((0.0, 0.0, -9.81)), fx.Damping(theta["tau"]), fx.PointMass(theta["tip"]),
+                          fx.RootSpring(torch.stack((stiff, stiff, stiff, stiff, theta["clamp"], stiff), -1))]
+    if struck:
+        effects.append(fx.TipLoad(force=lambda t: (0.0, 0.0, 4 * torch.sin(torch.pi * t.clamp(0, 0.03) / 0.03) ** 2)))
+    return Scene(Beam.straight(LENGTH, elements, section).linked(), effects, plane="xz")
+
+
+def motion(theta: dict[str, Tensor], elements: int, step: float) -> Solution:
+    """From the sag on, for a little longer than the record: clocks may be late."""
+    sagging = equilibrium(scene(theta, elements, False), throw=False)
+    t = torch.linspace(0, 1.02 * SPAN, 154, dtype=torch.float64)
+    return simulate(scene(theta, elements, True), t, initial=sagging, step=step)
+
+
+def sag(theta: dict[str, Tensor], elements: int) -> tuple[Tensor, Tensor]:
+    """Deflection (n,) m of the tip at rest, and status."""
+    state = equilibrium(scene(theta, elements, False), throw=False)
+    return state.tip.position[:, 2], state.status
+
+
+def accelerometers(states: Any) -> Tensor:
+    """Velocities (..., 2) m/s half way and at the tip, of any mesh; their rates are what is measured."""
+    return torch.stack([states.velocity[..., k, 2] for k in (states.velocity.shape[-2] // 2, -1)], -1)
+
+
+@dataclass
+class Laboratory:
+    """Where a case's data come from: the motion and the sag of the truth by its mesh, read at irregular times, with a gap."""
+
+    case: Case
+    random: torch.Generator
+
+    def __post_init__(self) -> None:
+        truth = {name: torch.tensor([value], dtype=torch.float64) for name, value in TRUE.items()}
+        self.motion, self.sag = motion(truth, *self.case.mesh), sag(truth, self.case.mesh[0])[0][0]
+        places = torch.arange(READINGS) + 0.9 * torch.rand(READINGS, generator=self.random, dtype=torch.float64)
+        self.times = SPAN / READINGS * places
+        self.sigma = NOISE * self.read(0.0).square().mean(0).sqrt()
+
+    def read(self, clock: float) -> Tensor:
+        """(times, 2) m/s^2 with a clock that is off."""
+        return observe(self.motion, accelerometers, self.times * (1 + clock), rate=True)[:, 0]
+
+    def normal(self, *shape: int) -> Tensor:
+        return torch.randn(shape, generator=self.random, dtype=torch.float64)
+
+    def record(self) -> tuple[dict[str, Measurement], float]:
+        """Measurements of one repeat, and the error of its clock."""
+        clock = self.case.clock * self.normal().item()
+        values = self.read(clock) + 0.3 * self.normal(2) + self.sigma * self.normal(READINGS, 2)
+        values[40:50, 0] = torch.nan
+        record = Measurement(values, self.sigma, self.times, accelerometers, rate=True, offset=True,
+                             clock="clock" if self.case.known_clock else 0.0, name="accelerometer")
+        return {"strike": record, "sag": Measurement(self.sag + SAG * self.normal(), SAG, name="sag")}, clock
+
+
+def identified(case: Case, records: Sequence[dict[str, Measurement]], random: torch.Generator) -> Iterator[Fit]:
+    """A fit of each record, from starts within a factor of 1.5, all of them followed as one batch."""
+    log = {name: Parameter(torch.tensor(value, dtype=torch.float64), "log") for name, value in TRUE.items()}
+    if case.known_clock:
+        log["clock"] = Parameter(torch.zeros((), dtype=torch.float64), prior=Normal(0.0, CLOCK), scale=CLOCK)
+    models, finer = ({"strike": partial(motion, elements=n, step=step), "sag": partial(sag, elements=n)}
+                     for n, step in (COARSE, REFINED))
+    one = identify(models, records[0], log, absolute_sigma=case.absolute_sigma).problem
+    problems = [one.with_data([m.values for m in record.values()]) for record in records]
+    together = one.with_targets(torch.cat([p.target for p in problems]))
+    parameters = one.parameters
+    factor = 1.5 ** (2 * torch.rand(len(records), len(TRUE), generator=random, dtype=torch.float64) - 1)
+    x = parameters.x.repeat(len(records), 1)
+    x[:, :len(TRUE)] += factor.log()
+    region = Region(x, parameters.size, parameters.transform.additive, *parameters.bounds(x), together.target)
+    with torch.no_grad():
+        found = search(together, x, region, 50, 1e-6)
+        for k, problem in enumerate(problems):
+            some = slice(k, k + 1)
+            alone = Found(found.x[some], found.r[some], found.J[some], found.status[some], found.history[:, some])
+            fit = Fit.of(problem, alone, region.of(torch.tensor([k])).against(problem.target), "difference", 1e-6)
+            yield fit.refined(finer) if case.refined and fit.status == CONVERGED else fit
+
+
+def measure(case: Case, seed: int = 0) -> list[Row]:
+    """Rows of one case."""
+    torch.set_num_threads(1)
+    random = torch.Generator().manual_seed(seed)
+    laboratory = Laboratory(case, random)
+    records, clocks = zip(*(laboratory.record() for _ in range(case.repeats)), strict=True)
+    names = [*TRUE, *(["clock"] if case.known_clock else [])]
+    inside, errors, warned = [], [], 0
+    for repeat, fit in enumerate(identified(case, records, random)):
+        print(f"{case.name}, {case.method}: {repeat + 1} of {case.repeats}", end="\r", file=sys.stderr)
+        warned += any("misfit is" in hint or "residuals" in hint for hint in fit.hints)
+        if fit.status != 0:
+            continue
+        options = {"repeats": RESAMPLES, "seed": repeat} if case.method == "bootstrap" else {}
+        interval = fit.interval(LEVEL, case.method, **options)[:len(names)]
+        truth = torch.tensor([*TRUE.values(), clocks[repeat]][:len(names)], dtype=torch.float64)
+        inside.append((interval[:, 0] <= truth) & (truth <= interval[:, 1]))
+        exact = fit.theta.clone()
+        exact[:len(names)] = truth
+        errors.append(((fit.x - fit.transform.x(exact)) / fit.x_covariance.diagonal().sqrt())[:len(names)])
+    print(file=sys.stderr)
+    held, error = torch.stack(inside).double().mean(0), torch.stack(errors)
+    return [Row(case.name, case.method, name, held[k].item(), error[:, k].square().mean().sqrt().item(),
+                error[:, k].mean().item(), case.repeats, len(inside), warned) for k, name in enumerate(names)]
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """A line for each case."""
+    names = [*TRUE, "clock"]
+    lines = []
+    for key in dict.fromkeys((r.case, r.method) for r in rows):
+        some = {r.parameter: r for r in rows if (r.case, r.method) == key}
+        one = next(iter(some.values()))
+        lines.append((*key, *(f"{100 * some[n].coverage:.1f}" if n in some else "" for n in names),
+                      f"{max(abs(r.bias) for r in some.values()):.2f}", f"{one.converged} of {one.repeats}", f"{one.warned}"))
+    head = ("data and model", "interval", *(f"{n}: %" for n in names), "largest bias, deviations", "converged", "warned")
+    return markdown_table(head, lines, words=2)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """How often stated intervals of identified parameters hold the truth."""
+    given, out = study(argv, "identification", "Repeated identification of synthetic data: noise, a finer mesh, a wrong clock.",
+                       quick="four repeats of two cases")
+    cases = [replace(case, repeats=4) for case in CASES[:2]] if given.quick else CASES
+    with threads(1):
+        heading = measured_on()
+    rows: list[Row] = []
+    with ProcessPoolExecutor(min(len(cases), os.cpu_count() or 1), get_context("spawn")) as pool:
+        for found in pool.map(measure, cases, range(len(cases))):
+            rows += found
+            text = "\n\n".join((about(), markdown(rows), sentence(heading)))
+            write(out, "identification", text, {**heading, "about": about(), "rows": [asdict(r) for r in rows]},
+                  tuple(asdict(rows[0])), (tuple(asdict(r).values()) for r in rows))
+    print(text)
+    return 0
+
+
+def about() -> str:
+    """What was done, in words."""
+    return ABOUT.format(readings=READINGS, span=SPAN, repeats=REPEATS, level=100 * LEVEL, coarse=COARSE, fine=FINE,
+                        refined=REFINED, coarse_ms=1e3 * COARSE[1], fine_ms=1e3 * FINE[1], refined_ms=1e3 * REFINED[1],
+                        clock=100 * CLOCK, binomial=100 * (LEVEL * (1 - LEVEL) / REPEATS) ** 0.5)

@@ -1,0 +1,158 @@
+"""Cost of Monte Carlo: planar static samples and planar rollouts of 1 s, by chunk size and by processes.
+
+    python -m torchbeam scale
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...analysis.uncertainty.laws import LogNormal, Normal
+from ...analysis.uncertainty.monte_carlo import monte_carlo
+from ...analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
+from ...cli import study, threads
+from ...core.results import measured_on, sentence, table, write
+from ...dynamics.simulate import simulate
+from ...scene.beam import Beam
+from ...scene.effects import Damping, TipLoad
+from ...scene.scene import Scene
+from ...scene.section import Section
+from ...statics.equilibrium import equilibrium
+
+SAMPLES, ROLLOUTS = 1_000_000, 100_000
+SHARE, QUICK = 16, 10  # one part in so many: of the samples, for the first rows; of all of them, with --quick
+CHUNKS = {"static": (256, 1024, 4096, 16384), "rollout": (64, 256, 1024, 4096)}
+ELEMENTS, STEP = 8, 0.01  # s
+LAWS = {"EI": LogNormal(1.0, 0.2), "P": Normal(1.0, 0.15)}
+COLUMNS = ("what", "run", "processes", "chunk", "samples", "seconds", "CPU us/sample", "samples/s", "failed", "MB of memory",
+           "bytes/sample on disk")
+ABOUT = (
+    "A strip of 1 m in a plane, {elements} elements, EI lognormal (1 N m^2, 20 %), tip load normal (1 N, 15 %): equilibria, "
+    "and rollouts of 1 s after the load is put on suddenly, with damping, in steps of 10 ms, of which y is the largest "
+    "deflection. The engine is the one that `auto` takes. First rows: one process and thread, a chunk size each. Last rows: "
+    "all samples, by one process and by one for each core, kept with a folder of chunks, and as a stream. Memory: what the "
+    "process had at most more than before, of the rows of one process. A first call of each, which may compile, does not count."
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Seconds and CPU microseconds a sample of a run; peak memory, MB, of this process over what it had before, and bytes that
+    a sample took in the folder (nan: not measured).
+    """
+
+    what: str
+    run: str
+    processes: int
+    chunk: int
+    samples: int
+    seconds: float
+    cpu: float
+    failed: int
+    memory: float
+    disk: float
+
+    def cells(self) -> list[str]:
+        return [self.what, self.run, str(self.processes), f"{self.chunk:,}", f"{self.samples:,}", f"{self.seconds:.1f}",
+                *("-" if x != x else f"{x:.3g}" for x in (self.cpu,)), f"{self.samples / self.seconds:,.0f}", str(self.failed),
+                *("-" if x != x else f"{x:.3g}" for x in (self.memory, self.disk))]
+
+
+def scene(EI: Tensor, P: Tensor, *effects: Any) -> Scene:
+    section = Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=EI, mass=0.2)
+    force = TipLoad(force=torch.stack((0 * P, 0 * P, P), -1))
+    return Scene(Beam.straight(1.0, ELEMENTS, section), [force, *effects], plane="xz")
+
+
+def static(EI: Tensor, P: Tensor) -> tuple[Tensor, Tensor]:
+    """Tip deflection (N,) m and status."""
+    state = equilibrium(scene(EI, P), throw=False)
+    return state.tip.position[:, 2], state.status
+
+
+def rollout(EI: Tensor, P: Tensor) -> tuple[Tensor, Tensor]:
+    """Largest tip deflection (N,) m of 21 instants, and status."""
+    solution = simulate(scene(EI, P, Damping(0.01)), torch.linspace(0, 1, 21, dtype=EI.dtype), step=STEP, throw=False)
+    return solution.tip.position[..., 2].amax(0), solution.status
+
+
+FUNCTIONS: dict[str, Callable[..., Any]] = {"static": static, "rollout": rollout}
+
+
+def run(what: str, kind: str, samples: int, chunk: int, processes: int) -> Row:
+    """One row: kind is "kept" (in memory), "folder" or "stream"."""
+    samples = samples // 16 * 16
+    out = Path(tempfile.mkdtemp(prefix="torchbeam-scale-")) if kind == "folder" else None
+    gc.collect()
+    pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn")) if processes > 1 else None
+    try:
+        with threads(1), (pool or nullcontext()):
+            options = dict(replicates=16, by_name=True, executor=pool, dtype=torch.float64)
+            first = chunk if pool is None else 2 * processes * chunk  # processes begin, and compile
+            monte_carlo(FUNCTIONS[what], LAWS, first, chunk=chunk, seed=1, **{**options, "replicates": None})
+            before = _peak(reset=True)
+            begun, cpu = time.perf_counter(), time.process_time()
+            if kind == "stream":
+                found: Any = monte_carlo_stream(FUNCTIONS[what], LAWS, samples, chunk=chunk, **options)
+            else:
+                found = monte_carlo(FUNCTIONS[what], LAWS, samples, chunk=chunk, out=out and out / "run", **options)
+            seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
+        disk = sum(path.stat().st_size for path in (out / "run").iterdir()) / samples if out else float("nan")
+    finally:
+        if out is not None:
+            shutil.rmtree(out)
+    alone = (1e6 * cpu / samples, (_peak() - before) / 1e6) if pool is None else (float("nan"), float("nan"))
+    return Row(what, kind, processes, chunk, samples, seconds, alone[0], found.failed, alone[1], disk)
+
+
+def rows(quick: bool, cores: int) -> list[Row]:
+    """All rows; the chunk of the last ones is the fastest of the first."""
+    found: list[Row] = []
+    for what, total in (("static", SAMPLES), ("rollout", ROLLOUTS)):
+        total = total // QUICK if quick else total
+        each = [run(what, "kept", max(total // SHARE, 2 * chunk), chunk, 1) for chunk in CHUNKS[what]]
+        best = max(each, key=lambda row: row.samples / row.seconds).chunk
+        ends = [run(what, kind, total, best, processes)
+                for kind, processes in (("folder", 1), ("stream", 1), ("folder", cores), ("stream", cores))]
+        found += [*each, *ends]
+        print(*(" ".join(row.cells()) for row in (*each, *ends)), sep="\n", file=sys.stderr)
+    return found
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Cost of Monte Carlo samples: planar statics and rollouts, by chunk size and by processes"""
+    given, out = study(argv, "scale", f"Measures {SAMPLES:,} static samples and {ROLLOUTS:,} rollouts of 1 s.",
+                       "a tenth of the samples")
+    cores = min(os.cpu_count() or 1, 64)
+    found = rows(given.quick, max(cores, 2))
+    heading = measured_on(threads=1)
+    text = "\n\n".join((ABOUT.format(elements=ELEMENTS), table(COLUMNS, [row.cells() for row in found], 2), sentence(heading)))
+    write(out, "scale", text, {**heading, "rows": [asdict(row) for row in found]}, COLUMNS, [row.cells() for row in found])
+    print(text)
+    print(f"wrote {out}")
+
+
+def _peak(reset: bool = False) -> float:
+    """Most bytes that this process held since the last reset; nan where the system does not tell."""
+    try:
+        if reset:
+            Path("/proc/self/clear_refs").write_text("5")
+        lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+        return 1024.0 * int(lines["VmHWM"].split()[0])
+    except (OSError, KeyError, ValueError):
+        return float("nan")
