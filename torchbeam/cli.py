@@ -14,10 +14,11 @@ from __future__ import annotations
 import argparse
 import runpy
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -102,12 +103,17 @@ def results_folder(parser: argparse.ArgumentParser, path: str | Path) -> Path:
         parser.error(f"--out: {error}")
 
 
-def study(argv: Sequence[str] | None, name: str, description: str, quick: str) -> tuple[argparse.Namespace, Path]:
-    """Options of a command that writes NAME.csv, NAME.md and NAME.json, --out and --quick, and the folder for its results."""
+def study(argv: Sequence[str] | None, name: str, description: str, quick: str,
+          more: Callable[[argparse.ArgumentParser], Any] | None = None) -> tuple[argparse.Namespace, Path]:
+    """Options of a command that writes NAME.csv, NAME.md and NAME.json, --out, --quick and those that `more` adds, and the
+    folder for its results.
+    """
     parser = argparse.ArgumentParser(prog=f"python -m torchbeam {name}", description=(
         f"{description} Writes {name}.csv, {name}.md and {name}.json (with machine and versions)."))
     parser.add_argument("--out", type=Path, default=Path("out") / name, help="folder for the results (default: %(default)s)")
     parser.add_argument("--quick", action="store_true", help=quick)
+    if more is not None:
+        more(parser)
     given = parser.parse_args(argv)
     return given, results_folder(parser, given.out)
 

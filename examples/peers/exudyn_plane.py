@@ -13,16 +13,16 @@ from exudyn.utilities import (
     SensorNode,
 )
 
-ELEMENTS, STEP = 3, 0.005  # s
+SETTINGS = ((3, 5e-3), (2, 1e-2), (4, 2.5e-3), (6, 1e-3), (8, 1e-3), (12, 5e-4), (16, 2.5e-4))  # elements, step s
 
 
-def run() -> tuple[np.ndarray, float]:
+def run(elements: int, step: float) -> tuple[np.ndarray, float]:
     container = exu.SystemContainer()  # holds the system: it has to last as long
     system = container.AddSystem()
-    nodes = [system.AddNode(NodeRigidBody2D(referenceCoordinates=[k / (2 * ELEMENTS), 0, 0])) for k in range(2 * ELEMENTS + 1)]
-    for k in range(ELEMENTS):
+    nodes = [system.AddNode(NodeRigidBody2D(referenceCoordinates=[k / (2 * elements), 0, 0])) for k in range(2 * elements + 1)]
+    for k in range(elements):
         system.AddObject(ObjectBeamGeometricallyExact2D(
-            nodeNumbers=nodes[2 * k:2 * k + 3], length=1 / ELEMENTS, massPerLength=MASS, crossSectionInertia=INERTIA,
+            nodeNumbers=nodes[2 * k:2 * k + 3], length=1 / elements, massPerLength=MASS, crossSectionInertia=INERTIA,
             bendingStiffness=EI, axialStiffness=EA, shearStiffness=GA))
 
     def coordinate(node: int, k: int) -> int:
@@ -36,7 +36,7 @@ def run() -> tuple[np.ndarray, float]:
                                       outputVariableType=exu.OutputVariableType.Position))
     system.Assemble()
     settings = exu.SimulationSettings()
-    settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = round(2 / STEP), 2.0
+    settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = round(2 / step), 2.0
     settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
     settings.timeIntegration.newton.useModifiedNewton = True
     settings.timeIntegration.verboseMode = 0
@@ -48,4 +48,4 @@ def run() -> tuple[np.ndarray, float]:
 
 
 if __name__ == "__main__":
-    show(measure("exudyn", "plane", ELEMENTS, "quadratic", STEP, run))
+    show(measure("exudyn", "plane", "quadratic", SETTINGS, run))

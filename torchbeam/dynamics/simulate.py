@@ -178,6 +178,8 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
         return *vars(states[0].map(joined, *states[1:])).values(), *vars(last).values(), iterations
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
+    if checkpoint:
+        _ = stepper.compiled  # made here, and not within the first part, which would save more than when it is made again
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
     parts, state, iterations = [stepper._reduced(start).map(lambda x: x[None])], start, []
     for done in range(0, len(plan), length):

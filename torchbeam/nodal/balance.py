@@ -54,7 +54,9 @@ def scaled(force: Tensor, moment: Tensor, gap: Tensor, largest_force: Tensor, la
     number = torch.finfo(force.dtype)
     # strains below ROUNDING eps are differences of positions that floating point does not hold
     gap = (gap - ROUNDING * number.eps).clamp(min=0)
-    over = torch.maximum(force / (largest_force + number.tiny), moment / (largest_moment + number.tiny))
+    # loads so small that motions under them are denormal, where products round as they like, count as none
+    none = number.tiny**0.5
+    over = torch.maximum(force / (largest_force + none), moment / (largest_moment + none))
     return torch.maximum(over, gap / (size_strain + number.eps))
 
 

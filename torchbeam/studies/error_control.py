@@ -25,7 +25,7 @@ from .random_scenes import Draw, families
 
 SAMPLES = 9  # of a family
 OUTPUTS = 25  # instants
-SEED = 1
+SEED = 2  # the constants of the control were chosen on the scenes of 1
 QUICK = "sudden, damped", "weight"
 SPAN = 0.02  # s, of explicit methods
 RK4_STEP = 4e-4  # s: with 8e-4 it grows without bound here
@@ -33,16 +33,16 @@ NEAR = 0.03  # of the tolerance: two references that differ by less are one
 UNDAMPED = "sudden", "weight, plane"  # whose references are dear
 FINEST = 2**17  # steps of a reference, at most
 ABOUT = (
-    "{scenes} random soft rods in {families} families ({elements} elements, length 0.3 to 0.8 m, 0.5 to 3 s of motion, "
-    "{outputs} instants), rtol from 1e-2 to 1e-5 (undamped: 1e-4) at random, each sample its own. Error: largest distance of a "
-    "node over all instants from a reference (equal midpoint steps, halved until what they extrapolate to stands still to 3 % "
-    "of the tolerance), over the tolerance. Work: implicit steps made, all trials and runs included, over how many equal steps "
-    "have the tolerance for their error (8 at least), which nobody knows beforehand."
+    "{scenes} random soft rods (seed {seed}) in {families} families ({elements} elements, length 0.3 to 0.8 m, 0.5 to 3 s "
+    "of motion, {outputs} instants), rtol from 1e-2 to 1e-5 (undamped: 1e-4) at random, each sample its own. Error: largest "
+    "distance of a node over all instants from a reference (equal midpoint steps, halved until what they extrapolate to "
+    "stands still to 3 % of the tolerance), over the tolerance. Work: implicit steps made, all trials and runs included, "
+    "over how many equal steps have the tolerance for their error (8 at least), which nobody knows beforehand."
 )
 EXPLICIT_ABOUT = (
-    "Explicit methods with the same rtol (atol = rtol times the length), in the three forms, each against itself at 1e-9; rk4, "
-    "of fixed steps, with one that is stable; beside them adaptive midpoint steps. A rod of 0.5 m, EI = 0.02 N m^2, three "
-    "elements, under a sudden force, {span:g} s."
+    "Explicit methods with the same rtol (atol = rtol times the length), in the three forms, each against itself at 1e-9; "
+    "rk4, of fixed steps, with one that is stable; beside them adaptive midpoint steps. A rod of 0.5 m, EI = 0.02 N m^2, "
+    "three elements, under a sudden force, {span:g} s."
 )
 
 
@@ -70,14 +70,17 @@ def reference(scene: Scene, t: Tensor, tolerance: Tensor, steps: int = 512) -> t
     equal steps that led there.
     """
     runs: list[tuple[int, Tensor]] = []
-    best = before = None
+    coarse = before = None
     while steps <= FINEST:
-        runs.append((steps, simulate(scene, t, step=(t[-1] - t[0]).item() / steps).nodes))
-        if len(runs) > 1:
-            best = runs[-1][1] + (runs[-1][1] - runs[-2][1]) / 3
+        sol = simulate(scene, t, step=(t[-1] - t[0]).item() / steps)
+        runs.append((steps, sol.nodes))
+        if sol.status.any():  # what has stopped stands still whatever the step
+            coarse = before = None
+        else:
+            best = None if coarse is None else sol.nodes + (sol.nodes - coarse) / 3
             if before is not None and (distance(best, before) < NEAR * tolerance).all():
                 return best, runs
-            before = best
+            coarse, before = sol.nodes, best
         steps *= 2
     raise RuntimeError(f"no reference to {NEAR:g} of the tolerance by {FINEST} equal steps")
 
@@ -184,14 +187,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     """True error of adaptive steps beside the tolerance, and their cost."""
     given, out = study(argv, "control", (
         "Random scenes by adaptive steps, against references by refinement; and explicit methods by the same tolerance."),
-        quick="one sample of each of two families")
+        quick="one sample of each of two families", more=lambda parser: parser.add_argument(
+            "--seed", type=int, default=SEED, help="of the random scenes (default: %(default)s; the constants of the control "
+                                                   "were chosen on those of 1)"))
     samples, elements = (1, 3) if given.quick else (SAMPLES, 6)
     with threads(1), torch.no_grad():
-        rows = measure(SEED, samples, elements, QUICK if given.quick else None)
+        rows = measure(given.seed, samples, elements, QUICK if given.quick else None)
         explicit = explicit_methods(3, SPAN, (1e-3,))
         heading = measured_on()
     names = list(dict.fromkeys(r.family for r in rows))
-    about = ABOUT.format(scenes=len(rows), families=len(names), elements=elements, outputs=OUTPUTS)
+    about = ABOUT.format(seed=given.seed, scenes=len(rows), families=len(names), elements=elements, outputs=OUTPUTS)
     text = "\n\n".join((about, markdown(rows), EXPLICIT_ABOUT.format(span=SPAN), explicit_markdown(explicit),
                          sentence(heading)))
     print(text)

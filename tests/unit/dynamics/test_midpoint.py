@@ -132,3 +132,20 @@ def test_dual_numbers_go_through_a_checkpointed_motion():
     assert expected[-1].abs().amax() > 1e-3
     assert_close(found.primal, value, rtol=0, atol=1e-14)
     assert_close(found.tangent, expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_loads_that_vanish(engine):
+    """A tip load of 1e-3 down to 1e-320 N on a beam at rest, three steps: below 1e-150 N it counts as none, one iteration a
+    step; from there on displacements are those of 1e-3 N (small rotations) times the load, to rounding.
+    """
+    if engine == "compiled":
+        pytest.importorskip("llvmlite")
+    size = torch.tensor([1e-3, 1e-100, 1e-140, 1e-170, 1e-290, 1e-300, 1e-306, 1e-309, 1e-312, 1e-320, 0.0])
+    force = size[:, None] * torch.tensor([0.0, 0.6, 0.8])
+    section = tb.Section.from_stiffness(EA=200.0, GA=80.0, GJ=0.015, EI=0.02, mass=0.3, inertia=1e-3)
+    rod = tb.Scene(tb.Beam.straight(0.5, 4, section), [tb.TipLoad(force=force), tb.Damping(0.003)], small=True)
+    sol = tb.simulate(rod, torch.tensor([0.0, 0.015]), step=0.005, engine=engine)
+    assert (sol.status == 0).all() and (sol.stats.iterations[:, 4:] <= 2).all()
+    moved = sol.tip.position[-1, :, 2]
+    assert_close(moved[1:3] / size[1:3], moved[:1].expand(2) / size[0], rtol=1e-9, atol=0)

@@ -15,7 +15,7 @@ from torchbeam.dynamics.simulate import simulate
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal.coordinates.planar import Plane
 from torchbeam.nodal.coordinates.quadratic import QuadraticPlane, QuadraticSpace
-from torchbeam.studies.accuracy import Case
+from torchbeam.studies.common_case import Case
 
 N, BATCH = 2, (5,)
 ROUNDING = dict(rtol=0, atol=1e-12)

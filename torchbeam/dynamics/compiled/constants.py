@@ -232,14 +232,17 @@ class Constants:
         return self._kept[name]
 
     def _tangent(self, dt: Tensor) -> tuple[Tensor, Tensor]:
-        """C of the tangent, and whether it is the law's; those of the last dt are kept."""
-        found, known = self._kept.get("tangent"), dt is concrete(dt)
-        if found is None or not known or not torch.equal(found[0], dt):
+        """C of the tangent, and whether it is the law's; those of the last two dt are kept, between which midpoint4 goes to and
+        fro where damping is strong.
+        """
+        known = dt is concrete(dt)
+        kept = self._kept.setdefault("tangents", []) if known else []
+        found = next((one for one in kept if torch.equal(one[0], dt)), None)
+        if found is None:
             with lasting(), torch.no_grad():  # no solution depends on its tangent
                 C = self.model.tangent_stiffness(dt.detach())
                 found = dt.detach().clone(), C, same_law(C, self.model.law.C).to(C)
-            if known:
-                self._kept["tangent"] = found
+            kept[:] = [found, *kept[:1]]
         return found[1:]
 
 

@@ -19,7 +19,7 @@ from ...solvers.compiled.function import Function
 from ...solvers.compiled.library import Library
 from ...solvers.compiled.llvm import Module
 from ...state.state import rest
-from ..accuracy import SPACES, Case
+from ..common_case import SPACES, Case
 from .measurement import Row, progress
 
 PART, STEP, STEPS = "breakdown", 0.005, 400

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import torch
 
 from ...dynamics.stepper import Stepper
-from ..accuracy import SPACES, Case
+from ..common_case import SPACES, Case
 from .measurement import Row, apart, progress
 
 PART = "first use"

@@ -12,7 +12,7 @@ from statistics import median
 import torch
 
 from ...dynamics.simulate import simulate
-from ..accuracy import SPACES, Case
+from ..common_case import SPACES, Case
 from .measurement import Row, apart, progress, timed
 
 PART = "gradients"

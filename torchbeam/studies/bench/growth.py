@@ -8,7 +8,7 @@ import torch
 
 from ...dynamics.simulate import simulate
 from ...state.state import rest
-from ..accuracy import SPACES, Case
+from ..common_case import SPACES, Case
 from .measurement import Row, exponent, progress, timed
 
 PART, STEP = "growth", 0.005

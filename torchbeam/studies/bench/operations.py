@@ -14,7 +14,7 @@ import torch
 from ...analysis.trials import operations as tensor_operations
 from ...core import files
 from ...dynamics.stepper import Stepper
-from ..accuracy import SPACES, Case
+from ..common_case import SPACES, Case
 from .measurement import Row
 
 PART, UNIT = "operations", "operations"

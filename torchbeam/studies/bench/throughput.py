@@ -11,7 +11,7 @@ import torch
 from ...cli import threads
 from ...dynamics.simulate import simulate
 from ...state.state import rest
-from ..accuracy import KINDS, SPACES, Case, motion
+from ..common_case import KINDS, SPACES, Case, motion
 from .measurement import CPU, WALL, Row, progress, thread_counts, timed
 
 PART, DURATION = "throughput", 2.0  # s

@@ -110,13 +110,16 @@ def test_what_native_code_cannot_differentiate_is_made_eagerly():
             assert_close(a, b, rtol=1e-10, atol=1e-13)
 
 
-def test_a_checkpoint_makes_the_same_gradients():
-    """What native steps keep from the first run is no part of a graph, which the second run would miss."""
+@pytest.mark.parametrize("engine", ["compiled", "auto"])
+def test_a_checkpoint_makes_the_same_gradients(engine):
+    """What native steps keep from the first run is no part of a graph, which the second run would miss; nor are they made only
+    then, with what that saves.
+    """
     found = []
     for checkpoint in (False, True):
         scene, by = bent((), plane="xz")
         solution = tb.simulate(scene, torch.linspace(0, 0.2, 5), step=0.05, inputs={"u": by.pop("u")}, checkpoint=checkpoint,
-                               engine="compiled")
+                               engine=engine)
         found.append(torch.autograd.grad(loss(solution.state[-1]), tuple(by.values())))
     assert_close(found[1], found[0], rtol=1e-12, atol=0)
 
