@@ -9,7 +9,7 @@ import pytest
 from torchbeam.dynamics.compiled.coverage import VARIABLE
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
-LONG = {"identify_accelerometers", "mpc"}
+LONG = {"identify_accelerometers", "identify_field", "mpc", "uncertainty_controller"}
 
 
 @pytest.mark.parametrize("path", [pytest.param(p, id=p.stem, marks=[pytest.mark.long] * (p.stem in LONG)) for p in EXAMPLES])

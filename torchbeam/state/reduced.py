@@ -21,7 +21,7 @@ class ReducedStates:
     """
 
     def __init__(self, parts: tuple[Any, ...], space: Any) -> None:
-        self.parts, self.space = parts, space
+        self.parts, self.space = tuple(part for part in parts if len(part.t)), space
 
     def whole(self) -> Any:
         """All of them, in these coordinates."""
@@ -42,7 +42,7 @@ class ReducedStates:
         return Point(lambda: self._of({"position": at}, at).position[..., 0, :],
                      lambda: self._of({"velocity": at}, at).velocity[..., 0, :],
                      lambda: self._of({"rotation": at}, at).axes[..., 0, :, :],
-                     lambda: self._of({"rotation": at, "spin": at}, at).node(0).spin)
+                     lambda: self._of(dict.fromkeys(AT_NODES, at), at).node(0).spin)
 
     @property
     def nodes(self) -> Tensor:
@@ -75,4 +75,4 @@ def joined(*parts: Tensor) -> Tensor:
     if len(parts) == 1:
         return parts[0]
     shape = broadcast_shapes(*(x.shape[1:] for x in parts))
-    return torch.cat([x.expand(len(x), *shape) for x in parts])
+    return torch.cat([x[(slice(None),) + (None,) * (len(shape) + 1 - x.ndim)].expand(len(x), *shape) for x in parts])

@@ -13,7 +13,8 @@ STORED = Path(__file__).parents[3] / "docs" / "results" / "identification" / "id
 @pytest.mark.long
 def test_quick_run_writes_its_files(tmp_path, capsys):
     assert main(["--quick", "--out", str(tmp_path)]) == 0
-    text, rows = (tmp_path / "identification.md").read_text(), json.loads((tmp_path / "identification.json").read_text())["rows"]
+    text = (tmp_path / "identification.md").read_text()
+    rows = json.loads((tmp_path / "identification.json").read_text())["rows"]
     assert text.strip() in capsys.readouterr().out
     assert [r["parameter"] for r in rows] == ["EI", "tau", "clamp", "tip"] * 2 and {r["repeats"] for r in rows} == {4}
     assert len((tmp_path / "identification.csv").read_text().splitlines()) == 9

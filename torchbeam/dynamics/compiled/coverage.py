@@ -51,12 +51,14 @@ def why_eager(model: Model, method: str, **options: Any) -> str | None:
 
 
 def why_not_traced(model: Model, method: str, **options: Any) -> str | None:
-    """Why what users wrote is not traced, by name and line; None where it is. To be asked where `why_eager` is None."""
+    """Why what users wrote is not traced, by name and line, or what it raises; None where it is traced. To be asked where
+    `why_eager` is None.
+    """
     own = by_function(model)
     try:
         if own:
             CompiledStep(model, method, around=_known(own), **options)
-    except NotTraceable as reason:
+    except Exception as reason:
         return f"{own[0].called} by a function of the motion: {reason}"
     return None
 
