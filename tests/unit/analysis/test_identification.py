@@ -4,7 +4,8 @@ import math
 
 import pytest
 import torch
-from torch.distributions import Dirichlet, Gamma, HalfNormal, LogNormal, Normal, Uniform
+from torch.distributions import Dirichlet, Gamma, HalfNormal, LogNormal, Normal, TransformedDistribution, Uniform
+from torch.distributions.transforms import SigmoidTransform
 from torch.testing import assert_close
 
 import torchbeam as tb
@@ -42,7 +43,10 @@ def test_logit_stays_inside():
     fit = tb.identify(wave, CLEAN, {"a": 1.0, "b": tb.Parameter(0.2, "logit", bounds=(0.0, 0.5))})
     assert (fit.history[..., 1] < 0.5).all() and fit["b"] > 0.499
     plain = tb.identify(wave, CLEAN, {"a": 1.0, "b": tb.Parameter(0.2, bounds=(0.0, 0.5))})
-    assert plain["b"] == 0.5 and "b is at its bound, 0.5" in plain.message
+    logarithm = tb.identify(wave, CLEAN, {"a": 1.0, "b": tb.Parameter(0.2, "log", bounds=(0.01, 0.5))})
+    for one in (plain, logarithm):
+        assert_close(one["b"].item(), 0.5, rtol=1e-12, atol=0)
+        assert "b is at its bound, 0.5" in one.message
     assert_close(plain["a"], fit["a"], rtol=1e-2, atol=0)
 
 
@@ -88,6 +92,26 @@ def test_a_prior_tells_what_data_do_not():
     fit = tb.identify(model, 2 * T, start, sigma=1e-3)
     assert fit.status == 0 and not fit.unidentifiable
     assert_close(fit.deviation / fit.theta, torch.tensor([0.1, 0.1]), rtol=1e-2, atol=0)
+
+
+def test_priors_of_a_batch_are_each_sample_by_itself():
+    """One sample outside of the support is infinitely unlikely, and the others are as likely as alone."""
+    start = {"a": 1.0, "b": tb.Parameter(torch.tensor([0.2, 0.3]), prior=LogNormal(0.0, 0.5))}
+    problem = tb.identify(lambda theta: wave({"a": theta["a"], "b": theta["b"].sum(-1)}), CLEAN, start, sigma=0.01).problem
+    x = torch.tensor([[1.0, 0.4, 0.6], [1.0, -0.1, 0.6], [1.0, 2.0, 0.1]])
+    value, gradient, curvature = problem.prior(x)
+    for k in (0, 2):
+        for batch, (alone,) in zip((value, gradient, curvature), problem.prior(x[k:k + 1]), strict=True):
+            assert_close(batch[k], alone, rtol=1e-12, atol=0)
+    assert_close(value[0], -LogNormal(0.0, 0.5).log_prob(x[0, 1:]).sum(), rtol=1e-6, atol=0)
+    assert value[1] == torch.inf and gradient[0, 1] != 0
+    assert_close(problem.objective_prior(x), value, rtol=1e-12, atol=0)
+
+
+def test_a_prior_without_a_variance():
+    """A transformed distribution has none: the size of a change is that of the start."""
+    law = TransformedDistribution(Normal(0.0, 1.0), [SigmoidTransform()])
+    assert tb.Parameter(0.3, prior=law).size == 0.3 and tb.Parameter(0.0, prior=Normal(0.0, 2.0)).size == 2
 
 
 def test_outside_of_the_prior_is_not_gone():
@@ -342,9 +366,12 @@ CASES = {
     "prior of vectors": (lambda: dict(start=parameter(prior=Dirichlet(torch.ones(2)))), "of single numbers"),
     "outside the prior": (lambda: dict(start=parameter(prior=HalfNormal(1.0), start=-1.0)), "which the prior"),
     "a prior without sigma": (lambda: dict(start=parameter(prior=Normal(1.0, 0.1))), "priors were given with data without"),
+    "a prior of three": (lambda: dict(start=parameter(prior=Normal(torch.ones(3), 1.0))), r"a prior of shape \(3,\)"),
     "own of one": (lambda: dict(start=parameter(own=True)), "own to each experiment, was given with one"),
     "names of experiments": (lambda: dict(model={"x": wave}, data={"y": CLEAN}), "models of x and data of y"),
     "models without": (lambda: dict(model={"x": wave}), "data without names"),
+    "sigma of no data": (lambda: dict(data={"x": CLEAN}, sigma={"y": 0.1}), "sigma of y was given; there are data of x"),
+    "bounds of the adjoint": (lambda: dict(start=parameter(bounds=(0.0, 2.0)), derivatives="adjoint"), "none but by .* 'logit'"),
     "sigma twice": (lambda: dict(data=tb.Measurement(CLEAN, 0.1), sigma=0.1), "beside a Measurement"),
     "sigma here and there": (lambda: dict(data={"x": tb.Measurement(CLEAN, 0.1), "y": CLEAN}), "all or none"),
     "follow": (lambda: dict(starts=3, follow=0), "follow = 0"),
@@ -399,3 +426,32 @@ def test_a_fit_refined_by_a_finer_model():
         fit.refined(lambda theta: -3 * wave(theta))
     with pytest.raises(ValueError, match="models of x were given; those of None are wanted"):
         fit.refined({"x": finer})
+
+
+def test_a_fit_at_a_bound_is_refined_along_it():
+    """b is held where the coarse fit left it; a goes to the finer model's best for that b, linear least squares."""
+    start = {"a": 1.0, "b": tb.Parameter(0.2, bounds=(0.0, 0.5))}
+    fit = tb.identify(wave, CLEAN + NOISE, start, sigma=0.05).refined(lambda theta: 0.98 * wave(theta))
+    shape = 0.98 * torch.exp(-0.5 * T)
+    assert fit.status == 0 and fit["b"] == 0.5
+    assert_close(fit["a"], shape @ (CLEAN + NOISE) / (shape @ shape), rtol=1e-3, atol=0)  # a hundredth of a deviation
+
+
+def test_as_many_parameters_as_data():
+    """No sigma, and nothing left to know it by: a hint says so, and profile and bootstrap are refused."""
+    fit = tb.identify(lambda theta: wave(theta)[:, :2], CLEAN[:2], {"a": 1.0, "b": 1.0})
+    assert any("as many parameters as data" in hint for hint in fit.hints)
+    assert not tb.identify(lambda theta: wave(theta)[:, :2], CLEAN[:2], {"a": 1.0, "b": 1.0}, sigma=0.1).hints
+    for method in ("profile", "bootstrap"):
+        with pytest.raises(ValueError, match=f"a {method} of as many parameters as data"):
+            fit.interval(method=method)
+
+
+def test_bootstraps_that_are_refused():
+    """Of priors, whose spread repeated data would lack; levels that are none."""
+    with pytest.raises(ValueError, match="of a fit with priors"):
+        tb.identify(wave, CLEAN, {"a": 1.0, "b": tb.Parameter(1.0, prior=Normal(1.0, 0.1))}, sigma=0.1).bootstrap(50)
+    found = tb.identify(wave, CLEAN + NOISE, {"a": 1.0, "b": 1.0}).bootstrap(50)
+    for level in (0.0, 1.0):
+        with pytest.raises(ValueError, match="between 0 and 1 is wanted"):
+            found.interval(level)

@@ -82,7 +82,7 @@ def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness:
     The first search has weights that are small enough to follow the data. Where data have no sigma, that is found too: the
     squares over the number of data less that of numbers told.
 
-    Raises ValueError for smoothness of what is no field of `start`, and what `identify` raises.
+    Raises ValueError for smoothness of what is no field of `start`, absolute_sigma=False, and what `identify` raises.
     """
     choice("criterion", criterion, CRITERIA)
     task = _Task.of(model, data, start, smoothness, log, options)
@@ -125,6 +125,9 @@ class _Task:
            options: dict[str, Any]) -> _Task:
         if not isinstance(start, Mapping) or not isinstance(smoothness, Mapping) or not smoothness:
             raise ValueError("a start and smoothness by name are wanted: {'EI': tb.Parameter(...)}, {'EI': tb.Smoothness()}")
+        if not options.get("absolute_sigma", True):
+            raise ValueError("absolute_sigma=False was given to identify_fields, whose weights count on sigma; data without "
+                             "sigma are wanted, whose noise is found")
         single = not isinstance(data, Mapping)
         measured = {SINGLE: data} if single else dict(data)
         measured = {name: [Measurement.of(one, None) for one in given] if _several(given) else Measurement.of(given, None)
@@ -191,7 +194,13 @@ class _Task:
     def without_rows(self, fit: Fit) -> Fit:
         """The fit as if the smoothness were no measurement."""
         y = {name: value for name, value in fit.y.items() if name in self.measured}
-        return replace(fit, y=y[SINGLE] if self.single else y, readings=tuple(
+        problem, theta = fit.problem, torch.cat((fit.starts, fit.theta[None]))
+        rows = torch.cat([e.values(problem.parameters, theta) for e in problem.experiments if e.name not in self.measured], -1)
+        numbers, k = len(problem.weight), rows.shape[1]
+        squares = (rows * problem.weight[-k:] - problem.target[:, -k:]).square().sum(-1)
+        misfits = torch.cat((fit.misfits, fit.misfit[None])).square() * numbers - squares
+        misfits = (misfits.clamp(min=0) / (numbers - k)).sqrt()
+        return replace(fit, y=y[SINGLE] if self.single else y, misfit=misfits[-1], misfits=misfits[:-1], readings=tuple(
             r for r in fit.readings if r.experiment in self.measured))
 
     def _with_rows(self, weight: Tensor, sigma: float) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -213,7 +222,7 @@ class _Task:
         every = torch.zeros(1, dtype=torch.long, device=x.device)
         with torch.no_grad():
             r, J = problem.linearised(x, every)
-            bend = problem.prior(x)[2][0]
+            _, pull, bend = (part[0] for part in problem.prior(x))
         rows = sum(len(L) for L in self.L.values())
         scale = 1.0 if self.known else sigma
         wide, target = [], []
@@ -223,7 +232,8 @@ class _Task:
             root = self.factor[name].sqrt()
             wide[-1][:, place] = root[:, None] * L
             target.append(root * self.target[name])
-        return Linearised(x[0], scale * r[0, :-rows], scale * J[0, :-rows], tuple(wide), tuple(target), scale**2 * bend)
+        return Linearised(x[0], scale * r[0, :-rows], scale * J[0, :-rows], tuple(wide), tuple(target), scale**2 * pull,
+                          scale**2 * bend)
 
 
 def _rows_of(name: str, L: Tensor, log: bool) -> Any:

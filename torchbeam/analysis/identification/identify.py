@@ -79,8 +79,9 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     if not isinstance(start, Mapping) and not any(isinstance(d, Measurement) for d in _each(data)):
         like = _each(data)
     parameters = Parameters.of(start, log, bounds, names, [e.name for e in experiments if e.name is not None], like)
-    if bounds is not None and derivatives == "adjoint":
-        raise ValueError("bounds were given with derivatives = 'adjoint', which takes none; 'difference' and 'forward' do")
+    if derivatives == "adjoint" and any(torch.isfinite(end).any() for end in parameters.bounds(parameters.x)):
+        raise ValueError("bounds were given with derivatives = 'adjoint', which takes none but by the transform 'logit'; "
+                         "'difference' and 'forward' do")
     parameters = parameters.more_starts(starts, spread, seed)
     problem = replace(Problem.of(experiments, parameters, boolean("absolute_sigma", absolute_sigma)), relative_step=step)
     parameters = problem.parameters

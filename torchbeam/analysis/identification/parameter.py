@@ -73,7 +73,10 @@ class Parameter:
         try:
             density = self.prior.log_prob(self.start.clone())
         except ValueError:
-            density = torch.tensor(-torch.inf)
+            density = torch.full_like(self.start, -torch.inf)
+        if density.shape != self.start.shape:
+            raise ValueError(f"a prior of shape {tuple(density.shape)} was given for a start of shape "
+                             f"{tuple(self.start.shape)}; one for each number, or for all, is wanted")
         if not torch.isfinite(density).all():
             raise ValueError(f"a start of {self.start.flatten()[0].item():g} was given, which the prior {self.prior} does not "
                              "know; one that it does is wanted")
@@ -86,7 +89,11 @@ class Parameter:
             return self.scale
         size = start.abs()
         if self.prior is not None:
-            spread = torch.as_tensor(self.prior.stddev, dtype=start.dtype, device=start.device).expand_as(start)
+            try:
+                stddev = self.prior.stddev
+            except NotImplementedError:  # of transformed distributions
+                stddev = torch.inf
+            spread = torch.as_tensor(stddev, dtype=start.dtype, device=start.device).expand_as(start)
             size = torch.where((size == 0) & torch.isfinite(spread), spread, size)
         if self.bounds is not None:
             width = self.bounds[1] - self.bounds[0]
