@@ -366,7 +366,7 @@ CASES = {
     "prior of vectors": (lambda: dict(start=parameter(prior=Dirichlet(torch.ones(2)))), "of single numbers"),
     "outside the prior": (lambda: dict(start=parameter(prior=HalfNormal(1.0), start=-1.0)), "which the prior"),
     "a prior without sigma": (lambda: dict(start=parameter(prior=Normal(1.0, 0.1))), "priors were given with data without"),
-    "a prior of three": (lambda: dict(start=parameter(prior=Normal(torch.ones(3), 1.0))), r"a prior of shape \(3,\)"),
+    "a prior of three": (lambda: dict(start=parameter(prior=Normal(torch.ones(3), 1.0))), "a prior of shape .3,"),
     "own of one": (lambda: dict(start=parameter(own=True)), "own to each experiment, was given with one"),
     "names of experiments": (lambda: dict(model={"x": wave}, data={"y": CLEAN}), "models of x and data of y"),
     "models without": (lambda: dict(model={"x": wave}), "data without names"),
