@@ -321,8 +321,9 @@ def test_a_summary_and_a_file(tmp_path):
 def test_hints():
     """Units, a misfit above sigma, residuals that are alike; none of them where all is well."""
     start = {"a": 1.0, "b": 1.0}
-    with pytest.warns(UserWarning, match="is a unit off by 1000"):
+    with pytest.warns(UserWarning, match="is a unit off by 1000") as told:
         fit = tb.identify(wave, 1000 * CLEAN, start)
+    assert told[0].filename == __file__
     assert "times the model's at the start" in fit.hints[0] and "off by\n  1000 (mm" in fit.summary()
     with pytest.warns(UserWarning, match="is a unit off by 1000"):
         fit = tb.identify(wave, 1e-3 * CLEAN, start)
@@ -366,12 +367,14 @@ CASES = {
     "prior of vectors": (lambda: dict(start=parameter(prior=Dirichlet(torch.ones(2)))), "of single numbers"),
     "outside the prior": (lambda: dict(start=parameter(prior=HalfNormal(1.0), start=-1.0)), "which the prior"),
     "a prior without sigma": (lambda: dict(start=parameter(prior=Normal(1.0, 0.1))), "priors were given with data without"),
+    "a scale of three": (lambda: dict(start=parameter(scale=torch.ones(3))), r"scale of shape \(3,\)"),
+    "bounds of three": (lambda: dict(start=parameter(bounds=(torch.zeros(3), 2.0))), r"bounds of shape \(3,\)"),
     "a prior of three": (lambda: dict(start=parameter(prior=Normal(torch.ones(3), 1.0))), "a prior of shape .3,"),
     "own of one": (lambda: dict(start=parameter(own=True)), "own to each experiment, was given with one"),
     "names of experiments": (lambda: dict(model={"x": wave}, data={"y": CLEAN}), "models of x and data of y"),
     "models without": (lambda: dict(model={"x": wave}), "data without names"),
     "sigma of no data": (lambda: dict(data={"x": CLEAN}, sigma={"y": 0.1}), "sigma of y was given; there are data of x"),
-    "bounds of the adjoint": (lambda: dict(start=parameter(bounds=(0.0, 2.0)), derivatives="adjoint"), "none but by .* 'logit'"),
+    "bounds of the adjoint": (lambda: dict(start=parameter(bounds=(0.0, 2.0)), derivatives="adjoint"), "but by .* 'logit'"),
     "sigma twice": (lambda: dict(data=tb.Measurement(CLEAN, 0.1), sigma=0.1), "beside a Measurement"),
     "sigma here and there": (lambda: dict(data={"x": tb.Measurement(CLEAN, 0.1), "y": CLEAN}), "all or none"),
     "follow": (lambda: dict(starts=3, follow=0), "follow = 0"),
@@ -394,6 +397,8 @@ MEASUREMENTS = {
     "sensor": (dict(sensor=tb.sensors.TipPosition()), "without times"),
     "sigma": (dict(sigma=torch.ones(3)), r"sigma of shape \(3,\)"),
     "offset": (dict(offset=1.0), "offset = 1.0"),
+    "a delay of readings": (dict(times=T, delay=0.1), "delay was given to a Measurement without a sensor"),
+    "a clock of readings": (dict(times=T, clock="c", rate=True), "clock and rate was given"),
 }
 
 

@@ -51,15 +51,24 @@ class Parameter:
         if self.bounds is not None:
             object.__setattr__(self, "bounds", self._bounds())
         if self.scale is not None:
-            object.__setattr__(self, "scale", positive("scale", as_tensor(self.scale, dtype, device)).expand_as(start))
+            object.__setattr__(self, "scale", positive("scale", self._like("scale", self.scale)))
         if self.prior is not None:
             self._check_prior()
+
+    def _like(self, name: str, value: Any) -> Tensor:
+        """Of the start's shape."""
+        value, start = as_tensor(value, self.start.dtype, self.start.device), self.start
+        try:
+            return value.expand_as(start)
+        except RuntimeError:
+            raise ValueError(f"{name} of shape {tuple(value.shape)} were given for a start of shape {tuple(start.shape)}; one "
+                             "number, or one for each, is wanted") from None
 
     def _bounds(self) -> tuple[Tensor, Tensor]:
         start = self.start
         if not isinstance(self.bounds, (tuple, list)) or len(self.bounds) != 2:
             raise ValueError(f"bounds = {self.bounds!r} were given; (least, largest) is wanted")
-        least, largest = (as_tensor(b, start.dtype, start.device).expand_as(start) for b in self.bounds)
+        least, largest = (self._like("bounds", b) for b in self.bounds)
         ends = largest < torch.inf, least > -torch.inf
         inside = (least < start) & (start < largest) if self.transform == "logit" else (least <= start) & (start <= largest)
         if not inside.all() or not (least < largest).all() or (self.transform == "logit" and not (ends[0] & ends[1]).all()):

@@ -59,7 +59,7 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
     hints = (*odd, *fit_hints(readings, squares[best].item(), numbers - p, problem.sigma_given),
              *bound_hints(parameters.names, theta[best], (x[best] <= least) | (x[best] >= largest)))
     if odd:
-        warnings.warn(odd[0], UserWarning, stacklevel=5)
+        warnings.warn(odd[0], UserWarning, stacklevel=4)
     status, misfits = int(statuses[best]), (squares / numbers).sqrt()
     failed = int((statuses == FAILED).sum())
     message = "; ".join((REASON[status], *shown[best], *hints, *(
