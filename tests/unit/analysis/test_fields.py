@@ -67,6 +67,15 @@ def test_weights_from_the_data(criterion, known):
     assert 3 < found.effective < P and "12 numbers" in repr(found)
 
 
+def test_noise_beside_a_weight():
+    """A weight that is given, and no sigma: the noise is found (0.02, to 30 % as above), and the fit is that of such noise."""
+    data, smooth = noisy(0.02), {"x": tb.Smoothness(2)}
+    found = tb.identify_fields(blurred, data, {"x": torch.zeros(P)}, smooth, weight={"x": 0.01})
+    assert found.settled and found.weight == {"x": pytest.approx(0.01)} and 0.7 * 0.02 < found.sigma < 1.3 * 0.02
+    known = tb.identify_fields(blurred, tb.Measurement(data, found.sigma), {"x": torch.zeros(P)}, smooth, weight={"x": 0.01})
+    assert_close(found["x"], known["x"], rtol=1e-5, atol=1e-6)
+
+
 def test_the_corner_of_the_l_curve():
     """Two decades of weights about the corner: the L-curve's weight is no more than that from the evidence's."""
     options = dict(start={"x": torch.zeros(P)}, smoothness={"x": tb.Smoothness(2)})

@@ -75,7 +75,7 @@ def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness:
                  "gcv"       generalised cross validation (Golub, Heath and Wahba 1979, Technometrics 21, 215)
                  "lcurve"    corner of roughness over misfit, of one field (Hansen and O'Leary 1993, SIAM J. Sci. Comput. 14,
                              1487)
-    weight       name -> weight of each field, taken as they are: one search, more where rows are `sharp`
+    weight       name -> weight of each field, taken as they are: one search, more where rows are `sharp` or noise is not known
     rounds       searches at most, each from where the one before ended
     options      of `identify`
 
@@ -86,14 +86,14 @@ def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness:
     """
     choice("criterion", criterion, CRITERIA)
     task = _Task.of(model, data, start, smoothness, log, options)
-    most = count("rounds", rounds) if weight is None or task.sharp else 1
+    most = count("rounds", rounds) if weight is None or task.sharp or not task.known else 1
     weights, sigma = task.first() if weight is None else (task.checked(weight), task.noise)
     k, settled, sharpened, before = 0, False, False, None
     while not settled and k < most:
         fit, linear = task.searched(start, weights, sigma)
         found, used, noise, k = weigh(linear, criterion, task.known), weights, sigma, k + 1
         weights, sigma, start = found.weight / found.sigma**2 if weight is None else used, found.sigma, task.start_from(fit)
-        same = ((weights / used).log().abs() < SAME).all().item()
+        same = ((weights / used).log().abs() < SAME).all().item() and (weight is None or abs(sigma - noise) < SAME * noise)
         still = before is not None and ((fit.x - before).abs() < SAME * fit.x_covariance.diagonal().sqrt()).all().item()
         settled, before = still or (same and not task.sharp), fit.x
         if task.sharp and (same or sharpened):  # the normal law's weight first
