@@ -31,7 +31,8 @@ class Measurement:
     drift   each channel reads a straight line more, per s, or per the series' length where it has no times
     name    in sentences and pictures; None = the sensor's
 
-    Raises ValueError for values without a number, other shapes, a sigma that is not positive, a sensor without times.
+    Raises ValueError for values without a number, other shapes, a sigma that is not positive, a sensor without times; a
+    delay, a clock or a rate without a sensor.
     """
 
     values: Any

@@ -28,7 +28,8 @@ class Parameter:
                width of the bounds
     own        one for each experiment, in place of one for all; named "experiment.name"
 
-    Raises ValueError for a start outside of bounds or prior, "logit" without bounds, a prior of vectors.
+    Raises ValueError for a start outside of bounds or prior, "logit" without bounds, a prior of vectors or of another
+    shape, as bounds and scale of another shape.
     """
 
     start: Any
