@@ -3,10 +3,12 @@
 from . import plot, sensors
 from .analysis.advise import Advice, advise
 from .analysis.describe import Description, describe
+from .analysis.identification.fields import FieldFit, identify_fields
 from .analysis.identification.fit import Fit
 from .analysis.identification.identify import identify
 from .analysis.identification.measurement import Measurement
 from .analysis.identification.parameter import Parameter
+from .analysis.identification.smoothness import Smoothness
 from .analysis.uncertainty import laws
 from .analysis.uncertainty.estimate import Estimate
 from .analysis.uncertainty.moment_derivatives import MomentDerivatives, moment_derivatives
@@ -23,6 +25,7 @@ from .dynamics.simulate import simulate
 from .dynamics.stepper import Stepper
 from .linear.critical import Critical, critical_load
 from .linear.linear_model import Linear
+from .linear.mode_pairing import PairedModes, modal_assurance, pair_modes
 from .linear.modes import Modes, modes
 from .linear.state_space import linearize
 from .mixed.block import BlockRate, block_rate
@@ -64,11 +67,12 @@ from .statics.path import Path, path
 
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Description", "Drag",
-    "Energy", "Estimate", "ExplicitStepper", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad", "Linear", "Load",
-    "MassDamping", "Measurement", "MixedState", "Modes", "MomentDerivatives", "Parameter", "Path", "PerElement",
-    "PerInterval", "PointLoad", "PointMass", "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section",
-    "SobolIndices", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Stream", "Support", "Table", "TipLoad",
-    "Tornado", "advise", "block_rate", "consistent_state", "critical_load", "describe", "equilibrium", "identify", "laws",
-    "linearize", "modes", "moment_derivatives", "monte_carlo", "monte_carlo_stream", "observe", "path", "plot",
-    "rare_event", "rayleigh", "rest", "rollout", "sensors", "simulate", "sobol_indices", "tornado",
+    "Energy", "Estimate", "ExplicitStepper", "FieldFit", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad",
+    "Linear", "Load", "MassDamping", "Measurement", "MixedState", "Modes", "MomentDerivatives", "PairedModes", "Parameter",
+    "Path", "PerElement", "PerInterval", "PointLoad", "PointMass", "RareEvent", "RootMotion", "RootSpring", "Samples",
+    "Scene", "Section", "Smoothness", "SobolIndices", "Solution", "Spring", "State", "Stations", "Stats", "Stepper",
+    "Stream", "Support", "Table", "TipLoad", "Tornado", "advise", "block_rate", "consistent_state", "critical_load",
+    "describe", "equilibrium", "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes",
+    "moment_derivatives", "monte_carlo", "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event",
+    "rayleigh", "rest", "rollout", "sensors", "simulate", "sobol_indices", "tornado",
 ]

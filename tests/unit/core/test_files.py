@@ -9,7 +9,8 @@ import pytest
 from torchbeam import cli
 from torchbeam.core import files
 
-COMMANDS = ("accuracy", "bench", "control", "coverage", "demo", "effects", "envs", "hardcases", "rates", "verify")
+COMMANDS = ("accuracy", "bench", "control", "coverage", "demo", "effects", "envs", "gradients", "hardcases", "identification",
+            "rates", "scale", "verify")
 
 
 def full(*_):
@@ -17,7 +18,7 @@ def full(*_):
 
 
 def test_every_command_that_writes_is_here():
-    assert set(COMMANDS) | {"info"} == set(cli.commands())
+    assert set(COMMANDS) | {"info", "montecarlo"} == set(cli.commands())  # the latter wants a file of its own first
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -16,6 +16,7 @@ from .readings import Readings
 from .undetermined import undetermined
 
 UNIDENTIFIABLE = 3
+CURVED = 100.0  # error of central differences over the squared step, with room
 REASON = {CONVERGED: "converged", UNFINISHED: "more iterations are wanted", STUCK: "no step makes the misfit smaller",
           UNIDENTIFIABLE: "not identifiable", FAILED: "the model fails there", LEFT: "not followed"}
 
@@ -33,10 +34,11 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
     target = problem.target
     least_seen = torch.maximum(tolerance * torch.linalg.vector_norm(r, dim=-1),
                                rounding * torch.linalg.vector_norm(r + target, dim=-1))
+    resolution = max(torch.finfo(x.dtype).eps**0.5, CURVED * problem.relative_step**2 * (problem.method == "difference"))
     away, shown, open_ = region.away(x), [], []
     for k in range(len(x)):
         J_size = torch.nan_to_num(torch.cat((J[k], torch.diag(bend[k].sqrt()))) * at_unit[k])
-        said, which = undetermined(parameters.names, theta[k], parameters.start[k], away[k], J_size, least_seen[k])
+        said, which = undetermined(parameters.names, theta[k], parameters.start[k], away[k], J_size, least_seen[k], resolution)
         good = torch.isfinite(squares[k]) & (found.status[k] < FAILED)
         shown.append(said if good else ())
         open_.append(which & good)

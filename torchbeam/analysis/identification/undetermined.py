@@ -10,12 +10,12 @@ from torch import Tensor
 SHOWN = 0.1  # of a direction: smaller parts are not named
 
 
-def undetermined(names: Sequence[str], theta: Tensor, start: Tensor, away: Tensor, J: Tensor, least: Tensor
-                 ) -> tuple[tuple[str, ...], Tensor]:
+def undetermined(names: Sequence[str], theta: Tensor, start: Tensor, away: Tensor, J: Tensor, least: Tensor,
+                 resolution: float) -> tuple[tuple[str, ...], Tensor]:
     """Sentences about where one start ended, and which parameters (p,) bool they are about.
 
     theta, start  (p,);  away (p,) bool: which ran away;  J (T, p) by the parameters' own sizes
-    least         change of the weighted values that could be seen
+    least         change of the weighted values that could be seen;  resolution  relative accuracy of J
 
     Named are parameters that ran away; those that change the values by no more than `least`; changes of several together that
     do so: right singular vectors of J, its columns scaled to one.
@@ -30,7 +30,7 @@ def undetermined(names: Sequence[str], theta: Tensor, start: Tensor, away: Tenso
         _, singular, directions = torch.linalg.svd(J[:, some] / change[some], full_matrices=False)
         directions = directions / change[some]
         length = torch.linalg.vector_norm(directions, dim=-1)
-        free = (singular <= torch.finfo(J.dtype).eps ** 0.5) | (singular / length <= least)
+        free = (singular <= resolution) | (singular / length <= least)
         for direction in (directions / length[:, None])[free]:
             parts = _true(direction.abs() > SHOWN)
             shares = (100 * direction * direction[parts[0]].sign()).tolist()

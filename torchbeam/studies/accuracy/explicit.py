@@ -47,7 +47,7 @@ def _meshes(motion: Motion, form: str, method: str, reference: Reference, second
         row = Row(motion.name, form, method, elements, RTOL)
         try:
             row = _piece(motion, row)
-        except ValueError as error:
+        except (ValueError, RuntimeError) as error:  # what the form does not take, and a method that fails
             yield replace(row, note=str(error))
             return
         if row.seconds > end - time.process_time() or row.note:
@@ -56,8 +56,11 @@ def _meshes(motion: Motion, form: str, method: str, reference: Reference, second
             return
         try:
             sol, spent = _run(motion, row, motion.instants(OUTPUTS))
+            why = next(iter(sol.stats.reason.values()), "failed") if sol.status.any() else ""
         except RuntimeError as error:
-            yield replace(row, note=str(error))
+            why = str(error)
+        if why:
+            yield replace(row, note=why)
             return
         row = replace(row, steps=sol.stats.evaluations, seconds=spent, seconds_median=spent, repeats=1, scaled=1.0)
         row = replace(row, error=difference(sol.tip.position, reference.tip[::INTERVALS // OUTPUTS]))
@@ -84,7 +87,7 @@ def _piece(motion: Motion, row: Row) -> Row:
                 tried, spent = _run(motion, row, t)
             except RuntimeError:  # it grew beyond all bounds
                 continue
-            if difference(tried.tip.position, compared) < NEAR:
+            if not tried.status.any() and difference(tried.tip.position, compared) < NEAR:
                 sol = tried
                 break
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -65,10 +66,16 @@ def rows(quick: bool) -> Iterator[Row]:
 def memory(space: str, batch: int, output: float) -> dict[str, float]:
     """MB that a rollout with gradient takes beside what the process has when its code is compiled."""
     rollout(space, batch, True, steps=8, output=8 * STEP)
-    before = _resident()
-    highest = _peak_from_now()
-    rollout(space, batch, True, output=output)
-    return {"MB": (highest() - before) / 1e6}
+    with peak_memory() as taken:
+        rollout(space, batch, True, output=output)
+    return {"MB": taken()}
+
+
+@contextmanager
+def peak_memory() -> Iterator[Callable[[], float]]:
+    """A function for the MB that the process has taken at most since then, beside what it had."""
+    before, highest = _resident(), _peak_from_now()
+    yield lambda: (highest() - before) / 1e6
 
 
 def _resident() -> float:

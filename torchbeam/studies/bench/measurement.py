@@ -72,11 +72,14 @@ def thread_counts() -> tuple[int, ...]:
     return (1, 2) if (os.cpu_count() or 1) > 1 else (1,)
 
 
-def apart(function: Callable[..., dict[str, float]], *args: Any, **environment: str) -> dict[str, float]:
-    """What a function of this package finds in a new process, with one thread and more environment variables."""
+def apart(function: Callable[..., dict[str, Any]], *args: Any, limit: float | None = None, **environment: str
+          ) -> dict[str, Any]:
+    """What a function of this package finds in a new process, with one thread and more environment variables. Raises
+    RuntimeError where it fails, subprocess.TimeoutExpired after `limit` s.
+    """
     code = (f"import json, sys; from {function.__module__} import {function.__name__} as run; "
             "print(json.dumps(run(*json.loads(sys.argv[1]))))")
-    done = subprocess.run([sys.executable, "-c", code, json.dumps(args)], capture_output=True, text=True,
+    done = subprocess.run([sys.executable, "-c", code, json.dumps(args)], capture_output=True, text=True, timeout=limit,
                           env={**os.environ, "OMP_NUM_THREADS": "1", **environment})
     if done.returncode:
         raise RuntimeError(f"{function.__name__} failed in a process of its own:\n{done.stderr}")

@@ -42,6 +42,8 @@ class Waiting:
             try:
                 return self.future.result(POLL)
             except NotYet:
+                if self.future.done():  # the function's own error
+                    raise
                 now = time.monotonic()
                 seen = now if self.cluster.client.status == "running" else seen
                 if now - seen > PATIENCE:

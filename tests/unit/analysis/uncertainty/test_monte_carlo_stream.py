@@ -1,5 +1,6 @@
 """Streams: what the samples say, without them; taken up again, damaged, killed; constant memory."""
 
+import errno
 import math
 import os
 import signal
@@ -13,6 +14,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.analysis.uncertainty import monte_carlo_stream as module
+from torchbeam.core import files
 
 LAWS = {"a": (0.0, 1.0), "x": tb.laws.Normal(0.0, 1.0)}
 
@@ -105,6 +107,26 @@ def test_a_damaged_summary_is_computed_anew(tmp_path):
         path.write_bytes(damaged)
         with pytest.warns(UserWarning, match=r"stream.pt' is damaged \("):
             assert (tb.monte_carlo_stream(**run).mean == whole.mean).all()
+
+
+def test_a_full_disk(tmp_path, monkeypatch):
+    """The summary does not fit: one sentence, nothing half written; with room, the same call ends with the same numbers."""
+    run = dict(function=torch.sin, laws=LAWS, n=512, chunk=32, out=tmp_path)
+    real, synced = os.fsync, []
+
+    def full(file):
+        synced.append(file)
+        if len(synced) > 3:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(file)
+
+    monkeypatch.setattr(module, "EVERY", -1.0)
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(files.NotWritten, match=r"stream.pt' could not be written: No space left on device"):
+        tb.monte_carlo_stream(**run)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.json", "stream.pt"]
+    monkeypatch.undo()
+    assert (tb.monte_carlo_stream(**run).mean == tb.monte_carlo_stream(**{**run, "out": None}).mean).all()
 
 
 def test_all_failed():

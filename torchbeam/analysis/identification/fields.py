@@ -1,0 +1,238 @@
+"""Identification of fields: smoothness priors, and their weights from the data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.arguments import choice, count, instance, number
+from ...core.validation import as_tensor
+from .fit import Fit
+from .identify import identify
+from .measurement import Measurement
+from .parameter import Parameter
+from .regularization import CRITERIA, Linearised, Weighing, weigh
+from .smoothness import Smoothness
+
+SINGLE = "data"  # name of an experiment that was given without one
+NOISE = 0.05  # first deviation of data without sigma, over their RMS
+FIRST = 1e-4  # first weight, over that at which smoothness counts as much as the data
+SAME = 0.1  # of the logarithm of a weight, or of deviations of the parameters, from one round to the next
+
+
+@dataclass(frozen=True, eq=False)
+class FieldFit:
+    """Result of `identify_fields`.
+
+    fit         `Fit` with these weights; deviations and intervals are those of the posterior, the prior included: what they
+                say of a field holds as far as it is smooth in that sense
+    weight      name -> weight of its smoothness, see `Smoothness`
+    sigma       standard deviation of the data, where it was not given with them; else 1
+    effective   how many numbers the data determine (trace of the resolution matrix), of len(fit.theta)
+    weighing    of the last round: misfit, roughness and criterion over the weights
+    rounds      searches, each with the weights that the one before asks for;  settled: the last asks for the same, or
+                moved by less than a tenth of the deviations
+    """
+
+    fit: Fit
+    weight: dict[str, float]
+    sigma: float
+    effective: float
+    weighing: Weighing
+    rounds: int
+    settled: bool
+
+    def __getitem__(self, name: str) -> Tensor:
+        return self.fit[name]
+
+    def deviation(self, name: str) -> Tensor:
+        """Standard deviation of a parameter or field, of its shape."""
+        first, shape = self.fit.shapes[name]
+        return self.fit.deviation[first:first + torch.Size(shape).numel()].reshape(shape)
+
+    def __repr__(self) -> str:
+        weights = ", ".join(f"{name} {weight:.3g}" for name, weight in self.weight.items())
+        return (f"FieldFit({len(self.fit.theta)} numbers, {self.effective:.1f} of them told by the data; weights: {weights}; "
+                f"misfit {self.fit.misfit.item():.3g}, {'settled' if self.settled else 'not settled'} after {self.rounds})")
+
+
+def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness: Mapping[str, Smoothness], *,
+                    criterion: str = "evidence", weight: Mapping[str, float] | None = None, rounds: int = 20,
+                    log: bool = False, **options: Any) -> FieldFit:
+    """Parameters of which some are fields, (n,) each: stiffness or mass by element, a load by interval, an initial velocity by
+    node. A field of more numbers than the data tell is found with a prior that it is smooth, weighted as the data ask for.
+
+    model, data  as in `identify`
+    start        name -> start or `Parameter`, see `identify`; so is log
+    smoothness   name -> `Smoothness`, for some or all of the parameters
+    criterion    by which weights are found, of the model linearised where a search ended:
+                 "evidence"  the probability of the data, the fields integrated out, is largest (MacKay 1992, Neural
+                             Computation 4, 415; of unknown noise Wahba 1985, Annals of Statistics 13, 1378)
+                 "gcv"       generalised cross validation (Golub, Heath and Wahba 1979, Technometrics 21, 215)
+                 "lcurve"    corner of roughness over misfit, of one field (Hansen and O'Leary 1993, SIAM J. Sci. Comput. 14,
+                             1487)
+    weight       name -> weight of each field, taken as they are: one search, more where rows are `sharp`
+    rounds       searches at most, each from where the one before ended
+    options      of `identify`
+
+    The first search has weights that are small enough to follow the data. Where data have no sigma, that is found too: the
+    squares over the number of data less that of numbers told.
+
+    Raises ValueError for smoothness of what is no field of `start`, and what `identify` raises.
+    """
+    choice("criterion", criterion, CRITERIA)
+    task = _Task.of(model, data, start, smoothness, log, options)
+    most = count("rounds", rounds) if weight is None or task.sharp else 1
+    weights, sigma = task.first() if weight is None else (task.checked(weight), task.noise)
+    k, settled, sharpened, before = 0, False, False, None
+    while not settled and k < most:
+        fit, linear = task.searched(start, weights, sigma)
+        found, used, noise, k = weigh(linear, criterion, task.known), weights, sigma, k + 1
+        weights, sigma, start = found.weight / found.sigma**2 if weight is None else used, found.sigma, task.start_from(fit)
+        same = ((weights / used).log().abs() < SAME).all().item()
+        still = before is not None and ((fit.x - before).abs() < SAME * fit.x_covariance.diagonal().sqrt()).all().item()
+        settled, before = still or (same and not task.sharp), fit.x
+        if task.sharp and (same or sharpened):  # the normal law's weight first
+            settled, sharpened, task = still and sharpened, True, task.sharpened(fit, weights)
+    effective = linear.solved(used * noise**2).told.item()
+    return FieldFit(task.without_rows(fit), dict(zip(task.L, used.tolist(), strict=True)), noise, effective, found, k, settled)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What is searched: models and measurements by experiment, and for each field its rows L (rows, n), their target, and
+    factors (rows,) by which they count.
+    """
+
+    models: dict[str, Any]
+    measured: dict[str, Any]
+    start: Mapping[str, Any]
+    L: dict[str, Tensor]
+    target: dict[str, Tensor]
+    factor: dict[str, Tensor]
+    sharp: tuple[str, ...]
+    logs: dict[str, bool]
+    known: bool
+    single: bool
+    options: dict[str, Any]
+
+    @classmethod
+    def of(cls, model: Any, data: Any, start: Mapping[str, Any], smoothness: Mapping[str, Smoothness], log: bool,
+           options: dict[str, Any]) -> _Task:
+        if not isinstance(start, Mapping) or not isinstance(smoothness, Mapping) or not smoothness:
+            raise ValueError("a start and smoothness by name are wanted: {'EI': tb.Parameter(...)}, {'EI': tb.Smoothness()}")
+        single = not isinstance(data, Mapping)
+        measured = {SINGLE: data} if single else dict(data)
+        measured = {name: [Measurement.of(one, None) for one in given] if _several(given) else Measurement.of(given, None)
+                    for name, given in measured.items()}
+        models = dict(model) if isinstance(model, Mapping) else dict.fromkeys(measured, model)
+        known = {m.sigma is not None for given in measured.values() for m in _each(given)}
+        if len(known) > 1:
+            raise ValueError("measurements with sigma and without were given; all or none are wanted")
+        L, target, logs = {}, {}, {}
+        for name, one in smoothness.items():
+            if name not in start:
+                raise ValueError(f"smoothness of {name!r} was given; there are {', '.join(map(str, start))}")
+            given = start[name] if isinstance(start[name], Parameter) else Parameter(
+                as_tensor(start[name], torch.get_default_dtype()), transform="log" if log else None)
+            if given.start.ndim != 1 or given.own or given.transform == "logit":
+                raise ValueError(f"smoothness of {name!r} was given, of shape {tuple(given.start.shape)}; one field (n,) of "
+                                 "all experiments is wanted, by itself or by its logarithm")
+            L[name], logs[name] = instance("smoothness", one, Smoothness).rows(given.start), given.transform == "log"
+            value = given.start.log() if logs[name] else given.start
+            target[name] = L[name] @ value if one.order == 0 else L[name].new_zeros(len(L[name]))
+        factor = {name: rows.new_ones(len(rows)) for name, rows in L.items()}
+        sharp = tuple(name for name, one in smoothness.items() if one.sharp)
+        return cls(models, measured, start, L, target, factor, sharp, logs, known == {True}, single, {**options, "log": log})
+
+    @property
+    def noise(self) -> float:
+        """First deviation of the data; 1 where theirs are given."""
+        values = torch.cat([m.values.flatten() for given in self.measured.values() for m in _each(given)])
+        return 1.0 if self.known else NOISE * values[~values.isnan()].square().mean().sqrt().item() or 1.0
+
+    def checked(self, weight: Mapping[str, float]) -> Tensor:
+        if set(weight) != set(self.L):
+            raise ValueError(f"weights of {', '.join(map(str, weight))} were given; of {', '.join(self.L)} are wanted")
+        found = torch.tensor([number(f"the weight of {name!r}", weight[name]) for name in self.L], dtype=torch.float64)
+        if not (found > 0).all():
+            raise ValueError(f"a weight of {found.min().item():g} was given; positive ones are wanted")
+        return found
+
+    def first(self) -> tuple[Tensor, float]:
+        """Weights that leave the data all they can say, from the derivatives at the start."""
+        tiny = torch.full((len(self.L),), torch.finfo(torch.float64).eps, dtype=torch.float64)
+        fit = identify(*self._with_rows(tiny, self.noise), self.start, **{**self.options, "iterations": 1})
+        linear = self._linearised(fit, fit.problem.parameters.x[:1], self.noise)
+        return FIRST * linear.balance / self.noise**2, self.noise
+
+    def searched(self, start: Mapping[str, Any], weight: Tensor, sigma: float) -> tuple[Fit, Linearised]:
+        fit = identify(*self._with_rows(weight, sigma), start, **self.options)
+        return fit, self._linearised(fit, fit.x[None], sigma)
+
+    def start_from(self, fit: Fit) -> dict[str, Any]:
+        """Fields by their logarithms from where they were found, others as they were: those may have begun at zero."""
+        return {name: replace(one, start=fit[name]) if isinstance(one, Parameter) and one.transform == "log" and not one.own
+                else one for name, one in self.start.items()}
+
+    def sharpened(self, fit: Fit, weight: Tensor) -> _Task:
+        """With rows that count by how large they are."""
+        factor = dict(self.factor)
+        for (name, L), w in zip(self.L.items(), weight.tolist(), strict=True):
+            if name in self.sharp:
+                value = fit[name].log() if self.logs[name] else fit[name]
+                factor[name] = Smoothness.factors(w * (L @ value - self.target[name]).square())
+        return replace(self, factor=factor)
+
+    def without_rows(self, fit: Fit) -> Fit:
+        """The fit as if the smoothness were no measurement."""
+        y = {name: value for name, value in fit.y.items() if name in self.measured}
+        return replace(fit, y=y[SINGLE] if self.single else y, readings=tuple(
+            r for r in fit.readings if r.experiment in self.measured))
+
+    def _with_rows(self, weight: Tensor, sigma: float) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Models and data of experiments, one more for each field."""
+        def noisy(m: Measurement) -> Measurement:
+            return m if self.known else replace(m, sigma=sigma)
+
+        data = {name: [noisy(m) for m in given] if isinstance(given, list) else noisy(given)
+                for name, given in self.measured.items()}
+        models = dict(self.models)
+        for (name, L), w in zip(self.L.items(), weight.tolist(), strict=True):
+            models[f"smoothness of {name}"] = _rows_of(name, L, self.logs[name])
+            data[f"smoothness of {name}"] = Measurement(self.target[name], (w * self.factor[name]) ** -0.5)
+        return models, data
+
+    def _linearised(self, fit: Fit, x: Tensor, sigma: float) -> Linearised:
+        """About x (1, p), misfits over the data's own deviations."""
+        problem = fit.problem
+        every = torch.zeros(1, dtype=torch.long, device=x.device)
+        with torch.no_grad():
+            r, J = problem.linearised(x, every)
+            bend = problem.prior(x)[2][0]
+        rows = sum(len(L) for L in self.L.values())
+        scale = 1.0 if self.known else sigma
+        wide, target = [], []
+        for name, L in self.L.items():
+            (place,) = (e.place for e in problem.parameters.entries if e.name == name)
+            wide.append(x.new_zeros(len(L), x.shape[1]))
+            root = self.factor[name].sqrt()
+            wide[-1][:, place] = root[:, None] * L
+            target.append(root * self.target[name])
+        return Linearised(x[0], scale * r[0, :-rows], scale * J[0, :-rows], tuple(wide), tuple(target), scale**2 * bend)
+
+
+def _rows_of(name: str, L: Tensor, log: bool) -> Any:
+    return lambda theta: (theta[name].log() if log else theta[name]) @ L.mT
+
+
+def _several(given: Any) -> bool:
+    return isinstance(given, (list, tuple)) and any(isinstance(one, Measurement) for one in given)
+
+
+def _each(given: Any) -> list[Measurement]:
+    return given if isinstance(given, list) else [given]

@@ -1,0 +1,143 @@
+"""Weights of Tikhonov regularisation: evidence, generalised cross validation, corner of the L-curve, linearised."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+CRITERIA = ("evidence", "gcv", "lcurve")
+DECADES = (-12.0, 4.0)  # of a weight, about that at which smoothness counts as much as the data
+EACH = 8  # weights a decade
+SWEEPS = 6  # over the weights of several fields
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Misfits r (T,) of the data and J (T, p) at x (p,), over the data's deviations where these are known; smoothness rows
+    L (rows, p) of each field, whose values are to be near to target (rows,); `other` (p,) diagonal of other priors.
+    """
+
+    x: Tensor
+    r: Tensor
+    J: Tensor
+    L: tuple[Tensor, ...]
+    target: tuple[Tensor, ...]
+    other: Tensor
+
+    @property
+    def balance(self) -> Tensor:
+        """(fields,) weights at which smoothness counts as much as the data."""
+        return torch.stack([self.J[:, (L != 0).any(0)].square().sum() / L.square().sum() for L in self.L])
+
+    def solved(self, weight: Tensor) -> Solved:
+        """The linear problem's solution for weights (..., fields)."""
+        data = self.J.mT @ self.J
+        A = data + torch.diag(self.other) + sum(w[..., None, None] * (L.mT @ L) for w, L in zip(
+            weight.unbind(-1), self.L, strict=True))
+        towards = -(self.J.mT @ self.r) - sum(w[..., None] * (L.mT @ (L @ self.x - c)) for w, L, c in zip(
+            weight.unbind(-1), self.L, self.target, strict=True))
+        size = A.diagonal(dim1=-2, dim2=-1).clamp(min=torch.finfo(A.dtype).tiny).rsqrt()
+        values, vectors = torch.linalg.eigh(size[..., :, None] * A * size[..., None, :])
+        values = values.clamp(min=torch.finfo(A.dtype).eps * values.amax(-1, keepdim=True))
+        inverse = size[..., :, None] * (vectors / values[..., None, :] @ vectors.mT) * size[..., None, :]
+        step = (inverse @ towards[..., None])[..., 0]
+        misfit = (self.r + step @ self.J.mT).square().sum(-1)
+        rough = torch.stack([((self.x + step) @ L.mT - c).square().sum(-1) for L, c in zip(self.L, self.target, strict=True)],
+                            -1)
+        told = (inverse * data).sum((-1, -2))
+        return Solved(misfit, rough, told, values.log().sum(-1) - 2 * size.log().sum(-1))
+
+
+@dataclass(frozen=True)
+class Solved:
+    """misfit (...) squares of the data's misfits;  rough (..., fields) squares of the rows;  told (...) numbers that the data
+    determine;  log_det (...) of the posterior's inverse covariance.
+    """
+
+    misfit: Tensor
+    rough: Tensor
+    told: Tensor
+    log_det: Tensor
+
+
+@dataclass(frozen=True)
+class Weighing:
+    """What a criterion found: weight (fields,); sigma of the data, over that given; effective: numbers that the data determine.
+
+    weights, misfit, rough, value  (fields, tried): along each field's weight, the others as found; of the criterion, the least
+    value is taken
+    """
+
+    weight: Tensor
+    sigma: float
+    effective: float
+    weights: Tensor
+    misfit: Tensor
+    rough: Tensor
+    value: Tensor
+
+
+def weigh(problem: Linearised, criterion: str, known: bool) -> Weighing:
+    """Weights by a criterion, each in turn; those of unknown noise are over the data's variance. `known`: misfits are over the
+    data's deviations. Raises ValueError for the L-curve of several fields.
+    """
+    fields = len(problem.L)
+    if criterion == "lcurve" and fields > 1:
+        raise ValueError(f"the L-curve was asked for with {fields} fields; it is of one, 'evidence' and 'gcv' take several")
+    low, high = DECADES
+    tried = 10 ** torch.linspace(low, high, int((high - low) * EACH) + 1).to(problem.x) * problem.balance[:, None]
+    weight = problem.balance * 1e-4
+    curves = torch.zeros(3, *tried.shape).to(tried)
+    for _ in range(SWEEPS if fields > 1 else 1):
+        before = weight.clone()
+        for j in range(fields):
+            along = weight.repeat(tried.shape[1], 1)
+            along[:, j] = tried[j]
+            solved = problem.solved(along)
+            value = _value(problem, solved, along, criterion, known)
+            curves[:, j] = torch.stack((solved.misfit, solved.rough[:, j], value))
+            weight[j] = _least(tried[j], value)
+        if (weight / before).log().abs().max() < 0.01:
+            break
+    solved = problem.solved(weight)
+    freedom = (len(problem.r) - solved.told).clamp(min=1)
+    sigma = 1.0 if known else (solved.misfit / freedom).sqrt().item()
+    return Weighing(weight, sigma, solved.told.item(), tried, *curves)
+
+
+def _value(problem: Linearised, solved: Solved, weight: Tensor, criterion: str, known: bool) -> Tensor:
+    """What is to be least (tried,)."""
+    T = len(problem.r)
+    if criterion == "gcv":
+        return T * solved.misfit / (T - solved.told).clamp(min=1e-3 * T) ** 2
+    if criterion == "lcurve":
+        return -_curvature(solved.misfit.log() / 2, solved.rough[:, 0].log() / 2)
+    ranks = torch.tensor([float(len(L)) for L in problem.L]).to(weight)
+    squares = solved.misfit + (weight * solved.rough).sum(-1)
+    freedom = max(T + ranks.sum().item() - len(problem.x), 1.0)
+    own = squares if known else freedom * squares.log()
+    return (own + solved.log_det - (ranks * weight.log()).sum(-1)) / 2
+
+
+def _curvature(a: Tensor, b: Tensor) -> Tensor:
+    """Of the curve (a, b) (n,) at even parameters; -inf at its ends."""
+    def slope(x: Tensor) -> Tensor:
+        return (x[2:] - x[:-2]) / 2
+
+    da, db, dda, ddb = slope(a), slope(b), a.diff(n=2), b.diff(n=2)
+    found = (da * ddb - dda * db) / (da.square() + db.square()).clamp(min=torch.finfo(a.dtype).eps) ** 1.5
+    return torch.nn.functional.pad(found, (1, 1), value=-torch.inf)
+
+
+def _least(weights: Tensor, value: Tensor) -> Tensor:
+    """Weight of the least value: of the parabola through it and its neighbours, in the weight's logarithm."""
+    value = torch.where(torch.isfinite(value), value, torch.inf)
+    k = int(value.argmin())
+    if k in (0, len(value) - 1) or not torch.isfinite(value[k - 1:k + 2]).all():
+        return weights[k]
+    before, here, after = value[k - 1:k + 2]
+    bend = before - 2 * here + after
+    shift = (before - after) / (2 * bend) if bend > 0 else 0.0
+    return weights[k] * (weights[k + 1] / weights[k]) ** shift
