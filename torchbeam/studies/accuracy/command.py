@@ -31,7 +31,7 @@ QUICK_ABOUT = "one motion by two methods with linear elements, errors of 5 and 1
 TRIES = 3  # of a setting whose error is more than the sum of what its mesh and its step are off by
 PAYS = 3.0  # a setting is tried where so many times what it is expected to take is there
 ABOUT = (
-    "Work and precision: five motions by every element, method and form, at errors from 5 %% to 1e-6; what is cheapest, "
+    "Work and precision: five motions by every element, method and form, at errors from 5 % to 1e-6; what is cheapest, "
     "alone and in a batch of 256, forward and with a gradient, beside the second-order setting (linear elements, midpoint "
     "steps) of equal error. One thread, float64, about 13 minutes; with matplotlib also pictures, accuracy.png and "
     "orders.png."

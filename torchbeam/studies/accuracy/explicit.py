@@ -47,7 +47,7 @@ def _meshes(motion: Motion, form: str, method: str, reference: Reference, second
         row = Row(motion.name, form, method, elements, RTOL)
         try:
             row = _piece(motion, row)
-        except ValueError as error:
+        except (ValueError, RuntimeError) as error:  # what the form does not take, and a method that fails
             yield replace(row, note=str(error))
             return
         if row.seconds > end - time.process_time() or row.note:
