@@ -47,5 +47,6 @@ fit = tb.identify(tip, DATA, START, sigma=SIGMA, log=True, names=("EI", "mass"))
 CHECK = max((theta / fit.theta - 1).abs().max().item() / 1e-5, (deviation / fit.deviation - 1).abs().max().item() / 1e-2)
 EXPECTED, TOLERANCE = 0.0, 1.0  # parameters to 1e-5, deviations to 1e-2
 
-print(f"scipy: EI = {theta[0]:.5f} +- {deviation[0]:.5f}, mass = {theta[1]:.5f} +- {deviation[1]:.5f} in {found.nfev} evaluations")
+print(f"scipy: EI = {theta[0]:.5f} +- {deviation[0]:.5f}, "
+      f"mass = {theta[1]:.5f} +- {deviation[1]:.5f} in {found.nfev} evaluations")
 print(fit)

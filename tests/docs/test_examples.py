@@ -9,12 +9,15 @@ import pytest
 from torchbeam.dynamics.compiled.coverage import VARIABLE
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
-LONG = {"identify_accelerometers", "identify_field", "mpc", "uncertainty_controller"}
+EXTRA = {"identify_nuts": "pyro", "identify_scipy": "scipy"}  # packages that an example is about
+LONG = {"identify_accelerometers", "identify_field", "identify_nuts", "mpc", "uncertainty_controller"}
 
 
 @pytest.mark.parametrize("path", [pytest.param(p, id=p.stem, marks=[pytest.mark.long] * (p.stem in LONG)) for p in EXAMPLES])
 def test_example(path, tmp_path, monkeypatch):
     """CHECK within TOLERANCE of EXPECTED; importing draws nothing, writes nothing and needs no matplotlib."""
+    if path.stem in EXTRA:
+        pytest.importorskip(EXTRA[path.stem])
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv(VARIABLE, "auto")
     monkeypatch.setitem(sys.modules, "matplotlib", None)  # importing it would raise

@@ -385,7 +385,7 @@ def test_a_fit_refined_by_a_finer_model():
 
     def finer(theta):
         asked.append(len(theta["a"]))
-        return wave(theta) * (1 + 0.05 * T)
+        return wave(theta) * (1 + 0.02 * T)
 
     start = {"a": tb.Parameter(1.0, "log"), "b": tb.Parameter(1.0, "log")}
     data = tb.Measurement(CLEAN + NOISE, 0.05, T, offset=True)

@@ -9,8 +9,8 @@ import pytest
 from torchbeam import cli
 from torchbeam.core import files
 
-COMMANDS = ("accuracy", "bench", "control", "coverage", "demo", "effects", "envs", "hardcases", "identification", "rates",
-            "scale", "verify")
+COMMANDS = ("accuracy", "bench", "control", "coverage", "demo", "effects", "envs", "gradients", "hardcases", "identification",
+            "rates", "scale", "verify")
 
 
 def full(*_):

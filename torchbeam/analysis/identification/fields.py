@@ -21,7 +21,7 @@ from .smoothness import Smoothness
 SINGLE = "data"  # name of an experiment that was given without one
 NOISE = 0.05  # first deviation of data without sigma, over their RMS
 FIRST = 1e-4  # first weight, over that at which smoothness counts as much as the data
-SAME = 0.1  # of the logarithm of a weight, from one round to the next
+SAME = 0.1  # of the logarithm of a weight, or of deviations of the parameters, from one round to the next
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,8 @@ class FieldFit:
     sigma       standard deviation of the data, where it was not given with them; else 1
     effective   how many numbers the data determine (trace of the resolution matrix), of len(fit.theta)
     weighing    of the last round: misfit, roughness and criterion over the weights
-    rounds      searches, each with the weights that the one before asks for;  settled: the last asks for the same
+    rounds      searches, each with the weights that the one before asks for;  settled: the last asks for the same, or
+                moved by less than a tenth of the deviations
     """
 
     fit: Fit
@@ -74,7 +75,7 @@ def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness:
                  "gcv"       generalised cross validation (Golub, Heath and Wahba 1979, Technometrics 21, 215)
                  "lcurve"    corner of roughness over misfit, of one field (Hansen and O'Leary 1993, SIAM J. Sci. Comput. 14,
                              1487)
-    weight       name -> weight of each field, taken as they are: one search
+    weight       name -> weight of each field, taken as they are: one search, more where rows are `sharp`
     rounds       searches at most, each from where the one before ended
     options      of `identify`
 
@@ -85,18 +86,18 @@ def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness:
     """
     choice("criterion", criterion, CRITERIA)
     task = _Task.of(model, data, start, smoothness, log, options)
-    most = count("rounds", rounds) if weight is None else 1
+    most = count("rounds", rounds) if weight is None or task.sharp else 1
     weights, sigma = task.first() if weight is None else (task.checked(weight), task.noise)
-    k, settled, sharpening = 0, False, False
+    k, settled, sharpened, before = 0, False, False, None
     while not settled and k < most:
         fit, linear = task.searched(start, weights, sigma)
         found, used, noise, k = weigh(linear, criterion, task.known), weights, sigma, k + 1
         weights, sigma, start = found.weight / found.sigma**2 if weight is None else used, found.sigma, task.start_from(fit)
-        settled = ((weights / used).log().abs() < SAME).all().item()
-        if (settled or sharpening) and task.sharp and k < most:
-            sharpening, before = True, task
-            task = task.sharpened(fit, weights)
-            settled = settled and all(((task.factor[n] / before.factor[n]).log().abs() < 2 * SAME).all() for n in task.sharp)
+        same = ((weights / used).log().abs() < SAME).all().item()
+        still = before is not None and ((fit.x - before).abs() < SAME * fit.x_covariance.diagonal().sqrt()).all().item()
+        settled, before = still or (same and not task.sharp), fit.x
+        if task.sharp and (same or sharpened):  # the normal law's weight first
+            settled, sharpened, task = still and sharpened, True, task.sharpened(fit, weights)
     effective = linear.solved(used * noise**2).told.item()
     return FieldFit(task.without_rows(fit), dict(zip(task.L, used.tolist(), strict=True)), noise, effective, found, k, settled)
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ...core import files
 from ...core.arguments import choice, number
-from ...solvers.least_squares import Found
+from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
 from . import student
 from .bootstrap import Bootstrap, bootstrap
@@ -141,14 +141,19 @@ class Fit:
     def refined(self, model: Any) -> Fit:
         """The fit that a finer model finds, of a finer mesh or shorter steps: its readings with the derivatives of the model
         at hand, by Gauss-Newton steps until these are a hundredth of a deviation (defect correction; Boehmer and Stetter 1984).
-        Some evaluations of one sample each, in place of a search with the finer model. What the parameters move by is the
+        Some evaluations of one sample each, in place of a search with the finer model; derivatives are the model's at hand,
+        found once more on the way. What the parameters move by is the
         error that the mesh has brought in.
 
         model  as `identify` was given, for the same parameters and data
 
         Raises ValueError where the finer model fails, or the steps do not become smaller: the models differ too much.
         """
-        return Fit.of(*refined(self._problem("refined fit"), model, self.x, self.jacobian, self._scale), self.derivatives, 1e-6)
+        finer, found, region = refined(self._problem("refined fit"), model, self.x[None], self.jacobian[None], self._scale)
+        if found.status[0] != CONVERGED:
+            raise ValueError("a finer model that fails at the fit, or differs too much from the one that was fitted, was "
+                             "given; one of the same beam, a little finer, is wanted")
+        return Fit.of(finer, found, region, self.derivatives, 1e-6)
 
     def summary(self, level: float = 0.95) -> str:
         """A table for the reader: parameters with their intervals, the misfit, what is not told, and hints."""

@@ -9,38 +9,44 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...solvers.least_squares import CONVERGED, Found
+from ...solvers.least_squares import CONVERGED, FAILED, Found
 from ...solvers.region import Region
 from .problem import Problem
 
-STEPS = 20
+STEPS, AGAIN = 20, 3
 SMALL = 1e-4  # squared length of a step over the noise's: a hundredth of a deviation
 
 
 def refined(problem: Problem, model: Any, x: Tensor, J: Tensor, scale: float) -> tuple[Problem, Found, Region]:
-    """The finer problem, and what is found from the coordinates x (p,) and J (T, p) of a fit; see `Fit.refined`."""
+    """The finer problem, and what is found from the coordinates x (S, p) and J (S, T, p) of fits; see `Fit.refined`. The status
+    of those for which the models differ too much is FAILED.
+    """
     if isinstance(model, Mapping) and set(model) != {e.name for e in problem.experiments}:
         raise ValueError(f"models of {', '.join(map(str, model))} were given; those of "
                          f"{', '.join(str(e.name) for e in problem.experiments)} are wanted")
     finer = replace(problem, experiments=tuple(
         replace(e, model=model[e.name] if isinstance(model, Mapping) else model) for e in problem.experiments))
-    which, way = torch.zeros(1, dtype=torch.long, device=x.device), [x[None]]
+    parameters, every, way = problem.parameters, torch.arange(len(x), device=x.device), [x]
+    last, done = torch.full_like(x[:, 0], torch.inf), torch.zeros_like(every, dtype=torch.bool)
+    failed = done.clone()
     with torch.no_grad():
-        bounds = [b[0] for b in problem.parameters.bounds(x[None])]
-        last = torch.inf
-        for _ in range(STEPS):
-            r, (_, slope, bend) = finer.residuals(way[-1], which), finer.prior(way[-1])
-            A = J.mT @ J + torch.diag(bend[0])
-            step = -torch.linalg.lstsq(A, (J.mT @ r[0] + slope[0])[:, None]).solution[:, 0]
-            length = ((A @ step) @ step).item()
-            if not length <= last * 1.0001:
-                raise ValueError("a finer model that fails at the fit, or differs too much from the one that was fitted, was "
-                                 "given; one of the same beam, a little finer, is wanted")
-            if length <= SMALL * scale**2:
+        least, largest = parameters.bounds(x)
+        for k in range(STEPS):
+            r, (_, slope, bend) = finer.residuals(way[-1], every), finer.prior(way[-1])
+            if k == AGAIN:  # derivatives from where the finer model is going: deviations follow them
+                _, J = problem.linearised(way[-1], every)
+            A = (J.mT @ J + torch.diag_embed(bend)).nan_to_num()
+            gradient = (J.mT @ r[..., None])[..., 0] + slope
+            step = -(torch.linalg.pinv(A, hermitian=True) @ gradient.nan_to_num()[..., None])[..., 0]
+            length = (step * (A @ step[..., None])[..., 0]).sum(-1)
+            failed = failed | ~torch.isfinite(r).all(-1) | (~done & (k not in (0, AGAIN)) & ~(length <= 1.0001 * last))
+            done = done | (length <= SMALL * scale**2)
+            if (k >= AGAIN and (done | failed).all()):
                 break
             last = length
-            way.append(torch.maximum(torch.minimum(way[-1] + step, bounds[1]), bounds[0]))
-    at, parameters = way[-1], problem.parameters
+            way.append(torch.where((done | failed)[:, None], way[-1],
+                                   torch.maximum(torch.minimum(way[-1] + step, largest), least)))
+    at = way[-1]
     region = Region(at, parameters.size, parameters.transform.additive, *parameters.bounds(at), problem.target)
-    status = torch.full((1,), CONVERGED, device=x.device)
-    return finer, Found(at, r, J[None], status, torch.stack(way)), region
+    status = torch.where(done & ~failed, CONVERGED, FAILED)
+    return finer, Found(at, r, J, status, torch.stack(way)), region
