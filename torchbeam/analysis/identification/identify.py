@@ -51,8 +51,8 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     derivatives  "difference": central differences of `relative_step` (1e-4), a batch of 2 p times the starts, which run on the
                  compiled engine. "forward": forward mode, the p directions as a batch, by eager steps. "adjoint": the gradient
                  of the squares by reverse mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond
-                 some hundreds; it takes more iterations, one start after the other, no bounds but by logits. "auto": differences, where those
-                 of ten times the step agree with them to 1e-3 at the start, and else forward mode
+                 some hundreds; it takes more iterations, one start after the other, no bounds but by logits. "auto":
+                 differences, where those of ten times the step agree with them to 1e-3 at the start, and else forward mode
     tolerance    of the largest step, relative to theta (of log theta, absolute); also, squared, of the decrease of the squares
     progress     a line of progress (tqdm)
 
