@@ -94,6 +94,19 @@ def test_a_prior_tells_what_data_do_not():
     assert_close(fit.deviation / fit.theta, torch.tensor([0.1, 0.1]), rtol=1e-2, atol=0)
 
 
+def test_fewer_data_than_parameters_with_priors():
+    """One reading of a sum: each number gives way as its prior is wide; mean and covariance of the conditional normal law."""
+    prior = {"a": Normal(1.0, 0.3), "b": Normal(0.5, 0.4)}
+    start = {name: tb.Parameter(0.7, prior=law) for name, law in prior.items()}
+    fit = tb.identify(lambda theta: (theta["a"] + theta["b"])[:, None], torch.tensor([2.0]), start, sigma=0.1)
+    variance, total = torch.tensor([0.09, 0.16]), 0.09 + 0.16 + 0.01
+    assert fit.status == 0 and not fit.hints
+    assert_close(fit.theta, torch.tensor([1.0, 0.5]) + variance / total * 0.5, rtol=1e-5, atol=0)
+    assert_close(fit.covariance, variance.diag() - torch.outer(variance, variance) / total, rtol=1e-5, atol=0)
+    with pytest.raises(ValueError, match="1 data were given for 2 parameters"):
+        tb.identify(lambda theta: (theta["a"] + theta["b"])[:, None], torch.tensor([2.0]), {"a": 1.0, "b": 0.5}, sigma=0.1)
+
+
 def test_priors_of_a_batch_are_each_sample_by_itself():
     """One sample outside of the support is infinitely unlikely, and the others are as likely as alone."""
     start = {"a": 1.0, "b": tb.Parameter(torch.tensor([0.2, 0.3]), prior=LogNormal(0.0, 0.5))}

@@ -67,7 +67,7 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     never 0.
 
     Raises ValueError for a model whose output does not fit the data, for starts at none of which it is finite, fewer data than
-    parameters, data without a number; what the model raises at all starts goes through.
+    parameters without a prior, data without a number; what the model raises at all starts goes through.
     """
     choice("derivatives", derivatives, DERIVATIVES)
     check_tolerance("tolerance", tolerance)

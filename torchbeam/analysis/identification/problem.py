@@ -95,8 +95,8 @@ class Problem:
             before += m.values.numel()
         parameters = parameters.with_nuisance(names)
         numbers, p = int(known.sum()), len(parameters.names)
-        if numbers < p:
-            raise ValueError(f"{numbers} data were given for {p} parameters; at least as many are wanted")
+        if numbers + sum(e.size for e in parameters.priors) < p:
+            raise ValueError(f"{numbers} data were given for {p} parameters; at least as many are wanted, or priors")
         scaled = given == {True} and absolute_sigma
         if parameters.priors and not scaled:
             raise ValueError("priors were given with data without an absolute sigma, against which they are weighed; one is "
