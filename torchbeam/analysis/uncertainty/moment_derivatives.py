@@ -98,12 +98,12 @@ def _sums(function: Function, joint: JointLaw, plan: Sobol, first: int, last: in
                          "on q, are wanted")
     flat = y.reshape(len(y), -1)
     status = torch.where((status == 0) & ~torch.isfinite(flat).all(-1), FAILED, status).detach().cpu()
-    values = flat[(status == 0).to(flat.device)]
+    values = flat[(status == 0).to(flat.device)].double()  # squares of float32 cancel where the mean is large
     moments = (values.sum(0), values.square().sum(0))
     by = [torch.stack([_gradient(number, q) for number in moment.unbind()], -1) for moment in moments]
     shape = y.shape[1:]
     sums = (torch.tensor(float(len(values)), dtype=torch.float64),
-            *(m.detach().double().reshape(shape) for m in moments), *(b.double().reshape(len(q), *shape) for b in by))
+            *(m.detach().reshape(shape) for m in moments), *(b.double().reshape(len(q), *shape) for b in by))
     return sums, y.detach().cpu(), status
 
 

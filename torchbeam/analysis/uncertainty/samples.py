@@ -154,13 +154,13 @@ class Samples:
         return output.write_summary(self, path, levels, interval)
 
     def _groups(self, y: Tensor | None = None, good: Tensor | None = None) -> list[Tensor]:
-        """Good samples of each replicate that has any."""
+        """Good samples of each replicate that has several; all of them, where none has."""
         y = self.y.double() if y is None else y
         good = self.status == 0 if good is None else good
         groups = [part[chosen] for part, chosen in zip(y.chunk(self.replicates), good.chunk(self.replicates), strict=True)]
-        self._filled(torch.cat(groups))
+        whole = self._filled(torch.cat(groups))
         groups = [group for group in groups if len(group) > 1]
-        return groups if groups else [self.good.double()]
+        return groups if groups else [whole]  # of replicates of one sample each, samples are independent
 
     def _filled(self, y: Tensor) -> Tensor:
         if not len(y):

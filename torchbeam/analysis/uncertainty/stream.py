@@ -131,8 +131,8 @@ class Stream:
         if self._groups > 1:
             error, freedom = torch.stack([one.mean for one in known]).std(0) / math.sqrt(len(known)), len(known) - 1
         else:
-            error, freedom = whole.deviation / math.sqrt(whole.n), max(whole.n - 1, 1)
-        half = student_quantile((1 + level) / 2, freedom) * error
+            error, freedom = whole.deviation / math.sqrt(whole.n), whole.n - 1
+        half = student_quantile((1 + level) / 2, freedom) * error if freedom else whole.mean.abs() + math.inf
         return self._estimate(whole.mean, whole.mean - half, whole.mean + half, level)
 
     def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
@@ -158,7 +158,8 @@ class Stream:
                     half = self._share_error(j, centre[k, j], level, n) * n
                     ends = [max(q * (n - 1) - half, 0), min(q * (n - 1) + half, n - 1)]
                 for bound, rank, side in ((low, ends[0], -1), (high, ends[1], 1)):
-                    value = sketch.at_ranks(torch.tensor([float(rank)]))[0].item() if 0 <= rank <= n - 1 else side * math.inf
+                    at = torch.tensor([rank], dtype=torch.float64)  # float32 tells ranks apart up to 2^24
+                    value = sketch.at_ranks(at)[0].item() if 0 <= rank <= n - 1 else side * math.inf
                     bound[k, j] = value if math.isinf(value) else value + side * abs(value) * sketch.error
         return self._estimate(*(self._shaped(x, given) for x in (centre, low, high)), level)
 

@@ -68,7 +68,7 @@ def _run(config: Config, given: argparse.Namespace, out: Path) -> Any:
     run: Callable[..., Any] = monte_carlo if config.keep else monte_carlo_stream
     if unknown := [name for name in config.options if name not in signature(run).parameters]:
         raise ValueError(f"{unknown[0]!r} was given with keep = {config.keep}; {run.__name__} has no such option")
-    n = given.n or config.n
+    n = config.n if given.n is None else given.n
     if n is None and "theta" not in config.options:
         raise ValueError("a configuration without n was given; n, or --n, is wanted")
     for trial in range(AGAIN):

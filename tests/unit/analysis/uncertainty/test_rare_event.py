@@ -109,6 +109,20 @@ def test_brute_force(method):
     assert found.low < plain.high and plain.low < found.high
 
 
+def test_equal_values():
+    """y = max(a - c, 0) at 1e-4: for c = 0 a tenth has y > 0, and all is as without; for c = 2 it begins among equal y, and the
+    product of tenths would be 2e-7.
+    """
+    beta = 3.719016
+    plain, cut = (tb.rare_event(lambda theta, c=c: theta[:, 0].clamp_min(c), NORMALS, beta, 1000, seed=1)
+                  for c in (-math.inf, 0.0))
+    assert cut.probability == plain.probability and plain.low < tail(beta) < plain.high
+    with pytest.raises(ValueError, match=r"a y that is 0 at \d+ of 100 samples of a level was given"):
+        tb.rare_event(lambda theta: (theta[:, 0] - 2).clamp_min(0), NORMALS, beta - 2, 1000)
+    with pytest.raises(ValueError, match="that varies all the way to the threshold is wanted"):
+        tb.rare_event(lambda theta: theta[:, 0].clamp_max(1.0), NORMALS, 2.0, 1000)
+
+
 REFUSED = {
     "few samples": (dict(n=100), "n = 100 was given for 10 runs of subset simulation; at least 500"),
     "few for importance": (dict(n=20, method="importance"), "at least 32 are wanted"),

@@ -8,6 +8,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.analysis.uncertainty.estimate import quantile_of_sorted
+from torchbeam.analysis.uncertainty.samples import Samples
 
 LAWS = {"a": (0.0, 1.0), "b": (0.0, 1.0)}
 
@@ -112,6 +113,26 @@ def test_until(tmp_path):
     assert len(tb.monte_carlo(counted, LAWS, 4096, until=1e-9)) == 4096
     other = tb.monte_carlo(counted, LAWS, 4096, replicates=32, until=(0.02, error))
     assert other.quantile(0.5, 0.95).relative_error <= 0.02 and len(other) % 128 == 0
+
+
+def test_one_sample_a_replicate():
+    """They are independent samples: shares are counted, not summed. One sample in all tells nothing of the error."""
+    y = torch.linspace(0.5, 8.0, 16)
+    own = Samples(("x",), y[:, None], y, torch.zeros(16, dtype=torch.long), 16)
+    assert own.exceedance(3.0).estimate == 10 / 16 and own.exceedance(3.0).method == "Clopper and Pearson"
+    one = tb.monte_carlo(lambda theta: 5 + theta[:, 0], LAWS, 1)
+    assert one.exceedance(3.0).estimate == 1 and one.exceedance(3.0).low.item() == pytest.approx(0.025)
+    stream = tb.monte_carlo_stream(lambda theta: 5 + theta[:, 0], LAWS, 1, replicates=1)
+    for mean, low, high in (one.mean_interval(), stream.mean_interval()):
+        assert mean == one.y[0] and low == -math.inf and high == math.inf
+    assert one.deviation.isnan() and stream.deviation.isnan()
+
+
+def test_ranks_of_many():
+    """Samples beyond 2^24, which float32 does not count: the last of them is found."""
+    y = torch.zeros(2**24 + 4)
+    y[-1] = 1.0
+    assert quantile_of_sorted(y, torch.tensor([1.0])) == 1.0
 
 
 def test_bootstrap():
