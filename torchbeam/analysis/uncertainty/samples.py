@@ -145,13 +145,15 @@ class Samples:
         """An xarray.Dataset over `sample` (extra `uq`); `dims` name y's further axes, `coords` say where they are."""
         return output.to_xarray(self, dims, coords)
 
-    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> dict[str, Any]:
-        """Mean, deviation and quantiles with intervals, and failures, as numbers and texts for JSON."""
-        return output.summary(self, levels, interval)
+    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95, thresholds: Sequence[float] = ()
+                ) -> dict[str, Any]:
+        """Mean, deviation, quantiles and probabilities of y > threshold with intervals, and failures, for JSON."""
+        return output.summary(self, levels, interval, thresholds)
 
-    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> Path:
+    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95,
+                      thresholds: Sequence[float] = ()) -> Path:
         """The summary in a file that ends in .json or .csv."""
-        return output.write_summary(self, path, levels, interval)
+        return output.write_summary(self, path, levels, interval, thresholds)
 
     def _groups(self, y: Tensor | None = None, good: Tensor | None = None) -> list[Tensor]:
         """Good samples of each replicate that has several; all of them, where none has."""

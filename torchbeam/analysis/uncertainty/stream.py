@@ -193,13 +193,15 @@ class Stream:
         above = torch.stack([sum(sketch.above(edges)) / 2 for sketch in self._pooled()])
         return (-above.diff(dim=-1) / self.all.n).reshape(*self.shape, -1)
 
-    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> dict[str, Any]:
-        """Mean and quantiles with intervals, and failures, as numbers and texts for JSON."""
-        return output.summary(self, levels, interval)
+    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95, thresholds: Sequence[float] = ()
+                ) -> dict[str, Any]:
+        """Mean, quantiles and probabilities of y > threshold with intervals, and failures, for JSON."""
+        return output.summary(self, levels, interval, thresholds)
 
-    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> Path:
+    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95,
+                      thresholds: Sequence[float] = ()) -> Path:
         """The summary in a file that ends in .json or .csv."""
-        return output.write_summary(self, path, levels, interval)
+        return output.write_summary(self, path, levels, interval, thresholds)
 
     def _share_error(self, j: int, x: Tensor, level: float, n: int) -> float:
         """Half the interval of P(y > x) from its shares in the replicates; at least the rule of three."""
