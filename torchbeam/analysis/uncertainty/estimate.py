@@ -40,8 +40,9 @@ class Estimate:
 
     @property
     def relative_error(self) -> Tensor:
-        """Half the interval's width over the size of the estimate."""
-        return (self.high - self.low) / (2 * self.estimate.abs())
+        """Half the interval's width over the size of the estimate; 0 where that has no width, as of a y at rest."""
+        width = self.high - self.low
+        return torch.where(width == 0, 0.0, width / (2 * self.estimate.abs()))
 
     def __iter__(self) -> Iterator[Tensor]:
         return iter((self.estimate, self.low, self.high))

@@ -63,11 +63,11 @@ class Samples:
 
     @property
     def mean(self) -> Tensor:
-        return self.good.mean(0)
+        return self._numbers().mean(0)
 
     @property
     def deviation(self) -> Tensor:
-        return self.good.std(0)
+        return self._numbers().std(0)
 
     def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
         """Quantiles, (...) of one level and (levels, ...) of several; with `interval`, a confidence level, an `Estimate` of
@@ -78,9 +78,7 @@ class Samples:
             raise ValueError(f"levels = {levels!r} were given; probabilities, one or a sequence, are wanted")
         several = given.reshape(-1)
         if interval is None:
-            y = self._filled(self.good.sort(0).values)
-            y = y if y.is_floating_point() else y.double()
-            found = estimate.quantile_of_sorted(y, several)
+            found = estimate.quantile_of_sorted(self._numbers().sort(0).values, several)
             return found if given.ndim else found[0]
         found = estimate.quantile(self._groups(), several, level_of("interval", interval), self.reasons)
         return found if given.ndim else _first(found)
@@ -163,6 +161,11 @@ class Samples:
         whole = self._filled(torch.cat(groups))
         groups = [group for group in groups if len(group) > 1]
         return groups if groups else [whole]  # of replicates of one sample each, samples are independent
+
+    def _numbers(self) -> Tensor:
+        """y of the good samples, at least one, in floating point."""
+        y = self._filled(self.good)
+        return y if y.is_floating_point() else y.double()
 
     def _filled(self, y: Tensor) -> Tensor:
         if not len(y):

@@ -111,6 +111,8 @@ def test_until(tmp_path):
     assert 8 < finer.replicates < 64 and relative(finer) <= 0.6 * relative(coarse) and (finer.y[:512] == coarse.y).all()
     assert sum(calls) == len(finer)
     assert len(tb.monte_carlo(counted, LAWS, 4096, until=1e-9)) == 4096
+    history = tb.monte_carlo(lambda theta: theta[:, :1] * torch.tensor([0.0, 1.0]), LAWS, 4096, until=1e-2)
+    assert len(history) < 4096  # the first instant is at rest, exactly
     other = tb.monte_carlo(counted, LAWS, 4096, replicates=32, until=(0.02, error))
     assert other.quantile(0.5, 0.95).relative_error <= 0.02 and len(other) % 128 == 0
 
@@ -149,6 +151,16 @@ def test_successes():
     mean, low, high = found.mean_interval()
     assert low <= 0.75 <= high and mean == pytest.approx(0.75, abs=2e-3)
     assert found.quantile((0.1, 0.9)).tolist() == [0.0, 1.0] and found.exceedance(0.5).estimate == mean
+    assert_close(found.mean, mean, check_dtype=False)
+    assert found.deviation.item() == pytest.approx(math.sqrt(0.75 * 0.25), rel=1e-2)
+
+
+def test_all_failed():
+    """No number is made of none."""
+    found = tb.monte_carlo(lambda theta: theta[:, 0] / 0, LAWS, 16, replicates=2)
+    for ask in (lambda: found.mean, lambda: found.deviation, lambda: found.quantile(0.5), found.mean_interval, found.summary):
+        with pytest.raises(ValueError, match="all 16 samples failed"):
+            ask()
 
 
 def test_convergence():
@@ -197,7 +209,7 @@ REFUSED = {
     "level": (lambda s: s.mean_interval(1.5), "level = 1.5 was given; a probability between"),
     "levels": (lambda s: s.quantile(2.0), "levels = 2.0 were given; probabilities"),
     "interval": (lambda s: s.quantile(0.5, interval=0.0), "interval = 0 was given"),
-    "threshold": (lambda s: s.exceedance(math.nan), "x"),
+    "threshold": (lambda s: s.exceedance(math.nan), "x holds nan"),
     "until": (lambda s: tb.monte_carlo(total, LAWS, 256, until=2.0), "until = 2.0 was given; a relative error"),
     "until with few": (lambda s: tb.monte_carlo(total, LAWS, 4, until=0.1), "for 4 replicates; at least 8"),
     "progress": (lambda s: tb.monte_carlo(total, LAWS, 4, progress=3), "progress = 3 was given; a function or True"),
