@@ -1,6 +1,6 @@
 """Laws of random parameters. One number: of a uniform variate or of a normal score.
 
-A law is (least, largest), uniform between; a number or `Constant`; one of the classes here; anything with `icdf`, as
+A law is (least, largest), uniform between; one of the classes here; anything with `icdf`, as
 torch.distributions have; or a function of u (N,), uniform in (0, 1). `RandomField` is a law of many numbers.
 Parameters of Constant, Uniform, Normal, LogNormal, Triangular, Weibull and Gumbel may be tensors (0-dim) with gradients.
 """

@@ -60,7 +60,7 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
         raise ValueError(f"q {tuple(q.shape)} was given; (m,) is wanted")
     q = q.detach().clone().requires_grad_()
     joint = JointLaw.of(laws(q), correlation)
-    n, seed, chunk, _ = settings(n, seed, chunk, None, precision(q.dtype), None)
+    n, seed, chunk, _ = settings(function, n, seed, chunk, None, precision(q.dtype), None)
     points = n // count("replicates", replicates, 2)
     if points * replicates != n or points < 2:
         raise ValueError(f"n = {n} was given for {replicates} replicates; a multiple, of at least 2 points each, is wanted")

@@ -84,7 +84,7 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
     choice("design", design, DESIGNS)
     boolean("by_name", by_name)
     auto, chunk = chunk == "auto", 1 if chunk == "auto" else chunk
-    n, seed, chunk, dtype = settings(n, seed, chunk, executor, dtype, version)
+    n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     n, points = _shares(n, replicates, until, None if theta is None else "theta")
     plan = Given(theta.to(dtype)) if theta is not None else DESIGNS[design](joint.dimension, seed, points)
     if auto:

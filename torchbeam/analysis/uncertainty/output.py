@@ -21,6 +21,7 @@ COLUMNS = ("quantity", "y", "estimate", "low", "high", "level")
 def to_pandas(samples: Any) -> Any:
     """A pandas.DataFrame, a row for each sample: theta by name, y or y[...], status and replicate."""
     pandas = _imported("pandas")
+    _apart(samples, _labels(samples.y.shape[1:]))
     y = samples.y.reshape(len(samples), -1)
     return pandas.DataFrame({**dict(zip(samples.names, samples.theta.numpy().T, strict=True)),
                              **dict(zip(_labels(samples.y.shape[1:]), y.numpy().T, strict=True)),
@@ -34,6 +35,7 @@ def to_xarray(samples: Any, dims: Sequence[str] | None = None, coords: dict[str,
     coords  of these, such as {"time": t}
     """
     xarray = _imported("xarray")
+    _apart(samples, ["y"])
     dims = tuple(f"axis_{k}" for k in range(1, samples.y.ndim)) if dims is None else tuple(dims)
     if len(dims) != samples.y.ndim - 1:
         raise ValueError(f"dims = {dims} were given for a y {tuple(samples.y.shape[1:])}; a name for each axis is wanted")
@@ -91,6 +93,12 @@ def _number(value: float) -> float | None:
 
 def _labels(shape: torch.Size) -> list[str]:
     return [f"y[{', '.join(map(str, place))}]" if place else "y" for place in product(*map(range, shape))]
+
+
+def _apart(samples: Any, columns: Sequence[str]) -> None:
+    """ValueError where a law has the name of another column."""
+    if taken := [name for name in samples.names if name in (*columns, "status", "replicate")]:
+        raise ValueError(f"samples of a law called {taken[0]!r} were given, as another column is; another name is wanted")
 
 
 def _imported(name: str) -> Any:

@@ -83,7 +83,7 @@ def rare_event(function: Function, laws: Mapping[str, Law], threshold: float, n:
     level = level_of("interval", interval)
     boolean("by_name", by_name)
     choice("method", method, METHODS)
-    n, seed, chunk, dtype = settings(n, seed, chunk, executor, dtype, None)
+    n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, None)
     if not joint.dimension:
         raise ValueError("laws that are all constant were given; one that is random is wanted")
     limit = LimitState(function, joint, threshold, dtype, chunk, by_name, executor)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ...core.status import STATUS
-from ...core.validation import Value, as_tensor, finite
+from ...core.validation import Value, as_tensor, broadcast, finite
 from . import estimate, output
 from .estimate import Estimate, Statistic, level_of
 
@@ -106,6 +106,7 @@ class Samples:
         failed_exceed  None: of the good samples; True or False: samples that failed are taken to exceed, or not to
         """
         x = finite("x", as_tensor(x, self.y.dtype if self.y.is_floating_point() else torch.float64))
+        broadcast("the thresholds and y of a sample", x.shape, self.y.shape[1:])
         values = self.y.reshape(len(self), *[1] * max(x.ndim - (self.y.ndim - 1), 0), *self.y.shape[1:])
         above, good = values > x, self.status == 0
         if failed_exceed is not None:

@@ -75,7 +75,7 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
     joint = JointLaw.of(laws)
     boolean("by_name", by_name)
     level = level_of("interval", interval)
-    n, seed, chunk, dtype = settings(n, seed, chunk, executor, dtype, version)
+    n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     points = n // count("replicates", replicates, 2)
     if points * replicates != n or points < 2:
         raise ValueError(f"n = {n} was given for {replicates} replicates; a multiple, of at least 2 points each, is wanted")

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.validation import Value, as_tensor, finite
+from ...core.validation import Value, as_tensor, broadcast, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
 from . import output
 from .estimate import FEW, Estimate, level_of
@@ -169,7 +169,7 @@ class Stream:
         """
         level, n = level_of("interval", interval), self.all.n
         x = finite("x", as_tensor(x, torch.float64))
-        shape = torch.broadcast_shapes(x.shape, self.shape)
+        shape = broadcast("the thresholds and y of a sample", x.shape, torch.Size(self.shape))
         numbers = torch.arange(max(math.prod(self.shape), 1)).reshape(self.shape).expand(shape).flatten().tolist()
         rows = []
         for j, at in zip(numbers, x.expand(shape).flatten(), strict=True):
