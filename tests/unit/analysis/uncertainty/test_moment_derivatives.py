@@ -78,6 +78,8 @@ def test_single_precision_far_from_zero():
 
 REFUSED = {
     "no gradient": (dict(function=lambda theta: theta.detach()), "carries no gradient"),
+    "a gradient by something else": (dict(function=lambda theta: theta.detach() * torch.ones(1, requires_grad=True)),
+                                     "carries no gradient by q"),
     "q": (dict(q=torch.ones(2, 2)), r"q \(2, 2\) was given; \(m,\)"),
     "replicates": (dict(n=100), "n = 100 was given for 16 replicates"),
     "all failed": (dict(function=lambda theta: theta / 0), "nearly all 32 samples failed"),
