@@ -257,24 +257,24 @@ class Stepper:
         now, known = given(self.method.INSTANT), self._known(state)
         if known is None:
             of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-        shape = state.batch_shape if known is None else known.status.shape
+        shape = state.batch_shape if known is None else known.reduced.status.shape
         broadcast("a scene, a state and inputs", self.scene.batch_shape, shape, *[value.shape[:-1] for value in now.values()])
         if known is not None:
-            return given, known, self._last.well
+            return given, known.reduced, known.well
         return given, self._reduced(self._begin(state, dt, inputs=now)), False
 
-    def _known(self, state: State) -> State | None:
-        """The last state that native code has made, in the space's coordinates, if it is this one, as it was."""
-        last = self._last
+    def _known(self, state: State) -> Known | None:
+        """The last state that native code has made, if it is this one, as it was."""
+        last = self._last  # taken once: other threads may step too
         if last is None or last.state() is not state or last.versions != _versions(state):
             return None
-        return state if last.reduced is None else last.reduced
+        return last if last.reduced is not None else last._replace(reduced=state)
 
     def _reduced(self, state: State) -> State:
         """A state in the space's coordinates, with all that the scene has, and the batch's axes on every field."""
         known = self._known(state)
         if known is not None:
-            return known
+            return known.reduced
         state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
         return self.model.space.to_reduced(with_optional_fields(state, self.scene))
 

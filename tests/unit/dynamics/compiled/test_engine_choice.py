@@ -92,6 +92,35 @@ def test_auto_notices_what_a_function_reads(auto, monkeypatch, load):
         torch.testing.assert_close(found.velocity, wanted.velocity, rtol=1e-10, atol=1e-10)
 
 
+@pytest.mark.parametrize("engine", ["auto", "compiled"])
+def test_functions_of_the_same_code_and_other_defaults_are_different_loads(auto, engine):
+    """-c v on the tip by two values of c, in two scenes of the same structure."""
+    for c in (0.5, 50.0):
+        scene = tb.Scene(straight(2), [tb.Load(lambda r, R, v, w, t, c=c: (-c * v, None))])
+        state = moving(scene)
+        found, wanted = (tb.Stepper(scene, 0.01, engine=one)(state) for one in (engine, "eager"))
+        torch.testing.assert_close(found.velocity, wanted.velocity, rtol=1e-10, atol=1e-10)
+
+
+class HarderBrake(Brake):
+    """A class of which functions stand in two classes."""
+
+    def wrench(self, site, t, inputs):
+        return -pull * site.velocity, None
+
+
+HarderBrake, pull = dataclass(frozen=True)(HarderBrake), 0.5
+
+
+def test_auto_notices_what_a_derived_class_reads(auto, monkeypatch):
+    scene = tb.Scene(straight(2), [HarderBrake()])
+    stepper, eager = (tb.Stepper(scene, 0.01, engine=engine) for engine in ("auto", "eager"))
+    state = moving(scene)
+    for value in (0.5, 50.0):
+        monkeypatch.setitem(globals(), "pull", value)
+        torch.testing.assert_close(stepper(state).velocity, eager(state).velocity, rtol=1e-10, atol=1e-10)
+
+
 def test_the_environment_says_what_auto_means(monkeypatch):
     for value, compiled in (("eager", False), ("auto", True), ("", True), ("compiled", True)):
         monkeypatch.setenv("TORCHBEAM_ENGINE", value)
