@@ -83,8 +83,8 @@ class Stepper:
                `fast`), the same answers up to rounding, and gradients (reverse mode); compiled at the first step. Made eagerly
                there: forward mode, torch.func, gradients where strains are impossible or next to, some of the parts of a failed
                step. What a user's function of the motion closes over is taken here, once. "auto": compiled where llvmlite is
-               installed and the scene is taken, but for functions of the motion; else eager (`describe` says which, and why;
-               the environment variable TORCHBEAM_ENGINE says otherwise)
+               installed and the scene is taken, a user's function of the motion as long as what it reads stays as it was; else
+               eager (`describe` says which, and why; the environment variable TORCHBEAM_ENGINE says otherwise)
 
     Raises ValueError for an unknown method, a step that is not positive, a scene that the nodal form does not take, or that
     the engine does not.
@@ -124,6 +124,8 @@ class Stepper:
                  ) -> State:
         """The state one step later.
 
+        state   of the scene's mesh. It may be written to by torch's in-place operations; what is written through NumPy or
+                `.data` does not tell, and may not be seen
         active  (...) bool: samples that are to move; the others, and those with a status other than 0, stay as they are
         dt      another length for this step, as above; or (...) of each sample
         inputs  by name, (..., size): held over the step; by keyword, or all in a dictionary inputs={...}

@@ -185,7 +185,7 @@ def _split(found: dict[str, Function], name: str, function: Function, unknown: t
 
 PROGRAMS: dict[tuple, tuple[ChainProgram, Surroundings]] = {}  # by structure
 NOTHING = Surroundings()
-KEPT = 64  # of them; the oldest goes first
+KEPT = 64  # of them; the one that was not asked for for longest goes first
 
 
 def program_of(local: LocalFunctions, kinds: Kinds, held: bool, around: Surroundings | None = NOTHING,
@@ -197,11 +197,13 @@ def program_of(local: LocalFunctions, kinds: Kinds, held: bool, around: Surround
     if around is None:
         return made(local, kinds, held)
     key = made, around.key, *structure(local, kinds, held)
-    if key not in PROGRAMS:
-        if len(PROGRAMS) >= KEPT:
-            del PROGRAMS[next(iter(PROGRAMS))]
-        PROGRAMS[key] = made(local, kinds, held, key_on_disk(key)), around  # which keeps what its key is made of
-    return PROGRAMS[key][0]
+    found = PROGRAMS.pop(key, None)  # other threads may ask too: at worst two of them make it
+    if found is None:
+        found = made(local, kinds, held, key_on_disk(key)), around  # which keeps what its key is made of
+        for oldest in [*PROGRAMS][:max(0, len(PROGRAMS) + 1 - KEPT)]:
+            PROGRAMS.pop(oldest, None)
+    PROGRAMS[key] = found
+    return found[0]
 
 
 def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str]) -> AdjointProgram:
