@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ...nodal.model import Model
 from .chain_code import POINTERS
-from .local_problem import Kinds
+from .kinds import Kinds
 from .native import NativeProgram
 from .transfers import ENTRY
 

@@ -11,8 +11,8 @@ from ...solvers.compiled.function import Function
 from ...solvers.compiled.llvm import Module
 from .code import Code
 from .conserving_functions import ENERGIES
+from .kinds import SIDES, Kinds
 from .layout import Layout
-from .local_problem import SIDES, Kinds
 from .transfers import Transfers
 
 POINTERS = ("memory", "bases", "kinds", "element_kinds", "held", "support_of", "support_nodes")

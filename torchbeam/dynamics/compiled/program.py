@@ -21,9 +21,9 @@ from . import midsides
 from .adjoint import AdjointProgram
 from .driver import SUMS, Driver
 from .kept import key_on_disk
+from .kinds import Kinds
 from .layout import BETWEEN, ELEMENTS, ENDS, INNER, LAW, MOVES, NODES, ONE, OWN, SUPPORTS, TURNS, Layout
 from .local_functions import LocalFunctions
-from .local_problem import Kinds
 from .native import NativeProgram
 from .tracing import Tracing
 

@@ -21,8 +21,9 @@ from .call import Call, Chain, Field, like, made_like
 from .conserving_functions import ConservingFunctions
 from .constants import Constants
 from .cotangents import Adjoint, Backward, Differentiated, constant_fields, state_fields
+from .kinds import Kinds, node_kinds
 from .local_functions import LocalFunctions
-from .local_problem import INTERNAL, Kinds, node_kinds
+from .local_problem import INTERNAL
 from .program import NOTHING, adjoint_of, program_of
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}

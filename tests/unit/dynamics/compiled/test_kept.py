@@ -7,8 +7,8 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.dynamics.compiled import kept, native, program
+from torchbeam.dynamics.compiled.kinds import Kinds
 from torchbeam.dynamics.compiled.layout import Layout
-from torchbeam.dynamics.compiled.local_problem import Kinds
 
 pytest.importorskip("llvmlite")
 
