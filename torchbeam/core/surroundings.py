@@ -7,7 +7,7 @@ import dis
 import functools
 import types
 from collections import namedtuple
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import fields, is_dataclass, make_dataclass
 from typing import Any, NamedTuple
 
@@ -24,6 +24,7 @@ PURE = {  # of Python's own
 RANDOM = {"normal", "normal_", "uniform_", "bernoulli", "bernoulli_", "multinomial", "dropout", "exponential_", "random_"}
 WRITTEN = {"STORE_GLOBAL", "DELETE_GLOBAL", "STORE_ATTR", "DELETE_ATTR"}  # tensors count by their versions
 ABSENT = object()
+SMALL = 64  # numbers of a tensor by which it is known
 # what Python gives classes, and what only makes their objects
 MADE = {"__post_init__", *vars(make_dataclass("Empty", (), frozen=True, order=True)), *vars(namedtuple("Empty", ()))}
 
@@ -66,12 +67,26 @@ class Surroundings:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Equal for equal surroundings, as long as these exist; functions count by their code, and by which of them it is that
-        was met before.
+        """Equal for equal surroundings, as long as these exist: users' functions count by their code, tuples and dataclasses by
+        their kind, with all that is in them, small tensors by their numbers.
         """
-        return tuple((type(one.value), one.value) if isinstance(one.value, STEADY) else
-                     (one.value.__code__, self._met[id(one.value)][0]) if isinstance(one.value, types.FunctionType) else
-                     (id(one.value), one.version) for one in self.variables)
+        return tuple(map(self._word, self.variables))
+
+    def _word(self, one: Variable) -> Hashable:
+        value = one.value
+        if isinstance(value, STEADY):
+            return type(value), value
+        if type(value) is Tensor and value.numel() <= SMALL and value.device.type == "cpu" and not value.requires_grad:
+            return value.dtype, value.shape, value.contiguous().numpy().tobytes()
+        what = None
+        if isinstance(value, types.FunctionType) and not _of_package(value):
+            what = value.__code__
+        elif isinstance(value, tuple):
+            what = type(value), len(value)
+        elif is_dataclass(value) and not isinstance(value, type):
+            what = type(value)
+        # by which it is of those that were met, as the same one may stand in two places
+        return (id(value), one.version) if what is None else (what, self._met[id(value)][0])
 
     def _hold(self, name: str, read: Callable[[], Any]) -> None:
         value = read()

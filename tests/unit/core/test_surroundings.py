@@ -151,3 +151,17 @@ def test_keys_tell_defaults_and_which_function_it_is_apart():
 
     a, b = closing(1.0), closing(2.0)
     assert around(chosen(a, b, a)).key == around(chosen(a, b, a)).key != around(chosen(a, b, b)).key
+
+
+def test_keys_are_of_what_tuples_dataclasses_and_small_tensors_hold():
+    """Made anew with the same numbers they are the same; with others, or otherwise put together, they are not."""
+    def key(value):
+        kept.append(around(closing(value)))
+        return kept[-1].key
+
+    kept = []
+    for make in (lambda x: (x, torch.ones(2)), lambda x: Frozen(x, torch.ones(2)), lambda x: torch.tensor([x, 1.0])):
+        assert key(make(float("1.5"))) == key(make(float("1.5"))) != key(make(2.0))
+    assert len({key(value) for value in (((1.0, 2.0),), ((1.0,), 2.0), (1.0, 2.0), (1.0, (2.0,)))}) == 4
+    assert key(torch.ones(2)) != key(torch.ones(2, dtype=torch.float32)) and key(torch.ones(2)) != key(torch.ones(1, 2))
+    assert key(torch.ones(100)) != key(torch.ones(100))

@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 import torch
@@ -100,6 +100,25 @@ def test_functions_of_the_same_code_and_other_defaults_are_different_loads(auto,
         state = moving(scene)
         found, wanted = (tb.Stepper(scene, 0.01, engine=one)(state) for one in (engine, "eager"))
         torch.testing.assert_close(found.velocity, wanted.velocity, rtol=1e-10, atol=1e-10)
+
+
+def test_a_first_gradient_after_a_change_is_refused_and_spoils_none(auto, monkeypatch):
+    """`drag` changes between a stepper and its first gradient; another stepper's, of the old value, is right."""
+    scene = tb.Scene(straight(2), [tb.Load(own_load)])
+
+    def gradient(stepper):
+        velocity = moving(scene).velocity.requires_grad_()
+        start = replace(moving(scene), velocity=velocity)
+        return torch.autograd.grad(stepper(start).position.square().sum(), velocity)[0]
+
+    first, wanted = tb.Stepper(scene, 0.01, engine="compiled"), gradient(tb.Stepper(scene, 0.01, engine="eager"))
+    monkeypatch.setattr(first.compiled.program, "adjoints", {})
+    monkeypatch.setitem(globals(), "drag", 50.0)
+    with pytest.raises(RuntimeError, match="first gradient was asked for after"):
+        gradient(first)
+    monkeypatch.setitem(globals(), "drag", 0.5)
+    found = gradient(tb.Stepper(scene, 0.01, engine="compiled"))
+    torch.testing.assert_close(found, wanted, rtol=1e-10, atol=1e-10)
 
 
 class HarderBrake(Brake):
