@@ -14,7 +14,7 @@ from ..core.status import BROKEN, DIVERGED, SUCCESS
 from ..core.validation import concrete
 from .problem import Problem
 
-TOLERANCE = {torch.float64: 1e-8, torch.float32: 1e-4}  # of the scaled residual after the last update
+TOLERANCE = {torch.float64: 1e-8, torch.float32: 1e-4}  # of the scaled residual
 LIMIT = 25  # iterations
 TRUSTED = 0.01  # a residual that falls by this factor goes on to fall at the order of convergence
 
@@ -31,7 +31,7 @@ class Outcome(NamedTuple):
 
 
 def newton(problem: Problem, x: Any, active: Tensor | None = None, tolerance: float | None = None, limit: int = LIMIT,
-           trust_start: bool = True) -> Outcome:
+           trust_start: bool = True, foresee: Tensor | None = None) -> Outcome:
     """Solve problem.residual(x) = 0. Samples that have converged stop changing, so that none depends on its neighbours;
     those outside of `active` (...) never start. Once few are left, those alone go on (see `BatchSubset`): the same answers, but
     that products of another shape may round differently.
@@ -43,13 +43,15 @@ def newton(problem: Problem, x: Any, active: Tensor | None = None, tolerance: fl
     residual stops being finite has failed and is left alone.
 
     trust_start  whether r may be the residual of x; not where that is the size of a step to come, whatever the balance lacks
+    foresee      (...) whether what is foreseen counts, None = of all; where it does not, as in equilibria, one below
+                 `tolerance` has to be measured
     """
     with no_derivatives():
-        return _iterate(problem, x, active, None, tolerance, limit, trust_start)
+        return _iterate(problem, x, active, None, tolerance, limit, trust_start, foresee)
 
 
 def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | None, tolerance: float | None,
-             limit: int, trust_start: bool) -> Outcome:
+             limit: int, trust_start: bool, foresee: Tensor | None) -> Outcome:
     """`before` (...): the scaled residual of the iteration before; None = there was none."""
     first = before is None
     for k in range(limit):
@@ -66,7 +68,7 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
             few = None if active is None else BatchSubset.worthwhile(~over)
             part = None if few is None else _part(problem, few)
             if part is not None:
-                rest = _iterate(part, _taken(few, x), None, None, tolerance, limit, trust_start)
+                rest = _iterate(part, _taken(few, x), None, None, tolerance, limit, trust_start, _some(few, foresee))
                 reaction = size.new_zeros(*size.shape, *rest.reaction.shape[-2:])
                 return _joined(few, Outcome(x, reaction, torch.where(over, SUCCESS, status), iterations), rest)
         tangent = problem.linearise(x, *about)
@@ -77,7 +79,7 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
         x = type(x)(*(torch.where(keep, a, b) for a, b in zip(x, problem.update(x, *change), strict=True)))
         reaction = torch.where(keep, size.new_zeros(()) if k == 0 else reaction, root)
         iterations = iterations + ~over
-        done = done | (~over & converged(size, before, exact, tolerance))
+        done = done | (~over & converged(size, before, exact, tolerance, foresee))
         over = done | ~torch.isfinite(size)
         before = size if trust_start or not first or k else before
         if concrete(over).all():
@@ -85,18 +87,20 @@ def _iterate(problem: Problem, x: Any, active: Tensor | None, before: Tensor | N
         few = BatchSubset.worthwhile(~over) if k < limit - 1 else None
         part = None if few is None else _part(problem, few)
         if part is not None:
-            rest = _iterate(part, _taken(few, x), None, few.take(before, 0), tolerance, limit - 1 - k, True)
+            rest = _iterate(part, _taken(few, x), None, few.take(before, 0), tolerance, limit - 1 - k, True,
+                            _some(few, foresee))
             return _joined(few, Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations), rest)
     return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
 
 
-def converged(size: Tensor, before: Tensor, exact: Tensor, tolerance: float | Tensor) -> Tensor:
+def converged(size: Tensor, before: Tensor, exact: Tensor, tolerance: float | Tensor, foresee: Tensor | None = None) -> Tensor:
     """Whether a scaled residual (...), with that of the iteration before, is small enough, see `newton`; exact (...): whether
     the tangent is.
     """
     drop = size / before
     coming = size * drop * torch.where(exact, drop, 1.0)
-    return (size <= tolerance) | ((drop < TRUSTED) & (coming <= tolerance))
+    foreseen = (drop < TRUSTED) & (coming <= tolerance)
+    return (size <= tolerance) | (foreseen if foresee is None else foreseen & foresee)
 
 
 def _part(problem: Problem, few: BatchSubset) -> Problem | None:
@@ -105,6 +109,10 @@ def _part(problem: Problem, few: BatchSubset) -> Problem | None:
         return few.gather(problem) if isinstance(problem, Tree) else None
     except NotSeparable:
         return None
+
+
+def _some(few: BatchSubset, foresee: Tensor | None) -> Tensor | None:
+    return None if foresee is None else few.take(foresee, 0)
 
 
 def _taken(few: BatchSubset, x: Any) -> Any:

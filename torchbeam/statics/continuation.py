@@ -113,7 +113,8 @@ class Continuation:
             width = None if first is None else self.target - first
             goal = None if first is None else first + width * (at + step).clamp(max=1)
             problem, guess = self.problem(now, behind, step, final, leap, goal, None if first is None else width.abs() * step)
-            outcome = newton(problem, guess, going, self.tolerance, ITERATIONS, trust_start=False)
+            outcome = newton(problem, guess, going, self.tolerance, ITERATIONS, trust_start=False,
+                             foresee=~final)
             x, factor = outcome.x, outcome.x.factor[..., 0, 0]
             space = self.model.space
             turn = space.multiply(space.inverse(now.place.rotation), x.rotation)

@@ -46,7 +46,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which stands as at t = 0.
 
     initial    where to start, at no load; None = the undeformed beam. What supports hold is put where they have it
-    tolerance  of the scaled residual, as it is found or foreseen after the last update (see `newton`); default 1e-8 in float64
+    tolerance  of the scaled residual, which is measured before the last update; default 1e-8 in float64
     throw      raise where a sample has no equilibrium; otherwise its `status` says so and it holds the last shape on the way
     branch     "first": the one that the way up leads to; "stable": a sample that is unstable there is followed again from no
                load on, by arc length (see `path`), along the branches that bifurcate, to the side to which it leans

@@ -37,7 +37,8 @@ def climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: 
             if not concrete(climbing).any():
                 return x, reaction, status
             problem = SteadyProblem(model, t, inputs, share)
-            outcome = newton(problem, problem.apply_supports(x), climbing, tolerance, LIMIT)
+            outcome = newton(problem, problem.apply_supports(x), climbing, tolerance, LIMIT,
+                             foresee=share < 1)
             turn = model.space.multiply(model.space.inverse(x.rotation), outcome.x.rotation)
             cosine = model.space.cosine(turn).abs().amin(-1)
             good, reached, step, status = advanced(climbing, share, reached, step, status, outcome.status, cosine)

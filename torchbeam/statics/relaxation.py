@@ -75,7 +75,7 @@ def relax(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Configuration, 
             step = torch.where(good, (EASY / turned).clamp(*GROWTH) * step, step / 4)
             calm = good & (reached >= 1) & (turned < CALM)
             if concrete(calm).any():
-                outcome = newton(whole, whole.apply_supports(x), calm, tolerance, LIMIT)
+                outcome = newton(whole, whole.apply_supports(x), calm, tolerance, LIMIT, foresee=~calm)
                 found = calm & (outcome.status == 0) & (_turned(model, x, outcome.x) < CALM)
                 found = found & _minimum(whole, outcome.x) if downhill else found
                 x = _where(found, outcome.x, x)

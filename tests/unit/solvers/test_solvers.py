@@ -100,6 +100,17 @@ def test_an_inexact_tangent_is_not_trusted_to_converge_quadratically():
     assert problem.residual(x)[0].measure().max() <= 1.01e-9
 
 
+def test_where_nothing_is_foreseen_a_residual_below_the_tolerance_is_measured():
+    """In every other sample: one iteration more, which leaves a hundredth of the tolerance."""
+    problem, start, measured = Stiff(torch.linspace(-1, 1, 50)), Root(torch.ones(50, 1, 1)), torch.arange(50) % 2 == 0
+    usual = newton(problem, start, tolerance=1e-9)
+    found = newton(problem, start, tolerance=1e-9, foresee=~measured)
+    assert (found.status == SUCCESS).all()
+    assert (found.iterations == usual.iterations + measured).all()
+    left = problem.residual(found.x)[0].measure()
+    assert left[measured].max() <= 1.01e-11 < 1e-10 < problem.residual(usual.x)[0].measure()[measured].max()
+
+
 def test_what_newton_has_cached_is_not_differentiated():
     """The same problem solved without derivatives and differentiated: dx/da = x/2, whatever was asked for first."""
     a = torch.tensor([0.3, 1.0], requires_grad=True)

@@ -272,7 +272,7 @@ class LocalFunctions(LocalProblems):
 
     def judge(self, force: Tensor, moment: Tensor, strain: Tensor, left_force: Tensor, left_moment: Tensor,
               left_strain: Tensor, total: Tensor, longest: Tensor, exact: Tensor, tolerance: Tensor, before: Tensor,
-              over: Tensor, done: Tensor, status: Tensor, iterations: Tensor) -> Fields:
+              over: Tensor, done: Tensor, status: Tensor, iterations: Tensor, foresee: Tensor | None = None) -> Fields:
         """What `newton` asks of an iteration's largest numbers: size of the residual, which samples are done or over,
         iterations, and the status of those that are not done (that of the first iteration, when `iterations` was 0).
         """
@@ -280,7 +280,7 @@ class LocalFunctions(LocalProblems):
         finite = torch.isfinite(size)
         first = torch.where(finite, float(DIVERGED), float(BROKEN))
         going = over == 0
-        done = torch.where(going & converged(size, before, exact != 0, tolerance), torch.ones_like(done), done)
+        done = torch.where(going & converged(size, before, exact != 0, tolerance, foresee), torch.ones_like(done), done)
         return {"before": size, "done": done, "over": ((done != 0) | ~finite).to(done),
                 "status": torch.where(iterations == 0, first, status), "iterations": iterations + going.to(iterations)}
 

@@ -33,11 +33,13 @@ SAMPLE = ("over", "done", "before", "iterations", "status", "moving", "cosine", 
 class ChainProgram(NativeProgram):
     """Newton's method on a chain. Subclasses say what nodes do (`_of_nodes`), and add records of their own (`_layout`).
 
-    unknown  fields that an iteration changes, of a node; varying: others that are not the same throughout a call
+    unknown  fields that an iteration changes, of a node; varying: others that are not the same throughout a call;
+             judging: those of a sample by which it is judged
     """
 
     unknown: tuple[str, ...]
     varying: tuple[str, ...] = ()
+    judging = (*SUMS, "total", "longest", "exact", "tolerance", "before", "over", "done", "status", "iterations")
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         """Functions that are not of all chains, `node` and `update` of each kind among them."""
@@ -84,8 +86,7 @@ class ChainProgram(NativeProgram):
             found["held row"] = packed(traced(partial(local.row, True), row | free))
             found["reaction"] = traced(local.reaction, {
                 "rows": (w, 3 * w), **{name: (w,) for name in ("asked", "free", "before", "here", "after")}})
-        found["judge"] = traced(local.judge, {name: () for name in (
-            *SUMS, "total", "longest", "exact", "tolerance", "before", "over", "done", "status", "iterations")})
+        found["judge"] = traced(local.judge, dict.fromkeys(self.judging, ()))
         return found
 
     def _iterated(self, found: dict[str, Function], nodes: list[Function], elements: list[Function], traced: Tracing) -> None:

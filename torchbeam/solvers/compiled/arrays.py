@@ -62,31 +62,34 @@ def _vector_norm(g: Graph, x: Tensor, ord: float = 2, dim: object = None, keepdi
 
 
 def _solved(g: Graph, A: list[list[int]], B: list[list[int]]) -> list[list[int]]:
-    """A^-1 B: up to 3 by the adjugate, which needs no pivots; from 4 by elimination without exchanging rows, for matrices whose
-    leading minors are regular (symmetric positive definite, diagonally dominant).
+    """A^-1 B by elimination: up to 3 with exchange of rows, for any matrix; from 4 without, for matrices whose leading minors
+    are regular (symmetric positive definite, diagonally dominant).
     """
     n, mul, sub = len(A), lambda x, y: g.make("mul", x, y), lambda x, y: g.make("sub", x, y)
-    if n == 1:
-        return [[g.make("div", x, A[0][0]) for x in B[0]]]
-    if n <= 3:
-        if n == 2:
-            adjugate = [[A[1][1], g.make("neg", A[0][1])], [g.make("neg", A[1][0]), A[0][0]]]
-        else:
-            adjugate = [[sub(mul(A[j - 2][i - 2], A[j - 1][i - 1]), mul(A[j - 2][i - 1], A[j - 1][i - 2])) for j in range(3)]
-                        for i in range(3)]
-        determinant = g.dot(A[0], [row[0] for row in adjugate])
-        return [[g.make("div", g.dot(row, column), determinant) for column in zip(*B, strict=True)] for row in adjugate]
-    A, B = [list(row) for row in A], [list(row) for row in B]
+    rows = [[*a, *b] for a, b in zip(A, B, strict=True)]
+    pivots = []
     for k in range(n):
+        if n <= 3:
+            for i in range(k + 1, n):
+                rows[k], rows[i] = _largest_first(g, rows[k], rows[i], k)
+        pivots.append(g.make("div", g.one, rows[k][k]))
         for i in range(k + 1, n):
-            factor = g.make("div", A[i][k], A[k][k])
-            A[i] = [g.zero] * (k + 1) + [sub(x, mul(factor, y)) for x, y in zip(A[i][k + 1:], A[k][k + 1:], strict=True)]
-            B[i] = [sub(x, mul(factor, y)) for x, y in zip(B[i], B[k], strict=True)]
+            factor = mul(rows[i][k], pivots[k])
+            left = zip(rows[i][k + 1:], rows[k][k + 1:], strict=True)
+            rows[i] = [g.zero] * (k + 1) + [sub(x, mul(factor, y)) for x, y in left]
+    found = [row[n:] for row in rows]
     for k in reversed(range(n)):
-        for c in range(len(B[k])):
-            known = g.dot(A[k][k + 1:], [B[i][c] for i in range(k + 1, n)])
-            B[k][c] = g.make("div", sub(B[k][c], known), A[k][k])
-    return B
+        for c in range(len(found[k])):
+            known = g.dot(rows[k][k + 1:n], [found[i][c] for i in range(k + 1, n)])
+            found[k][c] = mul(sub(found[k][c], known), pivots[k])
+    return found
+
+
+def _largest_first(g: Graph, one: list[int], other: list[int], column: int) -> tuple[list[int], list[int]]:
+    """Two rows, the one with the larger number in that column first."""
+    swap = g.make("lt", g.make("abs", one[column]), g.make("abs", other[column]))
+    pairs = list(zip(one, other, strict=True))
+    return [g.make("select", swap, b, a) for a, b in pairs], [g.make("select", swap, a, b) for a, b in pairs]
 
 
 def _solve(g: Graph, A: Tensor, B: Tensor, *, left: bool = True, **_: object) -> tuple[Tensor, ...]:

@@ -115,6 +115,10 @@ class SteadyFunctions(LocalFunctions):
 
     # Rules of a sample
 
+    def judge(self, whole: Tensor, **fields: Tensor) -> Fields:
+        """See `LocalFunctions.judge`; where it is all of the load, nothing is foreseen."""
+        return super().judge(**fields, foresee=whole == 0)
+
     def first_step(self, turn: Tensor) -> Fields:
         """See `load_steps`."""
         return {"step": load_steps.first_step(turn)}

@@ -23,6 +23,7 @@ class LoadProgram(ChainProgram):
     driver = LoadDriver
     unknown = "position", "rotation"
     varying = ("load_factor",)
+    judging = (*ChainProgram.judging, "whole")
     judged = False
 
     def _of_nodes(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:

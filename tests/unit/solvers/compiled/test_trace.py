@@ -109,6 +109,19 @@ def test_operations_on_arrays_are_torchs(name):
             assert_close(x[k], y.to(x.dtype), rtol=1e-12, atol=1e-13)
 
 
+@pytest.mark.parametrize("sizes", [(1e9, 2.0), (1e9, 2.0, 1.0), (1e9, 1e8, 1.0)])
+def test_small_matrices_are_solved_whatever_their_condition(sizes):
+    """Of a condition of 1e9, with one soft direction or two: to 1e9 roundings; rows in any order, zeros on the diagonal too."""
+    torch.manual_seed(4)
+    n = len(sizes)
+    Q = torch.linalg.qr(torch.randn(20, n, n))[0]
+    A, x = Q @ torch.diag(torch.tensor(sizes)) @ Q.mT, torch.randn(20, n, 1)
+    function = trace(torch.linalg.solve, {"A": A[0], "B": x[0]})
+    for matrix, tolerance in ((A, 1e9 * 1e-15), (A.flip(-2), 1e9 * 1e-15), (torch.eye(n).roll(1, 0).expand(20, n, n), 0)):
+        found = evaluate(function, {"A": matrix, "B": matrix @ x})["out"]
+        assert_close(found, x, rtol=0, atol=tolerance * float(x.abs().max()))
+
+
 ROTATIONS = {
     "skew": (quat.skew, "v"), "multiply": (quat.multiply, "qp"), "matrix": (quat.matrix, "q"), "rotate": (quat.rotate, "qv"),
     "exponential": (quat.exponential, "v"), "logarithm": (quat.logarithm, "q"), "half_way": (quat.half_way, "qp"),

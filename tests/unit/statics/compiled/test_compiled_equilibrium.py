@@ -13,7 +13,7 @@ import torchbeam as tb
 from torchbeam.dynamics.compiled.native import NotCompiled
 from torchbeam.nodal.discretise import discretise
 from torchbeam.statics.compiled import climb as compiled
-from torchbeam.statics.steady import Configuration
+from torchbeam.statics.steady import Configuration, SteadyProblem
 
 pytest.importorskip("llvmlite")
 FIELDS = ("position", "rotation", "velocity", "spin", "stress", "reaction", "t", "frame", "internal")
@@ -71,6 +71,10 @@ def inextensible():
     return tb.Scene(straight(4, section(EA=torch.inf, GA=torch.inf)), [tb.TipLoad(force=(0, 0, 4.0))], plane="xz")
 
 
+def unshearable():
+    return tb.Scene(straight(4, section(GA=torch.inf)), [tb.TipLoad(force=tb.Input("u", 3))], plane="xy")
+
+
 def turning():
     """In a frame that moves and turns, with a centre of mass off its node, and loads that see the motion."""
     return tb.Scene(straight(), [
@@ -99,10 +103,10 @@ def quadratic():
 
 @pytest.mark.parametrize("scene, tolerance", [
     (curved, 1e-12), pytest.param(tapered, 1e-12, marks=pytest.mark.long), pytest.param(small, 1e-12, marks=pytest.mark.long),
-    (inextensible, 1e-9), (turning, 1e-12), (lagging, 1e-12), (quadratic, 1e-12)])
+    (inextensible, 1e-10), (unshearable, 1e-10), (turning, 1e-12), (lagging, 1e-12), (quadratic, 1e-12)])
 @torch.no_grad()
 def test_an_equilibrium_is_the_eager_one(scene, tolerance):
-    """Of nine samples, to 1e-12 of each field; where strains are impossible to 1e-9, as the tangent's condition is 1e7."""
+    """Of nine samples, to 1e-12 of each field; where strains are impossible to 1e-10, pivots having a condition of 1e8."""
     scene = scene()
     found, wanted = both(scene, t=0.7, inputs={name: 0.1 * u for name, u in inputs_of(scene, (9,)).items()})
     assert not wanted.status.any()
@@ -138,6 +142,21 @@ def test_a_sample_alone_is_the_same_in_any_batch():
         same(both(cantilever(), u=u[:count])[0], whole[:count], 1e-13)
     same(both(cantilever(), u=u[6])[0], whole[6], 1e-13)
     same(both(cantilever(), u=u[:6].unflatten(0, (2, 3)))[0], whole[:6].map(lambda x: x.unflatten(0, (2, 3))), 1e-13)
+
+
+@pytest.mark.filterwarnings("ignore:.*unstable equilibrium")
+@pytest.mark.parametrize("engine", ["compiled", "eager"])
+@torch.no_grad()
+def test_what_is_left_of_an_equilibrium_is_below_its_tolerance(engine):
+    """The scaled residual of 200 shapes, measured where they are given back: where the last one was foreseen, 15 of them were
+    above 1e-8. The last update, made once it is below, leaves but rounding.
+    """
+    scene, u = cantilever(), pulls(200, 4.0)
+    model, found = discretise(scene), tb.equilibrium(scene, u=u, engine=engine)
+    x = model.space.start(found)
+    problem = SteadyProblem(model, torch.zeros(()), {"u": u}, torch.ones(()))
+    residual, _ = problem.residual(Configuration(x.position, x.rotation, x.stress))
+    assert residual.measure().max() < 1e-12
 
 
 @torch.no_grad()
