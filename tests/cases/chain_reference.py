@@ -6,8 +6,9 @@ import torch
 
 from torchbeam.dynamics.compiled.chain_constants import flattened
 from torchbeam.dynamics.compiled.constants import Constants
+from torchbeam.dynamics.compiled.kinds import Kinds, node_kinds
 from torchbeam.dynamics.compiled.local_functions import LocalFunctions
-from torchbeam.dynamics.compiled.local_problem import NODE, Kinds, node_kinds
+from torchbeam.dynamics.compiled.local_problem import NODE
 from torchbeam.dynamics.midpoint import MidpointUnknowns
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")

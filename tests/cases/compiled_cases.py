@@ -16,7 +16,7 @@ from torchbeam.nodal.lever import Lever
 from torchbeam.nodal.mass import LumpedMass
 from torchbeam.nodal.rotary import RotaryInertia
 from torchbeam.solvers.compiled.library import Library
-from torchbeam.solvers.compiled.llvm import Module, record_sizes
+from torchbeam.solvers.compiled.llvm import Module
 from torchbeam.state.state import State
 
 torch.set_default_dtype(torch.float64)
@@ -90,7 +90,7 @@ def native(function, inputs, dtype=torch.float64, cache=None, loaded=None):
     records = [inputs[name].to(dtype).reshape(lanes, -1).T.contiguous() for name in function.inputs]
     found = {name: torch.full((len(out.nodes), lanes), torch.nan, dtype=dtype) for name, out in function.outputs.items()}
     sizes = [prod(record.shape[:1]) for record in (*records, *found.values())]
-    assert [size for _, size in record_sizes(function)] == sizes
+    assert [prod(shape) for shape in function.inputs.values()] == sizes[:len(records)]
     call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * len(sizes))(library.address("traced"))
     call(*(record.data_ptr() for record in (*records, *found.values())))
     return {name: x.T.reshape(lanes, *function.outputs[name].shape) for name, x in found.items()}

@@ -108,13 +108,16 @@ class StepSolver:
     def natively(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, last: bool,
                  K: int | None = None, repeat: int = 1, every: int = 1) -> Steps | None:
         """A solve over dt with the middle t (...), or K, see `CompiledStep`; None where they are to be made eagerly."""
-        if self.engine != "compiled" and self.compiled.around is not None and not self.compiled.around.unchanged():
+        compiled = self.compiled
+        if compiled is None:  # another thread has given it up
+            return None
+        if self.engine != "compiled" and compiled.around is not None and not compiled.around.unchanged():
             self._compiled = None  # what a user's function reads has changed since it was traced: it may again
             return None
         tolerance = TOLERANCE[state.position.dtype] if self.tolerance is None else float(self.tolerance)
         try:
-            return self.compiled(state, dt, t, inputs, moving, tolerance, self._least, self._limit(last), K, repeat=repeat,
-                                 every=every)
+            return compiled(state, dt, t, inputs, moving, tolerance, self._least, self._limit(last), K, repeat=repeat,
+                            every=every)
         except (NotCompiled, NotTraceable) as error:
             if self.engine == "compiled":
                 raise

@@ -83,8 +83,8 @@ class Stepper:
                `fast`), the same answers up to rounding, and gradients (reverse mode); compiled at the first step. Made eagerly
                there: forward mode, torch.func, gradients where strains are impossible or next to, some of the parts of a failed
                step. What a user's function of the motion closes over is taken here, once. "auto": compiled where llvmlite is
-               installed and the scene is taken, but for functions of the motion; else eager (`describe` says which, and why;
-               the environment variable TORCHBEAM_ENGINE says otherwise)
+               installed and the scene is taken, a user's function of the motion as long as what it reads stays as it was; else
+               eager (`describe` says which, and why; the environment variable TORCHBEAM_ENGINE says otherwise)
 
     Raises ValueError for an unknown method, a step that is not positive, a scene that the nodal form does not take, or that
     the engine does not.
@@ -124,6 +124,8 @@ class Stepper:
                  ) -> State:
         """The state one step later.
 
+        state   of the scene's mesh. It may be written to by torch's in-place operations; what is written through NumPy or
+                `.data` does not tell, and may not be seen
         active  (...) bool: samples that are to move; the others, and those with a status other than 0, stay as they are
         dt      another length for this step, as above; or (...) of each sample
         inputs  by name, (..., size): held over the step; by keyword, or all in a dictionary inputs={...}
@@ -257,24 +259,24 @@ class Stepper:
         now, known = given(self.method.INSTANT), self._known(state)
         if known is None:
             of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-        shape = state.batch_shape if known is None else known.status.shape
+        shape = state.batch_shape if known is None else known.reduced.status.shape
         broadcast("a scene, a state and inputs", self.scene.batch_shape, shape, *[value.shape[:-1] for value in now.values()])
         if known is not None:
-            return given, known, self._last.well
+            return given, known.reduced, known.well
         return given, self._reduced(self._begin(state, dt, inputs=now)), False
 
-    def _known(self, state: State) -> State | None:
-        """The last state that native code has made, in the space's coordinates, if it is this one, as it was."""
-        last = self._last
+    def _known(self, state: State) -> Known | None:
+        """The last state that native code has made, if it is this one, as it was."""
+        last = self._last  # taken once: other threads may step too
         if last is None or last.state() is not state or last.versions != _versions(state):
             return None
-        return state if last.reduced is None else last.reduced
+        return last if last.reduced is not None else last._replace(reduced=state)
 
     def _reduced(self, state: State) -> State:
         """A state in the space's coordinates, with all that the scene has, and the batch's axes on every field."""
         known = self._known(state)
         if known is not None:
-            return known
+            return known.reduced
         state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
         return self.model.space.to_reduced(with_optional_fields(state, self.scene))
 

@@ -12,9 +12,9 @@ from ...solvers.compiled.packing import Packing
 from . import midsides
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
+from .kinds import Kinds, without_side
 from .layout import BETWEEN, ELEMENTS, ENDS, INNER, MOVES, NODES, ONE, OWN, SUPPORTS, TURNS, Layout
 from .local_functions import LocalFunctions
-from .local_problem import Kinds, without_side
 from .native import NativeProgram
 from .tracing import Tracing
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 from ...solvers.compiled.derivative import bar
 from ...solvers.compiled.ends import END
 from .chain_code import ChainCode
+from .kinds import SIDES, without_side
 from .layout import BETWEEN, INNER, MIDDLE, OWN
-from .local_problem import SIDES, without_side
 
 
 class AdjointDriver(ChainCode):

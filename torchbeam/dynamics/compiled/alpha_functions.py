@@ -15,8 +15,9 @@ from ...state.state import State
 from ..alpha_kinematics import EndKinematics
 from ..generalized_alpha import AlphaState, EndUnknowns, GeneralizedAlphaProblem
 from .chain_constants import Common, filled
+from .kinds import NodeKind
 from .local_functions import LocalFunctions
-from .local_problem import NODE, Fields, LocalModel, NodeKind, acting_loads, dead_load
+from .local_problem import NODE, Fields, LocalModel, acting_loads, dead_load
 
 STRAINING = "straining"
 

@@ -12,9 +12,10 @@ import torch
 from torch import Tensor
 
 from ...nodal.model import Model
-from .chain_code import ENTRY, POINTERS
-from .local_problem import Kinds
+from .chain_code import POINTERS
+from .kinds import Kinds
 from .native import NativeProgram
+from .transfers import ENTRY
 
 CPU = torch.device("cpu")  # whatever the default device is
 WORK = 4096  # samples times elements times steps that are worth a thread of their own (about a millisecond)
@@ -75,7 +76,7 @@ class Chain:
 
 
 class Table:
-    """Where a program finds fields, or puts them: rows of integers, see `chain_code.ENTRY`. Fields that the program does not
+    """Where a program finds fields, or puts them: rows of integers, see `transfers.ENTRY`. Fields that the program does not
     have are left out. varying: how many of them, the first, are other tensors at each call, of the same shapes and strides.
     """
 

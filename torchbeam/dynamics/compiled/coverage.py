@@ -10,7 +10,7 @@ from typing import Any
 
 from ...core.arguments import choice
 from ...core.leaves import AXES, own_leaves
-from ...core.surroundings import ABSENT, Surroundings, Unsteady
+from ...core.surroundings import ABSENT, Read, Surroundings, Unsteady, of_class
 from ...nodal.model import Model
 from ...solvers.compiled.trace import NotTraceable
 from .constants import of_library
@@ -18,7 +18,6 @@ from .step import FUNCTIONS, CompiledStep
 
 ENGINES = ("auto", "eager", "compiled")
 VARIABLE = "TORCHBEAM_ENGINE"  # of the environment: what "auto" means
-PACKAGE = f"{__name__.partition('.')[0]}."
 MISSING = "llvmlite is not installed: `pip install torchbeam[fast]`"
 TAKES = "; 'compiled' takes it"
 
@@ -71,23 +70,15 @@ def by_function(model: Model) -> list[Any]:
 
 def surroundings(loads: list[Any]) -> Surroundings:
     """What functions of the motion that a user wrote read beside the motion. Raises Unsteady for what may change unnoticed."""
-    reads: dict[str, Any] = {}
-
-    def read(name: str, k: int, held: Any) -> None:
-        """A property is the function that gives it."""
-        reads[f"{name} {k}"] = lambda: getattr(held.get(name), "fget", held.get(name))
-
-    for k, load in enumerate(loads):
-        own, written = not of_library(load), type(load).__mro__
+    reads: list[Read] = []
+    for load in loads:
+        own = not of_library(load)
         for one in fields(load):
             axes = one.metadata.get(AXES, ABSENT)
             if axes is None or (own and axes is ABSENT):
-                read(one.name, k, vars(load))
-        for kind in written[:next(i for i, kind in enumerate(written) if kind.__module__.startswith(PACKAGE))]:
-            for name in vars(kind):
-                if not name.startswith("__") and name not in load.__dataclass_fields__:
-                    read(name, k, vars(kind))
-    return Surroundings(**reads)
+                reads.append((one.name, lambda load=load, name=one.name: getattr(load, name)))
+        reads += of_class(type(load))
+    return Surroundings(reads)
 
 
 def _known(loads: list[Any]) -> Surroundings | None:

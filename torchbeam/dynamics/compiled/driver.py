@@ -12,8 +12,8 @@ from __future__ import annotations
 from ...solvers.compiled.ends import END
 from ...solvers.compiled.split import HOISTED
 from .chain_code import ChainCode
+from .kinds import SIDES
 from .layout import BETWEEN, INNER, LAW, MIDDLE, OWN
-from .local_problem import SIDES
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
 

@@ -26,7 +26,8 @@ from ...solvers.newton import converged
 from ...state.state import State
 from ..midpoint import MidpointProblem
 from ..step_element import ElementBalance
-from .local_problem import INTERNAL, ElementKind, Fields, LocalProblems, NodeKind
+from .kinds import ElementKind, NodeKind
+from .local_problem import INTERNAL, Fields, LocalProblems
 
 
 @dataclass(frozen=True)

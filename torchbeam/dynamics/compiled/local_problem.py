@@ -24,79 +24,11 @@ from ...scene.effects import Pose, TipLoad
 from ...state.state import State
 from ..midpoint import MidpointProblem, MidpointUnknowns
 from .chain_constants import Common, ElementConstants, NodeConstants, SupportConstants, filled, flattened
+from .kinds import SIDES, ElementKind, EndKind, NodeKind, SupportKind
 
 Fields = dict[str, Tensor]
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
 INTERNAL = "internal"
-
-
-class SupportKind(NamedTuple):
-    """Of a support, where something moves the beam: 1 for what it holds of its node's freedoms, else 0; whether it moves in
-    frame a; whether it is a clamp.
-    """
-
-    fixed: tuple[float, ...]
-    moves: bool
-    clamp: bool
-
-
-class EndKind(NamedTuple):
-    """What holds a node of an element, see `NodeKind`."""
-
-    hinge: tuple[float, ...] | None = None
-    support: SupportKind | None = None
-
-
-class NodeKind(NamedTuple):
-    """What a node has beside what all have: numbers of the loads in `common.loads` that act there; the axis of its hinge, a
-    mask in frame a, None = no hinge; its support, None = none, or nothing moves.
-    """
-
-    acting: tuple[int, ...] = ()
-    hinge: tuple[float, ...] | None = None
-    support: SupportKind | None = None
-
-    @property
-    def end(self) -> EndKind:
-        """What elements know of it."""
-        return EndKind(self.hinge, self.support)
-
-
-ElementKind = tuple[EndKind, ...]  # of its nodes, in order
-SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are called, by its order
-
-
-def without_side(field: str) -> str:
-    """What a field of one of an element's nodes is called at the node."""
-    side, dot, name = field.partition(".")
-    return name if dot and side in SIDES[max(SIDES)] else field
-
-
-class Kinds(NamedTuple):
-    """Of all nodes and of all elements; or those that there are."""
-
-    nodes: tuple[NodeKind, ...]
-    elements: tuple[ElementKind, ...]
-
-    @classmethod
-    def of(cls, nodes: list[NodeKind], order: int) -> Kinds:
-        """From those of all nodes; order: of the elements."""
-        held = [one.end for one in nodes]
-        return cls(tuple(nodes), tuple(tuple(held[i:i + order + 1]) for i in range(0, len(held) - 1, order)))
-
-    def distinct(self) -> Kinds:
-        return Kinds(*(tuple(dict.fromkeys(kinds)) for kinds in self))
-
-
-def node_kinds(model: Model, loads: tuple[Any, ...]) -> list[NodeKind]:
-    """Of all nodes, on which these loads act."""
-    nodes, supports = model.count + 1, {}
-    hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
-    if model.scene.has_prescribed_motion:
-        supports = {one.node: SupportKind(tuple(fixed.tolist()), one.moves, one.clamp)
-                    for one, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True)}
-    return [NodeKind(tuple(k for k, load in enumerate(loads) if load.node is None or load.node % nodes == j), hinges.get(j),
-                     supports.get(j)) for j in range(nodes)]
 
 
 class LocalSupport(NamedTuple):

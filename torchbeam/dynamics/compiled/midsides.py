@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.packing import Packing
+from .kinds import SIDES
 from .layout import BETWEEN, ELEMENTS, INNER, MIDDLE, ONE, TWO, Layout
-from .local_problem import SIDES
 
 BLOCKS = ("U", "L", "far_U", "far_L")  # of an element, beside those of its nodes
 FOLLOWING = ("own", "by_i", "by_j")  # what a midside node's move is made from, beside the moves of its element's ends

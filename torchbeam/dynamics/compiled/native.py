@@ -21,9 +21,9 @@ from ...solvers.compiled.llvm import Module
 from ...solvers.compiled.object_cache import ObjectCache
 from .chain_code import ChainCode
 from .kept import store_layout, stored_layout
+from .kinds import Kinds, without_side
 from .layout import Layout
 from .local_functions import LocalFunctions
-from .local_problem import Kinds, without_side
 from .tracing import Tracing
 
 SMALL = 60  # operations of a function that is rather written into the driver than called

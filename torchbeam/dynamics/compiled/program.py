@@ -21,9 +21,9 @@ from . import midsides
 from .adjoint import AdjointProgram
 from .driver import SUMS, Driver
 from .kept import key_on_disk
+from .kinds import Kinds
 from .layout import BETWEEN, ELEMENTS, ENDS, INNER, LAW, MOVES, NODES, ONE, OWN, SUPPORTS, TURNS, Layout
 from .local_functions import LocalFunctions
-from .local_problem import Kinds
 from .native import NativeProgram
 from .tracing import Tracing
 
@@ -186,7 +186,7 @@ def _split(found: dict[str, Function], name: str, function: Function, unknown: t
 
 PROGRAMS: dict[tuple, tuple[ChainProgram, Surroundings]] = {}  # by structure
 NOTHING = Surroundings()
-KEPT = 64  # of them; the oldest goes first
+KEPT = 64  # of them; the one that was not asked for for longest goes first
 
 
 def program_of(local: LocalFunctions, kinds: Kinds, held: bool, around: Surroundings | None = NOTHING,
@@ -198,16 +198,24 @@ def program_of(local: LocalFunctions, kinds: Kinds, held: bool, around: Surround
     if around is None:
         return made(local, kinds, held)
     key = made, around.key, *structure(local, kinds, held)
-    if key not in PROGRAMS:
-        if len(PROGRAMS) >= KEPT:
-            del PROGRAMS[next(iter(PROGRAMS))]
-        PROGRAMS[key] = made(local, kinds, held, key_on_disk(key)), around  # which keeps what its key is made of
-    return PROGRAMS[key][0]
+    found = PROGRAMS.pop(key, None)  # other threads may ask too: at worst two of them make it
+    if found is None:
+        found = made(local, kinds, held, key_on_disk(key)), around  # which keeps what its key is made of
+        for oldest in [*PROGRAMS][:max(0, len(PROGRAMS) + 1 - KEPT)]:
+            PROGRAMS.pop(oldest, None)
+    PROGRAMS[key] = found
+    return found[0]
 
 
-def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str]) -> AdjointProgram:
-    """The adjoint of a program, for these constants."""
+def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str], around: Surroundings | None = NOTHING
+               ) -> AdjointProgram:
+    """The adjoint of a program, for these constants; around: as in `program_of`. Raises RuntimeError where that has changed
+    since, and there is no adjoint yet: it would be that of another program.
+    """
     if wanted not in program.adjoints:
+        if around is not None and not around.unchanged():
+            raise RuntimeError("a first gradient was asked for after what a function of the motion reads has changed; another "
+                               "Stepper is wanted")
         key = None if program.key is None else key_of(program.key, *sorted(wanted))
         program.adjoints[wanted] = AdjointProgram(local, program.kinds, program.held, wanted, key)
     return program.adjoints[wanted]

@@ -21,8 +21,9 @@ from .call import Call, Chain, Field, like, made_like
 from .conserving_functions import ConservingFunctions
 from .constants import Constants
 from .cotangents import Adjoint, Backward, Differentiated, constant_fields, state_fields
+from .kinds import Kinds, node_kinds
 from .local_functions import LocalFunctions
-from .local_problem import INTERNAL, Kinds, node_kinds
+from .local_problem import INTERNAL
 from .program import NOTHING, adjoint_of, program_of
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
@@ -224,5 +225,5 @@ class CompiledStep:
     def _adjoint(self, names: frozenset[str]) -> Chain:
         """Of the cotangents of constants of these names."""
         if names not in self._adjoints:
-            self._adjoints[names] = Chain(adjoint_of(self.program, self.local, names), self.model, self.kinds)
+            self._adjoints[names] = Chain(adjoint_of(self.program, self.local, names, self.around), self.model, self.kinds)
         return self._adjoints[names]

@@ -27,7 +27,7 @@ class Space(Tree):
     position: ClassVar[int] = 3
     spin: ClassVar[int] = 3
     strain: ClassVar[int] = 6
-    chain: ClassVar[Any] = assembly  # which nodes elements lie between: this module, or `quadratic_assembly`
+    chain: ClassVar[Any] = assembly  # which nodes elements lie between: `assembly`, or `quadratic_assembly`
     functions: ClassVar[Any] = element  # of the element, those named below
 
     kinematics = property(lambda self: self.functions.kinematics)
@@ -66,7 +66,7 @@ class Space(Tree):
         return state
 
     def start(self, state: State) -> State:
-        """`enter` for a state that a user gave; ValueError where these coordinates do not hold it."""
+        """`to_reduced` of a state that a user gave; ValueError where these coordinates do not hold it."""
         return self.to_reduced(state)
 
     def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:

@@ -11,7 +11,6 @@ those of `elementary`, in float64 whatever the lanes are.
 from __future__ import annotations
 
 import struct
-from math import prod
 
 import torch
 
@@ -211,9 +210,3 @@ class _Body:
         lanes, long = self.lanes, self.lanes.of("i64")
         large = self.new(f"fadd {lanes.vector} {k}, {lanes.constant(1.5 * 2.0**52 + 1023)}")
         return f"bitcast {long} {self.new(f'shl {long} {self._bits(large)}, ' + lanes.all('i64', '52'))} to {lanes.vector}"
-
-
-def record_sizes(function: Function) -> list[tuple[str, int]]:
-    """(field, components) of the pointers that a compiled function takes, in order."""
-    return [*((name, prod(shape)) for name, shape in function.inputs.items()),
-            *((name, len(out.nodes)) for name, out in function.outputs.items())]

@@ -16,7 +16,7 @@ from ...dynamics.compiled.call import Call, Chain, Field
 from ...dynamics.compiled.constants import Constants
 from ...dynamics.compiled.cotangents import constant_fields
 from ...dynamics.compiled.coverage import MISSING, by_function, given_up, meaning
-from ...dynamics.compiled.local_problem import Kinds, node_kinds
+from ...dynamics.compiled.kinds import Kinds, node_kinds
 from ...dynamics.compiled.native import NotCompiled
 from ...dynamics.compiled.program import NOTHING, program_of
 from ...math.shapes import broadcast_shapes

@@ -13,8 +13,9 @@ import torch
 from torch import Tensor
 
 from ...core.status import SUCCESS
+from ...dynamics.compiled.kinds import ElementKind, EndKind
 from ...dynamics.compiled.local_functions import LocalFunctions
-from ...dynamics.compiled.local_problem import ElementKind, EndKind, Fields
+from ...dynamics.compiled.local_problem import Fields
 from ...dynamics.midpoint import MidpointProblem
 from ...scene.prescribed_motion import moved
 from .. import load_steps

@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 import torch
@@ -90,6 +90,54 @@ def test_auto_notices_what_a_function_reads(auto, monkeypatch, load):
         found, wanted = stepper(state), eager(state)
         assert (stepper.compiled is not None) == compiled
         torch.testing.assert_close(found.velocity, wanted.velocity, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("engine", ["auto", "compiled"])
+def test_functions_of_the_same_code_and_other_defaults_are_different_loads(auto, engine):
+    """-c v on the tip by two values of c, in two scenes of the same structure."""
+    for c in (0.5, 50.0):
+        scene = tb.Scene(straight(2), [tb.Load(lambda r, R, v, w, t, c=c: (-c * v, None))])
+        state = moving(scene)
+        found, wanted = (tb.Stepper(scene, 0.01, engine=one)(state) for one in (engine, "eager"))
+        torch.testing.assert_close(found.velocity, wanted.velocity, rtol=1e-10, atol=1e-10)
+
+
+def test_a_first_gradient_after_a_change_is_refused_and_spoils_none(auto, monkeypatch):
+    """`drag` changes between a stepper and its first gradient; another stepper's, of the old value, is right."""
+    scene = tb.Scene(straight(2), [tb.Load(own_load)])
+
+    def gradient(stepper):
+        velocity = moving(scene).velocity.requires_grad_()
+        start = replace(moving(scene), velocity=velocity)
+        return torch.autograd.grad(stepper(start).position.square().sum(), velocity)[0]
+
+    first, wanted = tb.Stepper(scene, 0.01, engine="compiled"), gradient(tb.Stepper(scene, 0.01, engine="eager"))
+    monkeypatch.setattr(first.compiled.program, "adjoints", {})
+    monkeypatch.setitem(globals(), "drag", 50.0)
+    with pytest.raises(RuntimeError, match="first gradient was asked for after"):
+        gradient(first)
+    monkeypatch.setitem(globals(), "drag", 0.5)
+    found = gradient(tb.Stepper(scene, 0.01, engine="compiled"))
+    torch.testing.assert_close(found, wanted, rtol=1e-10, atol=1e-10)
+
+
+class HarderBrake(Brake):
+    """A class of which functions stand in two classes."""
+
+    def wrench(self, site, t, inputs):
+        return -pull * site.velocity, None
+
+
+HarderBrake, pull = dataclass(frozen=True)(HarderBrake), 0.5
+
+
+def test_auto_notices_what_a_derived_class_reads(auto, monkeypatch):
+    scene = tb.Scene(straight(2), [HarderBrake()])
+    stepper, eager = (tb.Stepper(scene, 0.01, engine=engine) for engine in ("auto", "eager"))
+    state = moving(scene)
+    for value in (0.5, 50.0):
+        monkeypatch.setitem(globals(), "pull", value)
+        torch.testing.assert_close(stepper(state).velocity, eager(state).velocity, rtol=1e-10, atol=1e-10)
 
 
 def test_the_environment_says_what_auto_means(monkeypatch):

@@ -7,6 +7,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.dynamics.compiled import kept, native, program
+from torchbeam.dynamics.compiled.kinds import Kinds
 from torchbeam.dynamics.compiled.layout import Layout
 
 pytest.importorskip("llvmlite")
@@ -103,3 +104,26 @@ def test_source_that_was_written_to_since_is_not_the_process_own(monkeypatch):
         assert kept.source_key() is None and kept.key_on_disk((1,)) is None
     finally:
         kept.source_key.cache_clear()
+
+
+def test_programs_that_were_not_asked_for_for_longest_go_first(monkeypatch):
+    """Three of four structures, told apart by what is held, are kept; the one asked for again is among them."""
+    monkeypatch.setattr(program, "PROGRAMS", {})
+    monkeypatch.setattr(program, "KEPT", 3)
+    monkeypatch.setattr(program, "structure", lambda local, kinds, held: (held,))
+    made = []
+
+    def new(local, kinds, held, key):
+        made.append(held)
+        return object()
+
+    def asked(held):
+        return program.program_of(None, Kinds((), ()), held, made=new)
+
+    first = asked(0)
+    for held in (1, 2, 0, 3):
+        asked(held)
+    assert asked(0) is first and made == [0, 1, 2, 3]
+    assert asked(2) is not None and made == [0, 1, 2, 3]
+    asked(1)
+    assert made == [0, 1, 2, 3, 1] and len(program.PROGRAMS) == 3
