@@ -58,10 +58,11 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
               "auto": measured, from throughput and memory; a folder keeps its own
     executor  any concurrent.futures.Executor, such as ProcessPoolExecutor, or a Dask cluster's Client.get_executor(); None =
               here, one after the other. Function and laws must then pickle; other processes compute on one thread
-    out       a folder: each chunk is a file there, and what is there already is not computed again; a run that was killed, or a
-              larger n, continues. A chunk that is damaged is computed again, with a warning. A folder of another run is
-              refused: of other laws or another order of them, correlation, design, seed, chunk, dtype, release of this library,
-              or function
+    out       a folder: each chunk is a file there, and what is there already is not computed again; a run that was killed
+              continues, and so does one with a larger n (with `replicates`, more of them of the same size; with `theta` of
+              one's own, none). A chunk that is damaged is computed again, with a warning. A folder of another run is refused:
+              of other laws or another order of them, correlation, design, seed, chunk, dtype, release of this library, or
+              function
     dtype     of theta; None = the default dtype
     version   of the function, a text or number of your own that changes with it. None: the function is known by its code,
               by what it closes over and by the globals and functions that it uses, and by the versions of packages. What
