@@ -3,10 +3,13 @@ live in an environment of its own.
 """
 
 import json
+import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from importlib.metadata import version
+from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 
@@ -28,7 +31,10 @@ def measure(package: str, space: str, element: str, settings: Sequence[tuple[int
             run: Callable[[int, float], tuple[np.ndarray, float]]) -> Iterator[dict]:
     """A row by `COLUMNS` of each setting (elements, step s), of the first alone without --ladder: of run(*setting), which gives
     the tip every 10 ms for 2 s and the CPU seconds that this took; rate in simulated s per CPU s. After one run to warm up.
+    With --samples, which is about something else, none.
     """
+    if "--samples" in sys.argv:
+        return
     repeats = 3 if "--quick" in sys.argv or "--ladder" in sys.argv else 15
     for elements, step in settings if "--ladder" in sys.argv else settings[:1]:
         (tip, _), *runs = [run(elements, step) for _ in range(repeats + 1)]
@@ -37,14 +43,33 @@ def measure(package: str, space: str, element: str, settings: Sequence[tuple[int
                                  min(seconds), median(seconds), T[-1] / min(seconds)), strict=True))
 
 
+def sampled(package: str, functions: Mapping[Callable[[float, float], float], int]) -> Iterator[dict]:
+    """A row of each function of a bending stiffness, N m^2, and a tip load, N, by its name: seconds that so many random samples
+    take processes that have begun, one a core and two at least; how many failed; `at_means`, its value at 1 and 1. The laws are
+    those of `python -m torchbeam scale`.
+    """
+    processes = min(max(os.cpu_count() or 1, 2), 64)
+    draw, sigma = np.random.default_rng(1), np.sqrt(np.log1p(0.2**2))
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        for function, n in functions.items():
+            n = n // 10 if "--quick" in sys.argv else n
+            EI_, P = np.exp(-sigma**2 / 2 + sigma * draw.standard_normal(n)), 1 + 0.15 * draw.standard_normal(n)
+            at_means, *_ = pool.map(function, [1.0] * 4 * processes, [1.0] * 4 * processes)
+            start = time.perf_counter()
+            y = np.array(list(pool.map(function, EI_.tolist(), P.tolist(), chunksize=max(n // (8 * processes), 1))))
+            yield dict(peer=f"{package} {version(package)}", what=function.__name__, processes=processes, samples=n,
+                       seconds=time.perf_counter() - start, failed=int((~np.isfinite(y)).sum()), at_means=float(at_means))
+
+
 def show(rows: Iterable[dict]) -> None:
     """Print rows as a table; with --json, one JSON object a line."""
     if "--json" in sys.argv:
         for row in rows:
             print(json.dumps(row), flush=True)
         return
-    print("".join(f"{name:>15s}" for name in COLUMNS))
-    for row in rows:
+    for k, row in enumerate(rows):
+        if k == 0:
+            print("".join(f"{name:>15s}" for name in row))
         print("".join(f"{value:15.4g}" if isinstance(value, float) else f"{value!s:>15s}" for value in row.values()))
 
 

@@ -7,6 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
+
+from torchbeam.studies.uncertainty.scale import FUNCTIONS
 
 PEERS = Path(__file__).parents[2] / "examples" / "peers"
 
@@ -19,6 +22,17 @@ def test_peer(script, package, error):
                           env={**os.environ, "OMP_NUM_THREADS": "1"}, timeout=120)
     row = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("{")))
     assert abs(row["error"] - error) < 0.1 * error and row["rate"] > 1
+
+
+def test_samples():
+    """With --samples: exudyn's strip bends and swings as that of `python -m torchbeam scale` does at the means, to 1 %."""
+    pytest.importorskip("exudyn")
+    done = subprocess.run([sys.executable, str(PEERS / "exudyn_plane.py"), "--json", "--quick", "--samples"],
+                          capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}, timeout=120)
+    rows = {row["what"]: row for row in (json.loads(line) for line in done.stdout.splitlines() if line.startswith("{"))}
+    one = torch.ones(1, dtype=torch.float64)
+    for what, function in FUNCTIONS.items():
+        assert rows[what]["failed"] == 0 and rows[what]["at_means"] == pytest.approx(function(one, one)[0].item(), rel=0.01)
 
 
 def test_readme_lists_every_script():

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -46,12 +47,12 @@ def test_what_is_left_out_is_a_case():
 
 
 def test_every_reference_file_is_used():
-    """By a case of this table or by another test."""
-    package = Path(torchbeam.__file__).parent
-    readers = [*(package / "studies" / "verification").glob("*.py"), *Path(__file__).parents[1].rglob("test_*.py")]
+    """By a study, an example (which have tests of their own), or another test."""
+    package, root = Path(torchbeam.__file__).parent, Path(__file__).parents[2]
+    readers = [*(package / "studies").rglob("*.py"), *(root / "examples").rglob("*.py"), *(root / "tests").rglob("test_*.py")]
     read = "".join(path.read_text() for path in readers)
     names = {path.stem for path in (package / "data").iterdir() if path.suffix == ".json"}
-    assert names and {name for name in names if f'"{name}"' not in read} == set()
+    assert names and {name for name in names if not re.search(rf'\b{name}(\.json)?"', read)} == set()
 
 
 def test_command(tmp_path, capsys):

@@ -25,7 +25,7 @@ def observe(solution: Any, sensor: Sensor | Callable[[Any], Tensor], times: Valu
     sensor    of `tb.sensors`, or a function of the states that gives (time, ..., *shape)
     times     (times,) s in any order, or (times, ...) of each sample; NaN: nothing is read, the reading is NaN
     delay     (...) s by which the readings lag: at the time s the motion of s - delay is read. What that finds before the first
-              instant is the reading there, at rest; what it finds behind the last is NaN
+              instant is the reading there, at rest (its rate is zero); what it finds behind the last is NaN
     rate      the reading's derivative by time, per s. Of `NodeVelocity` it is the acceleration in the axes of frame a
 
     Between two instants a reading is the cubic of both values and slopes (Hermite), the slopes those of the polynomial through
@@ -67,7 +67,7 @@ def _read(t: Tensor, values: Tensor, at: Tensor, seen: Tensor, axes: int, rate: 
     slopes = _slopes(t, values)
     seen = seen.reshape(*seen.shape, *(1,) * (at.ndim - seen.ndim)) if seen.ndim == 1 else seen
     at = torch.where(seen, at, t[0])
-    ahead = at - t[-1] > OUTSIDE * (t[-1] - t[0])
+    before, ahead = (off > OUTSIDE * (t[-1] - t[0]) for off in (t[0] - at, at - t[-1]))
     k = torch.searchsorted(t, at.detach().contiguous(), right=True).sub(1).clamp(0, len(t) - 2)
     start, h = t[k], t.diff()[k]
     s = torch.clamp((at - start) / h, 0, 1)
@@ -89,7 +89,7 @@ def _read(t: Tensor, values: Tensor, at: Tensor, seen: Tensor, axes: int, rate: 
     h, s, wrong = wide(h), wide(s), wide(~seen | ahead)
     rise, bend = b - a - h * va, h * (vb - va)
     c, d = 3 * rise - bend, bend - 2 * rise
-    found = va + s * (2 * c + 3 * s * d) / h if rate else a + s * (h * va + s * (c + s * d))
+    found = torch.where(wide(before), 0, va + s * (2 * c + 3 * s * d) / h) if rate else a + s * (h * va + s * (c + s * d))
     return torch.where(wrong, torch.nan, found)
 
 

@@ -19,7 +19,7 @@ def descend(objective: Squares, start: Tensor, region: Region, iterations: int, 
     strong Wolfe conditions; no first move is longer than the parameters' own size.
     """
     raised: list[str] = []
-    region.size = torch.where(region.size == 0, _size(start), region.size)
+    region.size = torch.where(region.size == 0, 1, region.size)
     found = [_descend(lambda x, k=k: objective(x, k), x, region.of(torch.tensor(k)), iterations, tolerance, raised)
              for k, x in enumerate(start)]
     length = max(len(way) for _, way in found)
@@ -33,7 +33,7 @@ def _descend(objective: Callable[[Tensor], Tensor], start: Tensor, region: Regio
     """Status and way (k, p) of one start (p,). To the line search a trial that leaves the region, or at which the model raises
     or is not finite, is one at which the squares have grown, with the distance.
     """
-    size = _size(start)
+    size = torch.where(region.additive, start.abs().clamp(min=1), region.size)
     scaled = (start / size).requires_grad_()
     search = torch.optim.LBFGS([scaled], max_iter=1, max_eval=25, tolerance_grad=0, tolerance_change=0,
                                line_search_fn="strong_wolfe")
@@ -77,7 +77,3 @@ def _descend(objective: Callable[[Tensor], Tensor], start: Tensor, region: Regio
         if moved <= tolerance * (here.abs().amax() + tolerance):
             return STUCK if rejected else CONVERGED, torch.stack(way)
     return UNFINISHED, torch.stack(way)
-
-
-def _size(start: Tensor) -> Tensor:
-    return torch.where(start.abs() > 1e-3, start.abs(), torch.ones_like(start))

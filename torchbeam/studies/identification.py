@@ -39,15 +39,16 @@ LENGTH, MASS, SPAN = 0.5, 0.25, 0.3  # m, kg/m, s
 NOISE, SAG = 0.05, 2e-4  # of the RMS of a channel; m
 CLOCK = 2e-3  # deviation of the clock's relative error
 READINGS = 100
-REPEATS, RESAMPLES = 200, 300
+REPEATS, FEW, RESAMPLES = 200, 50, 300  # few: where each repeat is a batch of fits
 LEVEL = 0.95
 COARSE, REFINED, FINE = (6, 1e-3), (12, 2.5e-4), (24, 1.25e-4)  # elements, step
 ABOUT = (
     "A strip of 0.5 m with a tip mass in an elastic clamp, struck at the tip; two accelerometers ({readings} readings each "
     "over {span:g} s at irregular times, 5 % noise, unknown offsets) and the sag (0.2 mm). EI, damping, clamp and tip mass are "
     "identified many times, from starts within a factor of 1.5, and it is counted how often the stated {level:g} % "
-    "interval holds the truth: {repeats} repeats know that to {binomial:.1f} % (one deviation). Own mesh: the data are those "
-    "of the model ({coarse[0]} elements, steps of {coarse_ms:g} ms); else of {fine[0]} elements and steps of {fine_ms:g} ms; "
+    "interval holds the truth: {repeats} repeats know that to {binomial:.1f} % (one deviation), the {few} of profile and "
+    "bootstrap to {binomial_few:.1f} %. Own mesh: the data are those of the model ({coarse[0]} elements, steps of "
+    "{coarse_ms:g} ms); else of {fine[0]} elements and steps of {fine_ms:g} ms; "
     "refined: the fit was carried over to {refined[0]} elements and steps of {refined_ms:g} ms by `Fit.refined`. "
     "Clock: the sampling rate is off by {clock:g} % (one deviation), another amount in each repeat; it is a parameter with "
     "that prior, or left out. Warned: how many fits said that misfit or residuals are no noise."
@@ -75,8 +76,8 @@ CASES = (
     Case("noise, finer mesh, refined", refined=True),
     Case("noise, finer mesh, wrong clock, refined, clock a parameter", clock=CLOCK, known_clock=True, refined=True),
     Case("noise, finer mesh, wrong clock, refined, clock left out", clock=CLOCK, refined=True),
-    Case("noise, own mesh", COARSE, method="profile", repeats=50),
-    Case("noise, own mesh", COARSE, method="bootstrap", repeats=50),
+    Case("noise, own mesh", COARSE, method="profile", repeats=FEW),
+    Case("noise, own mesh", COARSE, method="bootstrap", repeats=FEW),
 )
 
 
@@ -242,6 +243,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def about() -> str:
     """What was done, in words."""
-    return ABOUT.format(readings=READINGS, span=SPAN, repeats=REPEATS, level=100 * LEVEL, coarse=COARSE, fine=FINE,
+    binomial, binomial_few = (100 * (LEVEL * (1 - LEVEL) / n) ** 0.5 for n in (REPEATS, FEW))
+    return ABOUT.format(readings=READINGS, span=SPAN, repeats=REPEATS, few=FEW, level=100 * LEVEL, coarse=COARSE, fine=FINE,
                         refined=REFINED, coarse_ms=1e3 * COARSE[1], fine_ms=1e3 * FINE[1], refined_ms=1e3 * REFINED[1],
-                        clock=100 * CLOCK, binomial=100 * (LEVEL * (1 - LEVEL) / REPEATS) ** 0.5)
+                        clock=100 * CLOCK, binomial=binomial, binomial_few=binomial_few)

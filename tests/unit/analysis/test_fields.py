@@ -35,6 +35,7 @@ def test_normal_equations(order):
     assert_close(found["x"], inverse @ (BLUR.T @ data / sigma**2 + w * L.T @ at), rtol=1e-5, atol=1e-6)
     assert_close(found.deviation("x"), inverse.diagonal().sqrt(), rtol=1e-4, atol=0)
     assert found.effective == pytest.approx((inverse @ BLUR.T @ BLUR).trace().item() / sigma**2, rel=1e-4)
+    assert_close(found.fit.misfit, ((found.fit.y - data) / sigma).square().mean().sqrt(), rtol=1e-6, atol=0)
     assert found.rounds == 1 and found.settled and found.fit.y.shape == (N,) and len(found.fit.readings) == 1
 
 
@@ -45,6 +46,8 @@ def test_rows_are_derivatives():
         rows = tb.Smoothness(order, at=5 * s).rows(s)
         assert_close(rows @ torch.stack((torch.ones(201), s)[:order]).T, torch.zeros(201 - order, order), rtol=0, atol=1e-9)
         assert (rows @ s**2).square().sum().item() == pytest.approx(whole, rel=0.02)  # midpoints: 1/200 of either end
+    rows = tb.Smoothness(1, at=(0.0, 0.1, 0.9, 1.0)).rows(s[:4])
+    assert_close((rows @ torch.tensor([0.0, 1.0, 2.0, 3.0])).square(), torch.tensor([10.0, 1.25, 10.0]))  # of straight pieces
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -64,6 +67,15 @@ def test_weights_from_the_data(criterion, known):
     assert 3 < found.effective < P and "12 numbers" in repr(found)
 
 
+def test_noise_beside_a_weight():
+    """A weight that is given, and no sigma: the noise is found (0.02, to 30 % as above), and the fit is that of such noise."""
+    data, smooth = noisy(0.02), {"x": tb.Smoothness(2)}
+    found = tb.identify_fields(blurred, data, {"x": torch.zeros(P)}, smooth, weight={"x": 0.01})
+    assert found.settled and found.weight == {"x": pytest.approx(0.01)} and 0.7 * 0.02 < found.sigma < 1.3 * 0.02
+    known = tb.identify_fields(blurred, tb.Measurement(data, found.sigma), {"x": torch.zeros(P)}, smooth, weight={"x": 0.01})
+    assert_close(found["x"], known["x"], rtol=1e-5, atol=1e-6)
+
+
 def test_the_corner_of_the_l_curve():
     """Two decades of weights about the corner: the L-curve's weight is no more than that from the evidence's."""
     options = dict(start={"x": torch.zeros(P)}, smoothness={"x": tb.Smoothness(2)})
@@ -76,12 +88,17 @@ def test_evidence_is_the_integral():
     """The criterion is minus the logarithm of the data's density, of a proper prior: x normal by w and the noise."""
     L = tb.Smoothness(0).rows(PLACES)
     data = noisy(0.1)
-    linear = Linearised(torch.zeros(P), -data / 0.1, BLUR / 0.1, (L,), (torch.zeros(P),), torch.zeros(P))
-    found = weigh(linear, "evidence", True)
     law, noise = torch.distributions.MultivariateNormal, 0.01 * torch.eye(N)
-    densities = torch.stack([law(torch.zeros(N), BLUR @ torch.linalg.inv(w * L.T @ L) @ BLUR.T + noise).log_prob(data)
-                             for w in found.weights[0, 80:110:10]])
-    assert_close(-found.value[0, 80:110:10].diff(), densities.diff(), rtol=1e-6, atol=1e-6)
+    zero, mean, deviation = torch.zeros(P + 1), 0.4, 0.3  # and a level, with a prior of its own
+    alone = Linearised(zero[:P], -data / 0.1, BLUR / 0.1, (L,), (zero[:P],), zero[:P], zero[:P])
+    level = torch.nn.functional.one_hot(torch.tensor(P), P + 1) / deviation**2
+    both = Linearised(zero, -data / 0.1, torch.cat((BLUR, torch.ones(N, 1)), 1) / 0.1, (torch.nn.functional.pad(L, (0, 1)),),
+                      (zero[:P],), -mean * level, level)
+    for linear, at, known in ((alone, 0.0, 0.0), (both, mean, deviation)):
+        found = weigh(linear, "evidence", True)
+        densities = torch.stack([law(torch.full((N,), at), BLUR @ torch.linalg.inv(w * L.T @ L) @ BLUR.T + noise
+                                     + known**2).log_prob(data) for w in found.weights[0, 80:110:10]])
+        assert_close(-found.value[0, 80:110:10].diff(), densities.diff(), rtol=1e-6, atol=1e-6)
 
 
 def test_sharp_keeps_a_step():
@@ -127,6 +144,8 @@ def test_refusals():
     for weight, said in (({"y": 1.0}, "of x are wanted"), ({"x": -1.0}, "positive ones are wanted")):
         with pytest.raises(ValueError, match=said):
             tb.identify_fields(blurred, data, start, {"x": tb.Smoothness()}, weight=weight)
+    with pytest.raises(ValueError, match="absolute_sigma=False was given to identify_fields"):
+        tb.identify_fields(blurred, data, start, {"x": tb.Smoothness()}, absolute_sigma=False)
     with pytest.raises(ValueError, match="0, 1 or 2 is wanted"):
         tb.Smoothness(3)
     with pytest.raises(ValueError, match="4 or more"):

@@ -122,6 +122,14 @@ def test_the_adjoint_through_a_beam():
     assert_close(fits[0].theta, true, rtol=1e-4, atol=0)
 
 
+def test_the_adjoint_of_small_numbers():
+    """A rate of 1e-6 beside an amplitude of 1: the search is in units of each start."""
+    fit = tb.identify(lambda theta: decay(theta * torch.tensor([1.0, 1e6])), decay(TRUE[None])[0], (1.0, 1.3e-6),
+                      derivatives="adjoint")
+    assert fit.status == 0
+    assert_close(fit.theta, TRUE * torch.tensor([1.0, 1e-6]), rtol=1e-4, atol=0)
+
+
 METHODS = ("forward", "difference", "adjoint")
 AWAY = {  # model, data, start, log: the misfit falls, ever less, as the first parameter grows without end
     "log": (lambda theta: T**2 / theta[:, :1], -T**2, (1.0,), True),
@@ -255,7 +263,12 @@ CASES = {
     "sigma": (dict(sigma=0.0), "sigma = 0 was given"),
     "a model of nothing, adjoint": (dict(model=lambda theta: decay(theta) * math.nan, derivatives="adjoint"), "a start .0 of"),
     "a model of nothing": (dict(model=lambda theta: decay(theta) * math.nan), r"a start \(0 of 1\) at which the model"),
-    "bounds of the adjoint": (dict(bounds=((0.0, 0.0), (1.0, 1.0)), derivatives="adjoint"), "which takes none"),
+    "bounds of the adjoint": (dict(bounds=((0.0, 0.0), (1.0, 2.0)), derivatives="adjoint"), "which takes none"),
+    "names twice": (dict(names=("a", "a")), "names a, a were given; each once"),
+    "a start outside of bounds": (dict(bounds=(0.0, 1.5)), "for a start outside of them"),
+    "bounds of three": (dict(bounds=(0.0, 1.0, 2.0)), r"\(least, largest\) is wanted"),
+    "bounds of others": (dict(bounds=((0.0, 0.0, 0.0), 9.0)), "for 2 parameters; the least and the largest"),
+    "bounds the wrong way round": (dict(bounds=(9.0, 0.0)), "for 2 parameters; the least and the largest"),
     "no iterations": (dict(iterations=0), "iterations = 0"),
 }
 

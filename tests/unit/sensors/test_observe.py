@@ -59,6 +59,8 @@ def test_delay_and_what_lies_outside():
     assert_close(late, torch.stack((cubic(T[0]), cubic(torch.tensor(0.2)), cubic(torch.tensor(0.75)))), rtol=1e-12, atol=0)
     early = tb.observe(motion(cubic(T)), number, times, delay=-0.1)
     assert early[2].isnan() and not early[:2].isnan().any()
+    rate = tb.observe(motion(cubic(T)), number, times, delay=torch.tensor([0.2, 0.0]), rate=True)  # at rest before, 2 at once
+    assert_close(rate[0], torch.tensor([0.0, 2.0]), rtol=1e-12, atol=0)
 
 
 def test_each_sample_has_its_own():

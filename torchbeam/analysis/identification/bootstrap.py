@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ...core.arguments import count, number
+from ...core.arguments import count
 from ...solvers.least_squares import CONVERGED, search
 from ...solvers.region import Region
+from . import student
 from .problem import Problem
 from .transform import Transform
 
@@ -35,7 +36,7 @@ class Bootstrap:
         """(p, 2): the fit less the quantiles of the errors that repeats make, in coordinates (the pivotal interval; Efron and
         Tibshirani 1993, 13.3), each error in units of the noise that its repeat found (bootstrap-t, 12.5).
         """
-        tail = (1 - number("level", level)) / 2
+        tail = student.tail(level)
         good = self.status == CONVERGED
         if good.sum() < 2 / tail:
             raise ValueError(f"{int(good.sum())} repeats that converged are too few for a level of {level:g}; "
@@ -54,8 +55,6 @@ def bootstrap(problem: Problem, x: Tensor, scale: float, repeats: int, seed: int
         exact = r + problem.target
         random = torch.Generator(device=x.device).manual_seed(seed)
         noise = scale * torch.randn(repeats, r.shape[1], generator=random, dtype=x.dtype, device=x.device)
-        if not problem.sigma_given and r.shape[1] <= len(x):
-            raise ValueError("a bootstrap of as many parameters as data was asked for; there is no noise to be known")
         repeated = problem.with_targets(exact + noise)
         parameters = problem.parameters
         region = Region(starts, parameters.size, parameters.transform.additive, *parameters.bounds(starts), repeated.target)

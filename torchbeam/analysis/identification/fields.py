@@ -75,25 +75,25 @@ def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness:
                  "gcv"       generalised cross validation (Golub, Heath and Wahba 1979, Technometrics 21, 215)
                  "lcurve"    corner of roughness over misfit, of one field (Hansen and O'Leary 1993, SIAM J. Sci. Comput. 14,
                              1487)
-    weight       name -> weight of each field, taken as they are: one search, more where rows are `sharp`
+    weight       name -> weight of each field, taken as they are: one search, more where rows are `sharp` or noise is not known
     rounds       searches at most, each from where the one before ended
     options      of `identify`
 
     The first search has weights that are small enough to follow the data. Where data have no sigma, that is found too: the
     squares over the number of data less that of numbers told.
 
-    Raises ValueError for smoothness of what is no field of `start`, and what `identify` raises.
+    Raises ValueError for smoothness of what is no field of `start`, absolute_sigma=False, and what `identify` raises.
     """
     choice("criterion", criterion, CRITERIA)
     task = _Task.of(model, data, start, smoothness, log, options)
-    most = count("rounds", rounds) if weight is None or task.sharp else 1
+    most = count("rounds", rounds) if weight is None or task.sharp or not task.known else 1
     weights, sigma = task.first() if weight is None else (task.checked(weight), task.noise)
     k, settled, sharpened, before = 0, False, False, None
     while not settled and k < most:
         fit, linear = task.searched(start, weights, sigma)
         found, used, noise, k = weigh(linear, criterion, task.known), weights, sigma, k + 1
         weights, sigma, start = found.weight / found.sigma**2 if weight is None else used, found.sigma, task.start_from(fit)
-        same = ((weights / used).log().abs() < SAME).all().item()
+        same = ((weights / used).log().abs() < SAME).all().item() and (weight is None or abs(sigma - noise) < SAME * noise)
         still = before is not None and ((fit.x - before).abs() < SAME * fit.x_covariance.diagonal().sqrt()).all().item()
         settled, before = still or (same and not task.sharp), fit.x
         if task.sharp and (same or sharpened):  # the normal law's weight first
@@ -125,6 +125,9 @@ class _Task:
            options: dict[str, Any]) -> _Task:
         if not isinstance(start, Mapping) or not isinstance(smoothness, Mapping) or not smoothness:
             raise ValueError("a start and smoothness by name are wanted: {'EI': tb.Parameter(...)}, {'EI': tb.Smoothness()}")
+        if not options.get("absolute_sigma", True):
+            raise ValueError("absolute_sigma=False was given to identify_fields, whose weights count on sigma; data without "
+                             "sigma are wanted, whose noise is found")
         single = not isinstance(data, Mapping)
         measured = {SINGLE: data} if single else dict(data)
         measured = {name: [Measurement.of(one, None) for one in given] if _several(given) else Measurement.of(given, None)
@@ -191,7 +194,13 @@ class _Task:
     def without_rows(self, fit: Fit) -> Fit:
         """The fit as if the smoothness were no measurement."""
         y = {name: value for name, value in fit.y.items() if name in self.measured}
-        return replace(fit, y=y[SINGLE] if self.single else y, readings=tuple(
+        problem, theta = fit.problem, torch.cat((fit.starts, fit.theta[None]))
+        rows = torch.cat([e.values(problem.parameters, theta) for e in problem.experiments if e.name not in self.measured], -1)
+        numbers, k = len(problem.weight), rows.shape[1]
+        squares = (rows * problem.weight[-k:] - problem.target[:, -k:]).square().sum(-1)
+        misfits = torch.cat((fit.misfits, fit.misfit[None])).square() * numbers - squares
+        misfits = (misfits.clamp(min=0) / (numbers - k)).sqrt()
+        return replace(fit, y=y[SINGLE] if self.single else y, misfit=misfits[-1], misfits=misfits[:-1], readings=tuple(
             r for r in fit.readings if r.experiment in self.measured))
 
     def _with_rows(self, weight: Tensor, sigma: float) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -213,7 +222,7 @@ class _Task:
         every = torch.zeros(1, dtype=torch.long, device=x.device)
         with torch.no_grad():
             r, J = problem.linearised(x, every)
-            bend = problem.prior(x)[2][0]
+            _, pull, bend = (part[0] for part in problem.prior(x))
         rows = sum(len(L) for L in self.L.values())
         scale = 1.0 if self.known else sigma
         wide, target = [], []
@@ -223,7 +232,8 @@ class _Task:
             root = self.factor[name].sqrt()
             wide[-1][:, place] = root[:, None] * L
             target.append(root * self.target[name])
-        return Linearised(x[0], scale * r[0, :-rows], scale * J[0, :-rows], tuple(wide), tuple(target), scale**2 * bend)
+        return Linearised(x[0], scale * r[0, :-rows], scale * J[0, :-rows], tuple(wide), tuple(target), scale**2 * pull,
+                          scale**2 * bend)
 
 
 def _rows_of(name: str, L: Tensor, log: bool) -> Any:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ...core import files
-from ...core.arguments import choice, number
+from ...core.arguments import choice
 from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
 from . import student
@@ -109,13 +109,13 @@ class Fit:
                      what is positive by its logarithm stays so. Exact where the model is linear in them
         "profile"    where the least misfit, over all other parameters, rises by as much as that quantile says: the model's
                      curvature counts. A batch of some ten fits for each parameter
-        "bootstrap"  from `repeats` fits, as one batch, of data that the fitted model and noise make
+        "bootstrap"  from `repeats` fits, as one batch, of data that the fitted model and noise make; not with priors
 
         What the data do not determine goes from end to end of what it can be. All of them take the model as right and the noise
         as independent; see `hints`.
         """
         choice("method", method, INTERVALS)
-        tail = _tail(level)
+        tail = student.tail(level)
         if method == "bootstrap":
             found = self.bootstrap(repeats, seed=seed).interval(level)
         elif method == "profile":
@@ -131,12 +131,18 @@ class Fit:
             if name not in self.names:
                 raise ValueError(f"the parameter {name!r} was given; there are {', '.join(self.names)}")
         which = [self.names.index(name) for name in names] or [*range(len(self.names))]
-        return profiles(self._problem("profile"), self.x, self.x_covariance, which,
-                        student.quantile(1 - _tail(level), self.freedom), self._scale)
+        return profiles(self._noisy("profile"), self.x, self.x_covariance, which,
+                        student.quantile(1 - student.tail(level), self.freedom), self._scale)
 
     def bootstrap(self, repeats: int = 500, *, seed: int = 0) -> Bootstrap:
-        """Fits of so many sets of data that the fitted model and noise make, followed as one batch from here."""
-        return bootstrap(self._problem("bootstrap"), self.x, self._scale, repeats, seed)
+        """Fits of so many sets of data that the fitted model and noise make, followed as one batch from here. Raises ValueError
+        where parameters have priors.
+        """
+        problem = self._noisy("bootstrap")
+        if problem.parameters.priors:
+            raise ValueError("a bootstrap of a fit with priors was asked for, which would repeat the data but not what is "
+                             "known beforehand; the intervals 'laplace' and 'profile' count both")
+        return bootstrap(problem, self.x, self._scale, repeats, seed)
 
     def refined(self, model: Any) -> Fit:
         """The fit that a finer model finds, of a finer mesh or shorter steps: its readings with the derivatives of the model
@@ -200,6 +206,13 @@ class Fit:
             raise ValueError(f"a {what} of a fit that determines nothing was asked for")
         return self.problem
 
+    def _noisy(self, what: str) -> Problem:
+        """The problem, whose noise is known."""
+        problem = self._problem(what)
+        if not problem.sigma_given and len(problem.weight) <= len(self.theta):
+            raise ValueError(f"a {what} of as many parameters as data was asked for; there is no noise to be known")
+        return problem
+
     def _within(self, interval: Tensor) -> Tensor:
         """Cut at bounds; of parameters that are not determined, all that they can be."""
         least, largest = self.bounds.unbind(-1)
@@ -208,10 +221,3 @@ class Fit:
         low, high = interval.unbind(-1)
         found = torch.stack((torch.maximum(low, least), torch.minimum(high, largest)), -1)
         return torch.where(self.open[:, None] | ~torch.isfinite(found).all(-1, keepdim=True) & found.isnan(), all_, found)
-
-
-def _tail(level: float) -> float:
-    level = number("level", level)
-    if not 0 < level < 1:
-        raise ValueError(f"level = {level:g} was given; one between 0 and 1 is wanted")
-    return (1 - level) / 2

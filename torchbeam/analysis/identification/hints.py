@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import torch
 from torch import Tensor
 
 from .readings import Readings
@@ -34,8 +33,13 @@ def unit_hints(readings: Sequence[Readings]) -> tuple[str, ...]:
 
 
 def fit_hints(readings: Sequence[Readings], squares: float, freedom: int, sigma_given: bool) -> tuple[str, ...]:
-    """A misfit above the noise that was stated, and residuals of neighbouring instants that are alike."""
+    """A misfit above the noise that was stated, none by which noise could be known, and residuals of neighbouring instants that
+    are alike.
+    """
     said = []
+    if not sigma_given and freedom < 1:
+        said.append("there are as many parameters as data, and no sigma: the noise is not known, and stated deviations and "
+                    "intervals say nothing")
     if sigma_given and freedom > 0 and squares > freedom + 5 * math.sqrt(2 * freedom):
         said.append(f"the misfit is {math.sqrt(squares / freedom):.3g} times what sigma says: noise is larger, or the model "
                     "does not explain the data, and stated intervals are too narrow")
@@ -56,8 +60,7 @@ def fit_hints(readings: Sequence[Readings], squares: float, freedom: int, sigma_
     return tuple(said)
 
 
-def bound_hints(names: Sequence[str], theta: Tensor, least: Tensor, largest: Tensor) -> tuple[str, ...]:
-    """Parameters that ended at a bound."""
-    at = torch.where(theta <= least, -1, torch.where(theta >= largest, 1, 0)).tolist()
+def bound_hints(names: Sequence[str], theta: Tensor, held: Tensor) -> tuple[str, ...]:
+    """Parameters theta (p,) that ended at a bound, `held` (p,) bool."""
     return tuple(f"{name} is at its bound, {value:.4g}: its interval is one-sided, and those of others count on it"
-                 for name, value, where in zip(names, theta.tolist(), at, strict=True) if where)
+                 for name, value, at in zip(names, theta.tolist(), held.tolist(), strict=True) if at)

@@ -51,8 +51,8 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     derivatives  "difference": central differences of `relative_step` (1e-4), a batch of 2 p times the starts, which run on the
                  compiled engine. "forward": forward mode, the p directions as a batch, by eager steps. "adjoint": the gradient
                  of the squares by reverse mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond
-                 some hundreds; it takes more iterations, one start after the other, no bounds. "auto": differences, where those
-                 of ten times the step agree with them to 1e-3 at the start, and else forward mode
+                 some hundreds; it takes more iterations, one start after the other, no bounds but by logits. "auto":
+                 differences, where those of ten times the step agree with them to 1e-3 at the start, and else forward mode
     tolerance    of the largest step, relative to theta (of log theta, absolute); also, squared, of the decrease of the squares
     progress     a line of progress (tqdm)
 
@@ -67,7 +67,7 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     never 0.
 
     Raises ValueError for a model whose output does not fit the data, for starts at none of which it is finite, fewer data than
-    parameters, data without a number; what the model raises at all starts goes through.
+    parameters without a prior, data without a number; what the model raises at all starts goes through.
     """
     choice("derivatives", derivatives, DERIVATIVES)
     check_tolerance("tolerance", tolerance)
@@ -79,8 +79,9 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     if not isinstance(start, Mapping) and not any(isinstance(d, Measurement) for d in _each(data)):
         like = _each(data)
     parameters = Parameters.of(start, log, bounds, names, [e.name for e in experiments if e.name is not None], like)
-    if bounds is not None and derivatives == "adjoint":
-        raise ValueError("bounds were given with derivatives = 'adjoint', which takes none; 'difference' and 'forward' do")
+    if derivatives == "adjoint" and any(torch.isfinite(end).any() for end in parameters.bounds(parameters.x)):
+        raise ValueError("bounds were given with derivatives = 'adjoint', which takes none but by the transform 'logit'; "
+                         "'difference' and 'forward' do")
     parameters = parameters.more_starts(starts, spread, seed)
     problem = replace(Problem.of(experiments, parameters, boolean("absolute_sigma", absolute_sigma)), relative_step=step)
     parameters = problem.parameters

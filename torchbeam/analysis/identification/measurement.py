@@ -31,7 +31,8 @@ class Measurement:
     drift   each channel reads a straight line more, per s, or per the series' length where it has no times
     name    in sentences and pictures; None = the sensor's
 
-    Raises ValueError for values without a number, other shapes, a sigma that is not positive, a sensor without times.
+    Raises ValueError for values without a number, other shapes, a sigma that is not positive, a sensor without times; a
+    delay, a clock or a rate without a sensor.
     """
 
     values: Any
@@ -74,6 +75,11 @@ class Measurement:
         for name in ("delay", "clock"):
             if not isinstance(getattr(self, name), str):
                 object.__setattr__(self, name, finite(name, as_tensor(getattr(self, name), dtype, device)))
+        late = [n for n in ("delay", "clock") if isinstance(getattr(self, n), str) or (getattr(self, n) != 0).any()]
+        if self.sensor is None and (late or self.rate):
+            what = " and ".join([*late, *["rate"] * self.rate])
+            raise ValueError(f"{what} was given to a Measurement without a sensor, by which a Solution is read; sensor=... is "
+                             "wanted")
 
     @classmethod
     def of(cls, data: Any, sigma: Any) -> Measurement:

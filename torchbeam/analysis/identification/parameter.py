@@ -28,7 +28,8 @@ class Parameter:
                width of the bounds
     own        one for each experiment, in place of one for all; named "experiment.name"
 
-    Raises ValueError for a start outside of bounds or prior, "logit" without bounds, a prior of vectors.
+    Raises ValueError for a start outside of bounds or prior, "logit" without bounds, a prior of vectors or of another
+    shape, as bounds and scale of another shape.
     """
 
     start: Any
@@ -51,15 +52,24 @@ class Parameter:
         if self.bounds is not None:
             object.__setattr__(self, "bounds", self._bounds())
         if self.scale is not None:
-            object.__setattr__(self, "scale", positive("scale", as_tensor(self.scale, dtype, device)).expand_as(start))
+            object.__setattr__(self, "scale", positive("scale", self._like("scale", self.scale)))
         if self.prior is not None:
             self._check_prior()
+
+    def _like(self, name: str, value: Any) -> Tensor:
+        """Of the start's shape."""
+        value, start = as_tensor(value, self.start.dtype, self.start.device), self.start
+        try:
+            return value.expand_as(start)
+        except RuntimeError:
+            raise ValueError(f"{name} of shape {tuple(value.shape)} were given for a start of shape {tuple(start.shape)}; one "
+                             "number, or one for each, is wanted") from None
 
     def _bounds(self) -> tuple[Tensor, Tensor]:
         start = self.start
         if not isinstance(self.bounds, (tuple, list)) or len(self.bounds) != 2:
             raise ValueError(f"bounds = {self.bounds!r} were given; (least, largest) is wanted")
-        least, largest = (as_tensor(b, start.dtype, start.device).expand_as(start) for b in self.bounds)
+        least, largest = (self._like("bounds", b) for b in self.bounds)
         ends = largest < torch.inf, least > -torch.inf
         inside = (least < start) & (start < largest) if self.transform == "logit" else (least <= start) & (start <= largest)
         if not inside.all() or not (least < largest).all() or (self.transform == "logit" and not (ends[0] & ends[1]).all()):
@@ -73,7 +83,10 @@ class Parameter:
         try:
             density = self.prior.log_prob(self.start.clone())
         except ValueError:
-            density = torch.tensor(-torch.inf)
+            density = torch.full_like(self.start, -torch.inf)
+        if density.shape != self.start.shape:
+            raise ValueError(f"a prior of shape {tuple(density.shape)} was given for a start of shape "
+                             f"{tuple(self.start.shape)}; one for each number, or for all, is wanted")
         if not torch.isfinite(density).all():
             raise ValueError(f"a start of {self.start.flatten()[0].item():g} was given, which the prior {self.prior} does not "
                              "know; one that it does is wanted")
@@ -86,7 +99,11 @@ class Parameter:
             return self.scale
         size = start.abs()
         if self.prior is not None:
-            spread = torch.as_tensor(self.prior.stddev, dtype=start.dtype, device=start.device).expand_as(start)
+            try:
+                stddev = self.prior.stddev
+            except NotImplementedError:  # of transformed distributions
+                stddev = torch.inf
+            spread = torch.as_tensor(stddev, dtype=start.dtype, device=start.device).expand_as(start)
             size = torch.where((size == 0) & torch.isfinite(spread), spread, size)
         if self.bounds is not None:
             width = self.bounds[1] - self.bounds[0]

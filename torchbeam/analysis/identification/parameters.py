@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.distributions import Distribution
 
-from ...core.arguments import count
+from ...core.arguments import count, number
 from ...core.validation import Value, as_tensor, common_dtype, finite, positive
 from .parameter import Parameter
 from .transform import Transform
@@ -72,8 +72,13 @@ class Parameters:
         names = tuple(names) if names is not None else tuple(f"theta[{i}]" for i in range(p))
         if len(names) != p:
             raise ValueError(f"{len(names)} names were given for {p} parameters")
+        if len(set(names)) != p:
+            raise ValueError(f"names {', '.join(map(str, names))} were given; each once is wanted")
         low, high = (start.new_full((p,), end) for end in (-torch.inf, torch.inf))
-        least, largest = (low, high) if bounds is None else (as_tensor(b, dtype, device).expand(p) for b in bounds)
+        least, largest = (low, high) if bounds is None else _pair(bounds, start[0])
+        if not ((least <= start) & (start <= largest)).all():
+            raise ValueError(f"bounds {least.tolist()} and {largest.tolist()} were given for a start outside of them; one "
+                             "between is wanted")
         if log:
             positive("start", start)
             positive("bounds", least.clamp(min=0) if bounds is None else least, zero=True)
@@ -112,11 +117,10 @@ class Parameters:
             return self
         if len(self.start) > 1:
             raise ValueError(f"starts = {starts} was given beside {len(self.start)} starts; one of them is wanted")
-        if not spread > 1:
-            raise ValueError(f"spread = {spread} was given; a factor above 1 is wanted")
+        if not number("spread", spread) > 1:
+            raise ValueError(f"spread = {spread:g} was given; a factor above 1 is wanted")
         first, T = self.start[0], self.transform
         u = torch.quasirandom.SobolEngine(self.model, scramble=True, seed=seed).draw(starts - 1, dtype=torch.float64).to(first)
-        u = torch.nn.functional.pad(u, (0, len(first) - self.model), value=0.5)
         factor = spread ** (2 * u - 1)
         size = torch.where(first == 0, self.size, 0)
         theta = first * factor + size * (2 * u - 1)
@@ -139,6 +143,17 @@ class Parameters:
         transform = Transform(torch.cat((T.log, none)), torch.cat((T.logit, none)), longer(T.low, 0.0), longer(T.high, 0.0))
         return Parameters((*self.names, *names), self.entries, transform, longer(self.start, 0.0), longer(self.size, 0.0),
                           longer(self.least, -torch.inf), longer(self.largest, torch.inf), self.model, self.by_name)
+
+
+def _pair(bounds: Any, like: Tensor) -> tuple[Tensor, Tensor]:
+    """Bounds (p,) of what is like (p,)."""
+    if not isinstance(bounds, (tuple, list)) or len(bounds) != 2:
+        raise ValueError(f"bounds = {bounds!r} were given; (least, largest) is wanted")
+    least, largest = (as_tensor(b, like.dtype, like.device) for b in bounds)
+    if any(b.ndim > 1 or b.numel() not in (1, len(like)) for b in (least, largest)) or not (least <= largest).all():
+        raise ValueError(f"bounds {least.tolist()} and {largest.tolist()} were given for {len(like)} parameters; the least and "
+                         "the largest of each are wanted")
+    return least.expand(len(like)), largest.expand(len(like))
 
 
 def _numbers(start: Mapping[str, Any]) -> list[Any]:

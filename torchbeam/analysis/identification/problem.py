@@ -95,8 +95,8 @@ class Problem:
             before += m.values.numel()
         parameters = parameters.with_nuisance(names)
         numbers, p = int(known.sum()), len(parameters.names)
-        if numbers < p:
-            raise ValueError(f"{numbers} data were given for {p} parameters; at least as many are wanted")
+        if numbers + sum(e.size for e in parameters.priors) < p:
+            raise ValueError(f"{numbers} data were given for {p} parameters; at least as many are wanted, or priors")
         scaled = given == {True} and absolute_sigma
         if parameters.priors and not scaled:
             raise ValueError("priors were given with data without an absolute sigma, against which they are weighed; one is "
@@ -187,12 +187,13 @@ class Problem:
 
 
 def _log_prob(entry: Any, theta: Tensor) -> Tensor:
-    """(N, size); minus infinity outside of the support."""
+    """(N, size); minus infinity for samples of which a number is outside of the support."""
     shaped = theta.reshape(len(theta), *entry.shape)
-    inside = entry.prior.support.check(shaped.detach())
-    if not inside.all():
-        return torch.where(inside, torch.zeros_like(shaped), -torch.inf).reshape(theta.shape)
-    return entry.prior.log_prob(shaped).reshape(theta.shape)
+    inside = entry.prior.support.check(shaped.detach()).reshape(theta.shape).all(-1)
+    if inside.all():
+        return entry.prior.log_prob(shaped).reshape(theta.shape)
+    return torch.full_like(theta, -torch.inf).index_put((inside,), entry.prior.log_prob(shaped[inside]).reshape(
+        -1, theta.shape[1]))
 
 
 def _surprise(entry: Any, theta: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -232,6 +233,8 @@ def experiments_of(model: Any, data: Any, sigma: Any) -> tuple[Experiment, ...]:
         raise ValueError(f"models of {', '.join(map(str, model))} and data of {', '.join(map(str, data))} were given; the same "
                          "names are wanted")
     sigmas = sigma if isinstance(sigma, Mapping) else dict.fromkeys(data, sigma)
+    if wrong := set(sigmas) - set(data):
+        raise ValueError(f"sigma of {', '.join(map(str, wrong))} was given; there are data of {', '.join(map(str, data))}")
     return tuple(_experiment(name, model[name] if isinstance(model, Mapping) else model, data[name], sigmas.get(name))
                  for name in data)
 

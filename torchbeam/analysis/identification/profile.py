@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ...solvers.least_squares import CONVERGED, STUCK, search
+from ...solvers.least_squares import FAILED, search
 from ...solvers.region import Region
 from .problem import Problem
 
@@ -82,7 +82,7 @@ def _least(problem: Problem, x: Tensor, covariance: Tensor, held: Tensor, away: 
     except ValueError:  # none of them can be evaluated
         return torch.full_like(away, torch.inf)
     value = _objective(problem, found.r, found.x)
-    good = ((found.status == CONVERGED) | (found.status == STUCK)) & ~outside
+    good = (found.status < FAILED) & ~outside  # one that is not finished is still no less than the least
     return torch.where(good & torch.isfinite(value), value, torch.inf)
 
 

@@ -31,13 +31,15 @@ def refined(problem: Problem, model: Any, x: Tensor, J: Tensor, scale: float) ->
     failed = done.clone()
     with torch.no_grad():
         least, largest = parameters.bounds(x)
+        region = Region(x, parameters.size, parameters.transform.additive, least, largest, problem.target)
         for k in range(STEPS):
             r, (_, slope, bend) = finer.residuals(way[-1], every), finer.prior(way[-1])
             if k == AGAIN:  # derivatives from where the finer model is going: deviations follow them
                 _, J = problem.linearised(way[-1], every)
-            A = (J.mT @ J + torch.diag_embed(bend)).nan_to_num()
-            gradient = (J.mT @ r[..., None])[..., 0] + slope
-            step = -(torch.linalg.pinv(A, hermitian=True) @ gradient.nan_to_num()[..., None])[..., 0]
+            gradient = ((J.mT @ r[..., None])[..., 0] + slope).nan_to_num()
+            free = (~region.held(way[-1], gradient)).to(x)
+            A = (J.mT @ J + torch.diag_embed(bend)).nan_to_num() * free[:, None] * free[..., None]
+            step = -(torch.linalg.pinv(A, hermitian=True) @ (gradient * free)[..., None])[..., 0]
             length = (step * (A @ step[..., None])[..., 0]).sum(-1)
             failed = failed | ~torch.isfinite(r).all(-1) | (~done & (k not in (0, AGAIN)) & ~(length <= 1.0001 * last))
             done = done | (length <= SMALL * scale**2)

@@ -16,7 +16,8 @@ SWEEPS = 6  # over the weights of several fields
 @dataclass(frozen=True)
 class Linearised:
     """Misfits r (T,) of the data and J (T, p) at x (p,), over the data's deviations where these are known; smoothness rows
-    L (rows, p) of each field, whose values are to be near to target (rows,); `other` (p,) diagonal of other priors.
+    L (rows, p) of each field, whose values are to be near to target (rows,). Of other priors, gradient `pull` (p,) of minus the
+    logarithm at x, and diagonal `other` (p,) of its second derivative.
     """
 
     x: Tensor
@@ -24,6 +25,7 @@ class Linearised:
     J: Tensor
     L: tuple[Tensor, ...]
     target: tuple[Tensor, ...]
+    pull: Tensor
     other: Tensor
 
     @property
@@ -36,7 +38,7 @@ class Linearised:
         data = self.J.mT @ self.J
         A = data + torch.diag(self.other) + sum(w[..., None, None] * (L.mT @ L) for w, L in zip(
             weight.unbind(-1), self.L, strict=True))
-        towards = -(self.J.mT @ self.r) - sum(w[..., None] * (L.mT @ (L @ self.x - c)) for w, L, c in zip(
+        towards = -(self.J.mT @ self.r) - self.pull - sum(w[..., None] * (L.mT @ (L @ self.x - c)) for w, L, c in zip(
             weight.unbind(-1), self.L, self.target, strict=True))
         size = A.diagonal(dim1=-2, dim2=-1).clamp(min=torch.finfo(A.dtype).tiny).rsqrt()
         values, vectors = torch.linalg.eigh(size[..., :, None] * A * size[..., None, :])
@@ -47,17 +49,21 @@ class Linearised:
         rough = torch.stack([((self.x + step) @ L.mT - c).square().sum(-1) for L, c in zip(self.L, self.target, strict=True)],
                             -1)
         told = (inverse * data).sum((-1, -2))
-        return Solved(misfit, rough, told, values.log().sum(-1) - 2 * size.log().sum(-1))
+        normal = self.other > 0
+        over = torch.where(normal, self.other, 1)
+        apart = torch.where(normal, self.other * (step + self.pull / over).square(), 2 * self.pull * step).sum(-1)
+        return Solved(misfit, rough, apart, told, values.log().sum(-1) - 2 * size.log().sum(-1))
 
 
 @dataclass(frozen=True)
 class Solved:
-    """misfit (...) squares of the data's misfits;  rough (..., fields) squares of the rows;  told (...) numbers that the data
-    determine;  log_det (...) of the posterior's inverse covariance.
+    """misfit (...) squares of the data's misfits;  rough (..., fields) squares of the rows;  apart (...) squares of other
+    priors;  told (...) numbers that the data determine;  log_det (...) of the posterior's inverse covariance.
     """
 
     misfit: Tensor
     rough: Tensor
+    apart: Tensor
     told: Tensor
     log_det: Tensor
 
@@ -115,8 +121,8 @@ def _value(problem: Linearised, solved: Solved, weight: Tensor, criterion: str, 
     if criterion == "lcurve":
         return -_curvature(solved.misfit.log() / 2, solved.rough[:, 0].log() / 2)
     ranks = torch.tensor([float(len(L)) for L in problem.L]).to(weight)
-    squares = solved.misfit + (weight * solved.rough).sum(-1)
-    freedom = max(T + ranks.sum().item() - len(problem.x), 1.0)
+    squares = solved.misfit + (weight * solved.rough).sum(-1) + solved.apart
+    freedom = max(T + ranks.sum().item() + int((problem.other > 0).sum()) - len(problem.x), 1.0)
     own = squares if known else freedom * squares.log()
     return (own + solved.log_det - (ranks * weight.log()).sum(-1)) / 2
 

@@ -55,10 +55,11 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
     deviation = _everywhere(problem, ((seen @ x_covariance[told][:, told]) * seen).sum(-1).clamp(min=0).sqrt() / problem.weight)
     readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
     odd = () if found.first is None else unit_hints(_readings(problem, _known(problem, found.first[best])))
+    least, largest = parameters.bounds(x[best])
     hints = (*odd, *fit_hints(readings, squares[best].item(), numbers - p, problem.sigma_given),
-             *bound_hints(parameters.names, x[best], *parameters.bounds(x[best])))
+             *bound_hints(parameters.names, theta[best], (x[best] <= least) | (x[best] >= largest)))
     if odd:
-        warnings.warn(odd[0], UserWarning, stacklevel=5)
+        warnings.warn(odd[0], UserWarning, stacklevel=4)
     status, misfits = int(statuses[best]), (squares / numbers).sqrt()
     failed = int((statuses == FAILED).sum())
     message = "; ".join((REASON[status], *shown[best], *hints, *(

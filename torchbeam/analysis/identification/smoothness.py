@@ -48,11 +48,11 @@ class Smoothness:
                 raise ValueError(f"places of shape {tuple(at.shape)} were given for a field of {n} numbers; ({n},) are wanted")
             at = (at - at[0]) / (at[-1] - at[0])
         found = torch.eye(n).to(like)
+        width = torch.cat((at[1:2] - at[:1], (at[2:] - at[:-2]) / 2, at[-1:] - at[-2:-1]))  # about each place
         for _ in range(self.order):
-            found = found.diff(dim=0) / at.diff()[:, None]
+            width = at.diff()
+            found = found.diff(dim=0) / width[:, None]
             at = (at[1:] + at[:-1]) / 2
-        width = torch.full_like(at, 1 / n) if len(at) < 2 else torch.cat((
-            at[1:2] - at[:1], (at[2:] - at[:-2]) / 2, at[-1:] - at[-2:-1]))
         return found * width.sqrt()[:, None]
 
     @staticmethod

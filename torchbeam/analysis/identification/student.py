@@ -1,4 +1,4 @@
-"""Student's t distribution: quantiles."""
+"""Student's t distribution: quantiles, and the levels that are asked of it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,17 @@ import math
 
 import torch
 
+from ...core.arguments import number
+
 POINTS = 401
+
+
+def tail(level: float) -> float:
+    """Share beyond each of the two ends of an interval of a level of confidence. Raises ValueError for one not in (0, 1)."""
+    level = number("level", level)
+    if not 0 < level < 1:
+        raise ValueError(f"level = {level:g} was given; one between 0 and 1 is wanted")
+    return (1 - level) / 2
 
 
 def quantile(probability: float, freedom: float) -> float:

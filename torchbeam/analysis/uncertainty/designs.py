@@ -17,7 +17,8 @@ SOBOL_POINTS = 2**30  # of one sequence
 
 @dataclass(frozen=True)
 class Sobol:
-    """Scrambled Sobol sequences (Owen 1998), one after the other: `points` of the first, as many of the second ...
+    """Sobol sequences, scrambled by random lower triangular matrices and a digital shift (Matousek 1998, as torch has it), one
+    after the other: `points` of the first, as many of the second ...
 
     dimension  of a point;  seed of the first sequence: those of the others follow from it
     points     of each sequence; None = there is one

@@ -40,8 +40,9 @@ class Estimate:
 
     @property
     def relative_error(self) -> Tensor:
-        """Half the interval's width over the size of the estimate."""
-        return (self.high - self.low) / (2 * self.estimate.abs())
+        """Half the interval's width over the size of the estimate; 0 where that has no width, as of a y at rest."""
+        width = self.high - self.low
+        return torch.where(width == 0, 0.0, width / (2 * self.estimate.abs()))
 
     def __iter__(self) -> Iterator[Tensor]:
         return iter((self.estimate, self.low, self.high))
@@ -66,13 +67,13 @@ def level_of(name: str, level: float) -> float:
 
 def mean(groups: Sequence[Tensor], level: float, reasons: Mapping[str, int]) -> Estimate:
     """Mean of groups of samples (m, ...): each group is a replicate; of one group the samples are independent. Student's
-    interval.
+    interval, infinite of one sample.
     """
     if len(groups) > 1:
         return replicated(groups, lambda y: y.mean(0), level, reasons)
     y = groups[0]
-    half = y.std(0) / math.sqrt(len(y)) * student_quantile((1 + level) / 2, max(len(y) - 1, 1))
     centre = y.mean(0)
+    half = y.std(0) / math.sqrt(len(y)) * student_quantile((1 + level) / 2, len(y) - 1) if len(y) > 1 else centre + math.inf
     return Estimate(centre, centre - half, centre + half, level, len(y), "Student's t", reasons)
 
 
@@ -157,7 +158,7 @@ def quantile_of_sorted(y: Tensor, levels: Tensor) -> Tensor:
     """Quantiles (K, ...) at `levels` (K,) of sorted samples (n, ...), linear between order statistics (of any number:
     torch.quantile takes 16 million).
     """
-    place = levels.to(y.dtype) * (len(y) - 1)
+    place = levels.double() * (len(y) - 1)
     below = place.floor().long()
-    part = (place - below).reshape(-1, *[1] * (y.ndim - 1))
+    part = (place - below).to(y.dtype).reshape(-1, *[1] * (y.ndim - 1))
     return torch.lerp(y[below], y[(below + 1).clamp_max(len(y) - 1)], part)

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import count
+from ...core.arguments import function as checked_function
 from ...core.files import NotWritten
 from ...core.validation import precision
 from .chunks import Chunk, ChunkFolder
@@ -120,6 +121,8 @@ def split(given: Any, n: int) -> tuple[Tensor, Tensor]:
             raise ValueError(f"a function that gave {name} as a {type(value).__name__} was given; a tensor {wanted} is wanted")
         if value.shape[:1] != (n,) or (value is status and value.ndim != 1):
             raise ValueError(f"a function that gave {name} {tuple(value.shape)} was given; {wanted} is wanted")
+    if y.is_complex():
+        raise ValueError("a function that gave a complex y was given; real numbers are wanted")
     return y, status
 
 
@@ -134,8 +137,10 @@ def one_kind(chunks: Iterable[tuple[int, Chunk]]) -> None:
         kind = now
 
 
-def settings(n: Any, seed: Any, chunk: Any, executor: Any, dtype: Any, version: Any) -> tuple[int, int, int, torch.dtype]:
+def settings(function: Any, n: Any, seed: Any, chunk: Any, executor: Any, dtype: Any, version: Any
+             ) -> tuple[int, int, int, torch.dtype]:
     """n, seed, chunk and dtype, if these and the others are what they should be; ValueError otherwise."""
+    checked_function("function", function)
     if executor is not None and not hasattr(executor, "submit"):
         raise ValueError(f"executor = {executor!r} was given; a concurrent.futures.Executor is wanted")
     if isinstance(version, bool) or not isinstance(version, (str, int, type(None))):

@@ -119,6 +119,8 @@ def _correlation(given: Correlation, laws: dict[str, Law]) -> Tensor:
         for pair, value in given.items():
             if not isinstance(pair, tuple) or len(pair) != 2 or not set(pair) <= set(names) or pair[0] == pair[1]:
                 raise ValueError(f"a correlation of {pair!r} was given; two of {', '.join(names)} are wanted")
+            if pair[::-1] in given:
+                raise ValueError(f"a correlation of {pair!r} and one of {pair[::-1]!r} were given; one of the two is wanted")
             i, j = map(names.index, pair)
             matrix[i, j] = matrix[j, i] = as_tensor(value, torch.float64)
     else:

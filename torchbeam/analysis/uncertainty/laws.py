@@ -1,6 +1,6 @@
 """Laws of random parameters. One number: of a uniform variate or of a normal score.
 
-A law is (least, largest), uniform between; a number or `Constant`; one of the classes here; anything with `icdf`, as
+A law is (least, largest), uniform between; one of the classes here; anything with `icdf`, as
 torch.distributions have; or a function of u (N,), uniform in (0, 1). `RandomField` is a law of many numbers.
 Parameters of Constant, Uniform, Normal, LogNormal, Triangular, Weibull and Gumbel may be tensors (0-dim) with gradients.
 """
@@ -198,13 +198,18 @@ class Truncated:
 
     def cdf(self, x: Tensor) -> Tensor:
         low, high = self._limits(x)
-        at = self.law.cdf(_inside(self.law, x.clamp(self.least, self.largest)))
+        at = self.law.cdf(_inside(self.law, x.clamp(self._below, self.largest)))
         return ((at - low) / (high - low)).clamp(0, 1)
+
+    @property
+    def _below(self) -> float:
+        """The next number below `least`, which is itself within: an `Empirical` value may lie there."""
+        return math.nextafter(self.least, -math.inf)
 
     def _limits(self, like: Tensor) -> tuple[Tensor, Tensor]:
         """Probabilities of the law below `least` and below `largest`."""
         low, high = ((at if math.isinf(x) else self.law.cdf(_inside(self.law, like.new_tensor([x]))).clamp(0, 1).to(like.dtype))
-                     for x, at in ((self.least, like.new_zeros(1)), (self.largest, like.new_ones(1))))
+                     for x, at in ((self._below, like.new_zeros(1)), (self.largest, like.new_ones(1))))
         return low, high
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from .evaluation import Function, evaluated, split
 from .joint_law import JointLaw
-from .samples import reasons_of
+from .samples import FAILED, reasons_of
 
 STEP = 1e-4  # of a normal score, for central differences
 
@@ -43,21 +43,22 @@ class LimitState:
         return torch.where(status == 0, y, -torch.inf)
 
     def gradient(self, z: Tensor) -> tuple[Tensor, Tensor]:
-        """y (N,) and dy/dz (N, d): by reverse mode, or by central differences where y carries no gradient."""
+        """y (N,) and dy/dz (N, d): by reverse mode, or by central differences where y carries no gradient by z."""
         z = z.detach().requires_grad_()
         theta = self.joint.of_score(z).to(self.dtype)
         y, status = split(self.function(**self.joint.named(theta)) if self.by_name else self.function(theta), len(z))
         self.evaluations += len(z)
         y = _one_number(y)
-        if y.requires_grad:
-            good = (status.to(y.device) == 0) & torch.isfinite(y)
-            slope, = torch.autograd.grad(torch.where(good, y, 0).sum(), z)
-            value = torch.where(good, y, -torch.inf).detach().cpu().double()
+        status = torch.where((status.to(y.device) == 0) & ~torch.isfinite(y), FAILED, status.to(y.device))
+        self.failures.update(reasons_of(y.detach().cpu(), status.cpu(), {}))
+        value = torch.where(status == 0, y.detach(), -torch.inf).cpu().double()
+        slope, = torch.autograd.grad(torch.where(status == 0, y, 0).sum(), z, allow_unused=True) if y.requires_grad else (None,)
+        if slope is not None:
             return value, slope.double()
         at = z.detach()
         steps = STEP * torch.cat((torch.eye(at.shape[1]), -torch.eye(at.shape[1]))).double()
         beside = self((at[:, None] + steps).flatten(0, 1)).reshape(len(at), 2, -1)
-        return torch.where(status.cpu() == 0, y.cpu().double(), -torch.inf), (beside[:, 0] - beside[:, 1]) / (2 * STEP)
+        return value, (beside[:, 0] - beside[:, 1]) / (2 * STEP)
 
 
 def _values(function: Function, joint: JointLaw, z: Tensor, dtype: torch.dtype, by_name: bool) -> tuple[Tensor, Tensor]:

@@ -60,7 +60,7 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
         raise ValueError(f"q {tuple(q.shape)} was given; (m,) is wanted")
     q = q.detach().clone().requires_grad_()
     joint = JointLaw.of(laws(q), correlation)
-    n, seed, chunk, _ = settings(n, seed, chunk, None, precision(q.dtype), None)
+    n, seed, chunk, _ = settings(function, n, seed, chunk, None, precision(q.dtype), None)
     points = n // count("replicates", replicates, 2)
     if points * replicates != n or points < 2:
         raise ValueError(f"n = {n} was given for {replicates} replicates; a multiple, of at least 2 points each, is wanted")
@@ -93,23 +93,20 @@ def _sums(function: Function, joint: JointLaw, plan: Sobol, first: int, last: in
     """Number of good samples; sums of y and y^2 (...), and of their derivatives (m, ...); y and status of all."""
     theta = joint.of_uniform(plan.uniform(first, last)).to(q.dtype)
     y, status = split(function(**joint.named(theta)) if by_name else function(theta), last - first)
-    if not y.requires_grad:
-        raise ValueError("a function whose y carries no gradient by q was given; one of torch operations, and laws that depend "
-                         "on q, are wanted")
     flat = y.reshape(len(y), -1)
     status = torch.where((status == 0) & ~torch.isfinite(flat).all(-1), FAILED, status).detach().cpu()
-    values = flat[(status == 0).to(flat.device)]
+    values = flat[(status == 0).to(flat.device)].double()  # squares of float32 cancel where the mean is large
     moments = (values.sum(0), values.square().sum(0))
-    by = [torch.stack([_gradient(number, q) for number in moment.unbind()], -1) for moment in moments]
+    by = [[torch.autograd.grad(number, q, retain_graph=True, allow_unused=True)[0] for number in moment.unbind()]
+          for moment in moments] if y.requires_grad else [[None]]
+    if all(one is None for one in by[0]):
+        raise ValueError("a function whose y carries no gradient by q was given; one of torch operations, and laws that depend "
+                         "on q, are wanted")
+    by = [torch.stack([torch.zeros_like(q) if one is None else one for one in moment], -1) for moment in by]
     shape = y.shape[1:]
     sums = (torch.tensor(float(len(values)), dtype=torch.float64),
-            *(m.detach().double().reshape(shape) for m in moments), *(b.double().reshape(len(q), *shape) for b in by))
+            *(m.detach().reshape(shape) for m in moments), *(b.double().reshape(len(q), *shape) for b in by))
     return sums, y.detach().cpu(), status
-
-
-def _gradient(number: Tensor, q: Tensor) -> Tensor:
-    found, = torch.autograd.grad(number, q, retain_graph=True, allow_unused=True)
-    return torch.zeros_like(q) if found is None else found
 
 
 def _moments(sums: tuple[Tensor, ...]) -> tuple[Tensor, Tensor, Tensor, Tensor]:

@@ -46,7 +46,8 @@ class Moments:
 
     @property
     def deviation(self) -> Tensor:
-        return (self.second / max(self.n - 1, 1)).sqrt()
+        """NaN of one sample."""
+        return (self.second / (self.n - 1)).sqrt()
 
     @property
     def skewness(self) -> Tensor:

@@ -41,7 +41,7 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
     laws      by name, in the order of theta's columns: (least, largest) for a uniform law; one of `tb.laws`, where a
               `RandomField` is a column for each of its places; anything with `icdf`, such as torch.distributions.Normal(1.0,
               0.1); or a function of u (N,), uniform in (0, 1), that gives (N,)
-    n         samples: those of one scrambled Sobol sequence (Owen 1998), best a power of two. The first n of a longer run
+    n         samples: those of one scrambled Sobol sequence (Matousek 1998), best a power of two. The first n of a longer run
               with the same seed are the same
 
     correlation  (p, p) of the laws, or {("EI", "mass"): 0.5}: of their normal scores, by a Gaussian copula
@@ -84,7 +84,7 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
     choice("design", design, DESIGNS)
     boolean("by_name", by_name)
     auto, chunk = chunk == "auto", 1 if chunk == "auto" else chunk
-    n, seed, chunk, dtype = settings(n, seed, chunk, executor, dtype, version)
+    n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     n, points = _shares(n, replicates, until, None if theta is None else "theta")
     plan = Given(theta.to(dtype)) if theta is not None else DESIGNS[design](joint.dimension, seed, points)
     if auto:

@@ -50,7 +50,7 @@ def monte_carlo_stream(function: Function, laws: Mapping[str, Law], n: int, *, r
     joint = JointLaw.of(laws, correlation)
     choice("design", design, DESIGNS)
     boolean("by_name", by_name)
-    n, seed, chunk, dtype = settings(n, seed, chunk, executor, dtype, version)
+    n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     points = n // count("replicates", replicates)
     if points * replicates != n:
         raise ValueError(f"n = {n} was given for {replicates} replicates; a multiple is wanted")

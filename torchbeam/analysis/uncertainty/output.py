@@ -21,6 +21,7 @@ COLUMNS = ("quantity", "y", "estimate", "low", "high", "level")
 def to_pandas(samples: Any) -> Any:
     """A pandas.DataFrame, a row for each sample: theta by name, y or y[...], status and replicate."""
     pandas = _imported("pandas")
+    _apart(samples, _labels(samples.y.shape[1:]))
     y = samples.y.reshape(len(samples), -1)
     return pandas.DataFrame({**dict(zip(samples.names, samples.theta.numpy().T, strict=True)),
                              **dict(zip(_labels(samples.y.shape[1:]), y.numpy().T, strict=True)),
@@ -34,6 +35,7 @@ def to_xarray(samples: Any, dims: Sequence[str] | None = None, coords: dict[str,
     coords  of these, such as {"time": t}
     """
     xarray = _imported("xarray")
+    _apart(samples, ["y"])
     dims = tuple(f"axis_{k}" for k in range(1, samples.y.ndim)) if dims is None else tuple(dims)
     if len(dims) != samples.y.ndim - 1:
         raise ValueError(f"dims = {dims} were given for a y {tuple(samples.y.shape[1:])}; a name for each axis is wanted")
@@ -43,9 +45,10 @@ def to_xarray(samples: Any, dims: Sequence[str] | None = None, coords: dict[str,
                            "replicate": ("sample", samples.replicate.numpy())}, coords)
 
 
-def summary(result: Any, levels: Sequence[float] = LEVELS, interval: float = 0.95) -> dict[str, Any]:
-    """What `Samples` or a `Stream` say, as numbers and texts: rows of `COLUMNS` for mean, deviation and quantiles of each
-    number of y with their intervals, numbers of samples, of failed ones by reason.
+def summary(result: Any, levels: Sequence[float] = LEVELS, interval: float = 0.95, thresholds: Sequence[float] = ()
+            ) -> dict[str, Any]:
+    """What `Samples` or a `Stream` say, as numbers and texts: rows of `COLUMNS` for mean, deviation, quantiles and
+    probabilities of y > threshold, of each number of y, with their intervals; numbers of samples, of failed ones by reason.
     """
     found = {"mean": result.mean_interval(interval)}
     if hasattr(result, "deviation_interval"):
@@ -56,17 +59,20 @@ def summary(result: Any, levels: Sequence[float] = LEVELS, interval: float = 0.9
     quantiles = result.quantile(tuple(levels), interval)
     for k, level in enumerate(levels):
         rows += _rows(f"quantile {level:g}", [part[k] for part in quantiles], interval)
+    for threshold in thresholds:
+        rows += _rows(f"P(y > {threshold:g})", result.exceedance(threshold, interval), interval)
     return {"samples": quantiles.samples + quantiles.failed, "failed": quantiles.failed, "reasons": dict(quantiles.reasons),
             "names": list(result.names), "method": found["mean"].method, "statistics": rows}
 
 
-def write_summary(result: Any, path: str | Path, levels: Sequence[float] = LEVELS, interval: float = 0.95) -> Path:
+def write_summary(result: Any, path: str | Path, levels: Sequence[float] = LEVELS, interval: float = 0.95,
+                  thresholds: Sequence[float] = ()) -> Path:
     """`summary` in a file: .json, or .csv for its rows alone. ValueError for another ending; files.NotWritten."""
     path = Path(path)
     if path.suffix not in (".json", ".csv"):
         raise ValueError(f"the file {path.name!r} was given; one that ends in .json or .csv is wanted")
     folder(path.parent)
-    found = summary(result, levels, interval)
+    found = summary(result, levels, interval, thresholds)
     if path.suffix == ".json":
         write(path, json.dumps(found, indent=1) + "\n")
     else:
@@ -87,6 +93,12 @@ def _number(value: float) -> float | None:
 
 def _labels(shape: torch.Size) -> list[str]:
     return [f"y[{', '.join(map(str, place))}]" if place else "y" for place in product(*map(range, shape))]
+
+
+def _apart(samples: Any, columns: Sequence[str]) -> None:
+    """ValueError where a law has the name of another column."""
+    if taken := [name for name in samples.names if name in (*columns, "status", "replicate")]:
+        raise ValueError(f"samples of a law called {taken[0]!r} were given, as another column is; another name is wanted")
 
 
 def _imported(name: str) -> Any:

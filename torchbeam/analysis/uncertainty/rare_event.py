@@ -76,13 +76,14 @@ def rare_event(function: Function, laws: Mapping[str, Law], threshold: float, n:
     starts     of the search for design points: the medians, and random ones
     laws, correlation, seed, chunk, executor, dtype, by_name   as `monte_carlo` has them; gradients are taken here
 
-    Raises ValueError as `monte_carlo` does, for a y of several numbers, and where nothing leads to the threshold.
+    Raises ValueError as `monte_carlo` does, for a y of several numbers, and where nothing leads to the threshold:
+    a y that is one value for a tenth of the samples, or more, on the way is none for subset simulation.
     """
     joint, threshold = JointLaw.of(laws, correlation), number("threshold", threshold)
     level = level_of("interval", interval)
     boolean("by_name", by_name)
     choice("method", method, METHODS)
-    n, seed, chunk, dtype = settings(n, seed, chunk, executor, dtype, None)
+    n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, None)
     if not joint.dimension:
         raise ValueError("laws that are all constant were given; one that is random is wanted")
     limit = LimitState(function, joint, threshold, dtype, chunk, by_name, executor)

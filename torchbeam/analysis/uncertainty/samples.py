@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ...core.status import STATUS
-from ...core.validation import Value, as_tensor, finite
+from ...core.validation import Value, as_tensor, broadcast, finite
 from . import estimate, output
 from .estimate import Estimate, Statistic, level_of
 
@@ -63,11 +63,11 @@ class Samples:
 
     @property
     def mean(self) -> Tensor:
-        return self.good.mean(0)
+        return self._numbers().mean(0)
 
     @property
     def deviation(self) -> Tensor:
-        return self.good.std(0)
+        return self._numbers().std(0)
 
     def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
         """Quantiles, (...) of one level and (levels, ...) of several; with `interval`, a confidence level, an `Estimate` of
@@ -78,9 +78,7 @@ class Samples:
             raise ValueError(f"levels = {levels!r} were given; probabilities, one or a sequence, are wanted")
         several = given.reshape(-1)
         if interval is None:
-            y = self._filled(self.good.sort(0).values)
-            y = y if y.is_floating_point() else y.double()
-            found = estimate.quantile_of_sorted(y, several)
+            found = estimate.quantile_of_sorted(self._numbers().sort(0).values, several)
             return found if given.ndim else found[0]
         found = estimate.quantile(self._groups(), several, level_of("interval", interval), self.reasons)
         return found if given.ndim else _first(found)
@@ -108,6 +106,7 @@ class Samples:
         failed_exceed  None: of the good samples; True or False: samples that failed are taken to exceed, or not to
         """
         x = finite("x", as_tensor(x, self.y.dtype if self.y.is_floating_point() else torch.float64))
+        broadcast("the thresholds and y of a sample", x.shape, self.y.shape[1:])
         values = self.y.reshape(len(self), *[1] * max(x.ndim - (self.y.ndim - 1), 0), *self.y.shape[1:])
         above, good = values > x, self.status == 0
         if failed_exceed is not None:
@@ -145,22 +144,29 @@ class Samples:
         """An xarray.Dataset over `sample` (extra `uq`); `dims` name y's further axes, `coords` say where they are."""
         return output.to_xarray(self, dims, coords)
 
-    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> dict[str, Any]:
-        """Mean, deviation and quantiles with intervals, and failures, as numbers and texts for JSON."""
-        return output.summary(self, levels, interval)
+    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95, thresholds: Sequence[float] = ()
+                ) -> dict[str, Any]:
+        """Mean, deviation, quantiles and probabilities of y > threshold with intervals, and failures, for JSON."""
+        return output.summary(self, levels, interval, thresholds)
 
-    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> Path:
+    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95,
+                      thresholds: Sequence[float] = ()) -> Path:
         """The summary in a file that ends in .json or .csv."""
-        return output.write_summary(self, path, levels, interval)
+        return output.write_summary(self, path, levels, interval, thresholds)
 
     def _groups(self, y: Tensor | None = None, good: Tensor | None = None) -> list[Tensor]:
-        """Good samples of each replicate that has any."""
+        """Good samples of each replicate that has several; all of them, where none has."""
         y = self.y.double() if y is None else y
         good = self.status == 0 if good is None else good
         groups = [part[chosen] for part, chosen in zip(y.chunk(self.replicates), good.chunk(self.replicates), strict=True)]
-        self._filled(torch.cat(groups))
+        whole = self._filled(torch.cat(groups))
         groups = [group for group in groups if len(group) > 1]
-        return groups if groups else [self.good.double()]
+        return groups if groups else [whole]  # of replicates of one sample each, samples are independent
+
+    def _numbers(self) -> Tensor:
+        """y of the good samples, at least one, in floating point."""
+        y = self._filled(self.good)
+        return y if y.is_floating_point() else y.double()
 
     def _filled(self, y: Tensor) -> Tensor:
         if not len(y):

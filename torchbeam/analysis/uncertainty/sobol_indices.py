@@ -69,12 +69,13 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
         first = mean((y_B - mean)(y_i - y_A))/V        (Saltelli et al. 2010)
         total = mean((y_A - y_i)^2)/(2 V)              (Jansen 1999)
 
-    A group of p + 2 in which one failed is left out. Raises ValueError as `monte_carlo` does, and where all groups failed.
+    A group of p + 2 in which one failed is left out. Indices of a y that does not vary are NaN. Raises ValueError as
+    `monte_carlo` does, and where all groups failed.
     """
     joint = JointLaw.of(laws)
     boolean("by_name", by_name)
     level = level_of("interval", interval)
-    n, seed, chunk, dtype = settings(n, seed, chunk, executor, dtype, version)
+    n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     points = n // count("replicates", replicates, 2)
     if points * replicates != n or points < 2:
         raise ValueError(f"n = {n} was given for {replicates} replicates; a multiple, of at least 2 points each, is wanted")

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.validation import Value, as_tensor, finite
+from ...core.validation import Value, as_tensor, broadcast, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
 from . import output
 from .estimate import FEW, Estimate, level_of
@@ -131,8 +131,8 @@ class Stream:
         if self._groups > 1:
             error, freedom = torch.stack([one.mean for one in known]).std(0) / math.sqrt(len(known)), len(known) - 1
         else:
-            error, freedom = whole.deviation / math.sqrt(whole.n), max(whole.n - 1, 1)
-        half = student_quantile((1 + level) / 2, freedom) * error
+            error, freedom = whole.deviation / math.sqrt(whole.n), whole.n - 1
+        half = student_quantile((1 + level) / 2, freedom) * error if freedom else whole.mean.abs() + math.inf
         return self._estimate(whole.mean, whole.mean - half, whole.mean + half, level)
 
     def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
@@ -158,7 +158,8 @@ class Stream:
                     half = self._share_error(j, centre[k, j], level, n) * n
                     ends = [max(q * (n - 1) - half, 0), min(q * (n - 1) + half, n - 1)]
                 for bound, rank, side in ((low, ends[0], -1), (high, ends[1], 1)):
-                    value = sketch.at_ranks(torch.tensor([float(rank)]))[0].item() if 0 <= rank <= n - 1 else side * math.inf
+                    at = torch.tensor([rank], dtype=torch.float64)  # float32 tells ranks apart up to 2^24
+                    value = sketch.at_ranks(at)[0].item() if 0 <= rank <= n - 1 else side * math.inf
                     bound[k, j] = value if math.isinf(value) else value + side * abs(value) * sketch.error
         return self._estimate(*(self._shaped(x, given) for x in (centre, low, high)), level)
 
@@ -168,7 +169,7 @@ class Stream:
         """
         level, n = level_of("interval", interval), self.all.n
         x = finite("x", as_tensor(x, torch.float64))
-        shape = torch.broadcast_shapes(x.shape, self.shape)
+        shape = broadcast("the thresholds and y of a sample", x.shape, torch.Size(self.shape))
         numbers = torch.arange(max(math.prod(self.shape), 1)).reshape(self.shape).expand(shape).flatten().tolist()
         rows = []
         for j, at in zip(numbers, x.expand(shape).flatten(), strict=True):
@@ -192,13 +193,15 @@ class Stream:
         above = torch.stack([sum(sketch.above(edges)) / 2 for sketch in self._pooled()])
         return (-above.diff(dim=-1) / self.all.n).reshape(*self.shape, -1)
 
-    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> dict[str, Any]:
-        """Mean and quantiles with intervals, and failures, as numbers and texts for JSON."""
-        return output.summary(self, levels, interval)
+    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95, thresholds: Sequence[float] = ()
+                ) -> dict[str, Any]:
+        """Mean, quantiles and probabilities of y > threshold with intervals, and failures, for JSON."""
+        return output.summary(self, levels, interval, thresholds)
 
-    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95) -> Path:
+    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95,
+                      thresholds: Sequence[float] = ()) -> Path:
         """The summary in a file that ends in .json or .csv."""
-        return output.write_summary(self, path, levels, interval)
+        return output.write_summary(self, path, levels, interval, thresholds)
 
     def _share_error(self, j: int, x: Tensor, level: float, n: int) -> float:
         """Half the interval of P(y > x) from its shares in the replicates; at least the rule of three."""

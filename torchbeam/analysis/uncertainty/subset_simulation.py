@@ -14,6 +14,7 @@ from .limit_state import LimitState
 SHARE = 0.1  # of the samples of a level that go on
 ACCEPTED = 0.44  # share of moves that the step is adapted to
 LEVELS = 30
+EQUAL = 0.1  # of those that go on: samples at the bound itself, for which a level's probability would be wrong
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ def subset_simulation(limit: LimitState, samples: int, runs: int, seed: int) -> 
     From a level's samples the tenth with the largest y begin Markov chains, of ten states each, that stay above the least of
     them. A move is z' = sqrt(1 - s^2) z + s w, w normal, taken if y(z') stays above: it keeps the normal law, in any number of
     dimensions; s is adapted, run by run, so that 44 % of the moves are taken. (Papaioannou et al. 2015.)
+
+    Raises ValueError where most samples of a level failed, and where many have the same y: no bound parts a tenth of those.
     """
     draw = torch.Generator().manual_seed(seed)
     d = limit.joint.dimension
@@ -56,6 +59,11 @@ def subset_simulation(limit: LimitState, samples: int, runs: int, seed: int) -> 
             raise ValueError(f"more than nine tenths of the samples of a level failed ({', '.join(limit.failures)}); no rare "
                              "event can be found among so few")
         last = bound >= limit.threshold
+        for run in (~last & (y[:, seeds - 1] == y[:, seeds])).nonzero()[:, 0].tolist():
+            equal = len(z[run, y[run] == bound[run]].unique(dim=0))  # a state that a chain stays in counts once
+            if equal > 1 + seeds * EQUAL:
+                raise ValueError(f"a y that is {bound[run]:.6g} at {equal} of {samples} samples of a level was given; one that "
+                                 "varies all the way to the threshold is wanted, or plain samples")
         hits = (y > limit.threshold).double().mean(-1)
         probability[active] = torch.where(last, SHARE**level * hits, 0.0)
         thresholds.append(torch.full((runs,), torch.nan, dtype=torch.float64).index_put((active[~last],), bound[~last]))

@@ -80,9 +80,7 @@ def _options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--motions", nargs="+", metavar="MOTION", choices=[motion.name for motion in MOTIONS],
                         help=f"of {', '.join(motion.name for motion in MOTIONS)} (default: all)")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="CPU time, about (default: %(default)g)")
-    parser.add_argument("--peers", type=Path, metavar="FOLDER",
-                        help="also run the scripts of a folder that measure other programs: examples/peers")
-    parser.add_argument("--python", default=sys.executable, help="the interpreter for these (default: this one)")
+    peers.options(parser)
     parser.add_argument("--references", type=Path, metavar="FILE",
                         help="only make the references anew, by runs finer than any setting here: some minutes")
 

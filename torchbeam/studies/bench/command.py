@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,6 +12,7 @@ import torch
 from ...cli import results_folder, threads
 from ...core.results import measured_on, sentence, versions, write
 from ...dynamics.compiled.coverage import MISSING
+from .. import peers
 from . import breakdown, first_use, gradients, growth, operations, others, throughput
 from .measurement import Row, progress
 from .report import markdown, picture
@@ -37,9 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("out/bench"), help="folder for the results (default: %(default)s)")
     parser.add_argument("--quick", action="store_true", help="fewer sizes and repeats: half a minute")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="what is measured (default: all)")
-    parser.add_argument("--peers", type=Path, metavar="FOLDER",
-                        help="also run the scripts of a folder that measure other programs: examples/peers")
-    parser.add_argument("--python", default=sys.executable, help="the interpreter for these (default: this one)")
+    peers.options(parser)
     parser.add_argument("--operations", type=Path, metavar="FILE",
                         help="only compare operation counts with those of a file: status 1 where one has grown by more than "
                              f"{100 * operations.GROWTH:.0f} %%")
@@ -56,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     torch.set_default_dtype(torch.float64)
     try:
         with threads(1):
-            rows = list(_rows(given, parser))
+            rows = list(_rows(given))
             heading = measured_on()
     finally:
         torch.set_default_dtype(dtype)
@@ -68,16 +66,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _rows(given: argparse.Namespace, parser: argparse.ArgumentParser) -> Iterator[Row]:
+def _rows(given: argparse.Namespace) -> Iterator[Row]:
     """Rows of the parts that are asked for, the peers right behind what they are compared with."""
     for name in given.parts:
         progress(f"{name} ...")
         yield from PARTS[name](given.quick)
         if name == "throughput" and given.peers is not None:
-            try:
-                yield from others.peers(given.peers, given.python, given.quick)
-            except (ValueError, OSError) as error:
-                parser.error(f"--peers: {error}")
+            yield from others.peers(given.peers, given.python, given.quick)
 
 
 def _compare(path: Path, update: bool, parser: argparse.ArgumentParser) -> int:

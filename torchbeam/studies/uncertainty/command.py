@@ -68,7 +68,7 @@ def _run(config: Config, given: argparse.Namespace, out: Path) -> Any:
     run: Callable[..., Any] = monte_carlo if config.keep else monte_carlo_stream
     if unknown := [name for name in config.options if name not in signature(run).parameters]:
         raise ValueError(f"{unknown[0]!r} was given with keep = {config.keep}; {run.__name__} has no such option")
-    n = given.n or config.n
+    n = config.n if given.n is None else given.n
     if n is None and "theta" not in config.options:
         raise ValueError("a configuration without n was given; n, or --n, is wanted")
     for trial in range(AGAIN):
@@ -107,20 +107,15 @@ def _files(folder: Path) -> int:
 
 
 def _report(config: Config, result: Any, out: Path) -> None:
-    """Summaries as files and as a table; thresholds."""
+    """Summaries as files and as a table."""
+    answers = config.levels, config.interval, config.thresholds
     for kind in ("json", "csv"):
-        result.write_summary(out / f"summary.{kind}", config.levels, config.interval)
-    found = result.summary(config.levels, config.interval)
+        result.write_summary(out / f"summary.{kind}", *answers)
+    found = result.summary(*answers)["statistics"]
     print(result)
-    def text(value: float | None) -> str:
-        return "-" if value is None else f"{value:.6g}"
-
-    rows = [[row["quantity"], row["y"], *(text(row[key]) for key in ("estimate", "low", "high"))]
-            for row in found["statistics"][:ROWS]]
-    for threshold in config.thresholds:
-        at = result.exceedance(threshold, config.interval)
-        if at.estimate.numel() == 1:
-            rows.append([f"P(y > {threshold:g})", "y", *(f"{x.item():.6g}" for x in at)])
-    print(table(("quantity", "y", "estimate", "low", "high"), rows, 2))
-    if len(found["statistics"]) > ROWS:
-        print(f"and {len(found['statistics']) - ROWS} more rows in {out / 'summary.csv'}")
+    columns = ("quantity", "y", "estimate", "low", "high")
+    rows = [[*(row[key] for key in columns[:2]), *("-" if row[key] is None else f"{row[key]:.6g}" for key in columns[2:])]
+            for row in found[:ROWS]]
+    print(table(columns, rows, 2))
+    if len(found) > ROWS:
+        print(f"and {len(found) - ROWS} more rows in {out / 'summary.csv'}")

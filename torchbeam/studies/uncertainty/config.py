@@ -13,10 +13,11 @@ from typing import Any
 
 import torch
 
+from ...analysis.uncertainty.estimate import level_of
 from ...analysis.uncertainty.laws import of_text
 from ...analysis.uncertainty.monte_carlo import monte_carlo
 from ...analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
-from ...core.arguments import keywords
+from ...core.arguments import boolean, keywords, number
 
 OPTIONS = sorted({*keywords(monte_carlo), *keywords(monte_carlo_stream)} - {"executor", "out", "progress"})
 OWN = ("levels", "interval", "thresholds", "keep")  # of the answers, and whether samples are kept
@@ -61,7 +62,8 @@ def read(path: Path) -> Config:
                 raise ValueError(f"dtype = {given['dtype']!r} was given; float32 or float64 is wanted")
             given["dtype"] = DTYPES[given["dtype"]]
         if isinstance(given.get("correlation"), dict):
-            given["correlation"] = {tuple(pair.split(",")): value for pair, value in given["correlation"].items()}
+            given["correlation"] = {tuple(name.strip() for name in pair.split(",")): value
+                                    for pair, value in given["correlation"].items()}
         if isinstance(given.get("sentences"), dict):
             given["sentences"] = {int(code): text for code, text in given["sentences"].items()}
         if unknown := [name for name in given if name not in ("function", "laws", "n", *OPTIONS, *OWN)]:
@@ -73,7 +75,11 @@ def read(path: Path) -> Config:
     if not callable(given["function"]):
         raise ValueError(f"function = {given['function']!r} was given in {path.name}; a function is wanted")
     own = {name: given.pop(name) for name in OWN if name in given}
-    own |= {name: tuple(own[name]) for name in ("levels", "thresholds") if name in own}
+    own |= {name: _numbers(name, own[name]) for name in ("levels", "thresholds") if name in own}
+    if not all(0 <= level <= 1 for level in own.get("levels", ())):
+        raise ValueError(f"levels = {own['levels']} were given in {path.name}; probabilities are wanted")
+    level_of("interval", own.get("interval", Config.interval))
+    boolean("keep", own.get("keep", Config.keep))
     return Config(given.pop("function"), given.pop("laws"), given.pop("n", None), given, modules, **own)
 
 
@@ -112,6 +118,12 @@ def _function(path: Path, given: Any) -> tuple[Any, tuple[ModuleType, ...]]:
     if not hasattr(module, name):
         raise ValueError(f"function = {given!r} was given in {path.name}, and {place!r} has no {name!r}")
     return getattr(module, name), (module,) if modules else ()
+
+
+def _numbers(name: str, given: Any) -> tuple[float, ...]:
+    if not isinstance(given, (list, tuple)):
+        raise ValueError(f"{name} = {given!r} was given; a list of numbers is wanted")
+    return tuple(number(name, x) for x in given)
 
 
 def _parsed(path: Path) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Cost of Monte Carlo: planar static samples and planar rollouts of 1 s, by chunk size and by processes.
 
-    python -m torchbeam scale
+    python -m torchbeam scale [--peers examples/peers --python PEERS/bin/python]
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
@@ -33,8 +33,9 @@ from ...scene.effects import Damping, TipLoad
 from ...scene.scene import Scene
 from ...scene.section import Section
 from ...statics.equilibrium import equilibrium
+from .. import peers
 
-SAMPLES, ROLLOUTS = 1_000_000, 100_000
+TOTALS = {"static": 1_000_000, "rollout": 100_000}  # samples
 SHARE, QUICK = 16, 10  # one part in so many: of the samples, for the first rows; of all of them, with --quick
 CHUNKS = {"static": (256, 1024, 4096, 16384), "rollout": (64, 256, 1024, 4096)}
 ELEMENTS, STEP = 8, 0.01  # s
@@ -47,6 +48,10 @@ ABOUT = (
     "deflection. The engine is the one that `auto` takes. First rows: one process and thread, a chunk size each. Last rows: "
     "all samples, by one process and by one for each core, kept with a folder of chunks, and as a stream. Memory: what the "
     "process had at most more than before, of the rows of one process. A first call of each, which may compile, does not count."
+)
+OTHERS = (
+    "Rows with another program's name: the same beam, laws, step and number of nodes, each sample a system of its own that "
+    "Python builds; few samples, as each costs the same."
 )
 
 
@@ -123,7 +128,7 @@ def run(what: str, kind: str, samples: int, chunk: int, processes: int) -> Row:
 def rows(quick: bool, cores: int) -> list[Row]:
     """All rows; the chunk of the last ones is the fastest of the first."""
     found: list[Row] = []
-    for what, total in (("static", SAMPLES), ("rollout", ROLLOUTS)):
+    for what, total in TOTALS.items():
         total = total // QUICK if quick else total
         each = [run(what, "kept", max(total // SHARE, 2 * chunk), chunk, 1) for chunk in CHUNKS[what]]
         best = max(each, key=lambda row: row.samples / row.seconds).chunk
@@ -134,14 +139,26 @@ def rows(quick: bool, cores: int) -> list[Row]:
     return found
 
 
+def other(given: Mapping[str, Any]) -> tuple[Row, str]:
+    """Row of what another program's script measured, and in words: all samples at that rate, and y at the means beside ours."""
+    what, samples, one, unknown = given["what"], given["samples"], torch.ones(1, dtype=torch.float64), float("nan")
+    off = abs(given["at_means"] / FUNCTIONS[what](one, one)[0].item() - 1)
+    row = Row(what, given["peer"], given["processes"], 1, samples, given["seconds"], unknown, given["failed"], unknown, unknown)
+    return row, (f"{row.run}, {what}: {TOTALS[what]:,} samples would take {TOTALS[what] * row.seconds / samples:,.0f} s, "
+                 f"extrapolated from {samples:,}; y at the means of the laws differs by {100 * off:.1f} %.")
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Cost of Monte Carlo samples: planar statics and rollouts, by chunk size and by processes"""
-    given, out = study(argv, "scale", f"Measures {SAMPLES:,} static samples and {ROLLOUTS:,} rollouts of 1 s.",
-                       "a tenth of the samples")
+    given, out = study(argv, "scale", "Measures {static:,} static samples and {rollout:,} rollouts of 1 s.".format(**TOTALS),
+                       "a tenth of the samples", peers.options)
+    scripts = () if given.peers is None else peers.measured(given.peers, given.python, "--samples", *["--quick"] * given.quick)
+    others = list(map(other, scripts))
     cores = min(os.cpu_count() or 1, 64)
-    found = rows(given.quick, max(cores, 2))
+    found = [*rows(given.quick, max(cores, 2)), *(row for row, _ in others)]
     heading = measured_on(threads=1)
-    text = "\n\n".join((ABOUT.format(elements=ELEMENTS), table(COLUMNS, [row.cells() for row in found], 2), sentence(heading)))
+    text = "\n\n".join((ABOUT.format(elements=ELEMENTS), table(COLUMNS, [row.cells() for row in found], 2),
+                        *([" ".join((OTHERS, *(said for _, said in others)))] if others else []), sentence(heading)))
     write(out, "scale", text, {**heading, "rows": [asdict(row) for row in found]}, COLUMNS, [row.cells() for row in found])
     print(text)
     print(f"wrote {out}")

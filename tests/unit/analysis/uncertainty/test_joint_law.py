@@ -68,6 +68,7 @@ REFUSED = {
     "a diagonal": (2 * torch.eye(4), "whose diagonal is not 1"),
     "indefinite": ({("a", "b"): 0.9, ("b", "c"): 0.9, ("a", "c"): -0.9}, "the eigenvalue -0.8 was given; a positive def"),
     "of a constant": ({("a", "k"): 0.5}, "of 'k' was given, which is a constant"),
+    "twice": ({("a", "b"): 0.5, ("b", "a"): 0.3}, r"of \('a', 'b'\) and one of \('b', 'a'\) were given"),
     "of an unknown": ({("a", "z"): 0.5}, r"a correlation of \('a', 'z'\) was given; two of a, k, b, c"),
 }
 

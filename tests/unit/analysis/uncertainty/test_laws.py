@@ -54,6 +54,9 @@ def test_empirical():
     assert values.tolist() == [1.0, 2.0, 3.0] and counts.tolist() == [10000, 5000, 5000]
     assert law.cdf(torch.tensor([0.5, 1.0, 2.5, 3.0])).tolist() == [0.0, 0.5, 0.75, 1.0]
     assert "3 values from 1 to 3" in repr(law)
+    ends = tb.laws.Truncated(law, 2.0, 3.0)  # both ends are within
+    assert ends.icdf(U).unique(return_counts=True)[1].tolist() == [10000, 10000]
+    assert ends.cdf(torch.tensor([1.0, 2.0, 3.0])).tolist() == [0.0, 0.5, 1.0]
 
 
 def test_scores():

@@ -68,8 +68,18 @@ def test_beam():
         assert_close(found.deviation_by.estimate[k], (up.deviation - down.deviation) / (2 * h), rtol=1e-5, atol=0)
 
 
+def test_single_precision_far_from_zero():
+    """y = 1000 + x, x normal with a deviation of 0.1: known to float32's last bit of y, 6e-5, not to that of y^2."""
+    found = tb.moment_derivatives(lambda theta: 1000 + theta[:, 0], lambda q: {"x": tb.laws.Normal(q[0], q[1])},
+                                  torch.tensor([0.0, 0.1], dtype=torch.float32), 1024)
+    assert found.deviation.estimate.item() == pytest.approx(0.1, rel=0.02)
+    assert_close(found.deviation_by.estimate, torch.tensor([0.0, 1.0]), rtol=0.02, atol=0.02, check_dtype=False)
+
+
 REFUSED = {
     "no gradient": (dict(function=lambda theta: theta.detach()), "carries no gradient"),
+    "a gradient by something else": (dict(function=lambda theta: theta.detach() * torch.ones(1, requires_grad=True)),
+                                     "carries no gradient by q"),
     "q": (dict(q=torch.ones(2, 2)), r"q \(2, 2\) was given; \(m,\)"),
     "replicates": (dict(n=100), "n = 100 was given for 16 replicates"),
     "all failed": (dict(function=lambda theta: theta / 0), "nearly all 32 samples failed"),

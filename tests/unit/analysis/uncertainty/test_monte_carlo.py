@@ -133,6 +133,8 @@ def test_beams():
 
 CASES = {
     "no laws": (dict(laws={}), "no laws were given"),
+    "no function": (dict(function=3), "function = 3 was given"),
+    "complex numbers": (dict(function=lambda theta: 1j * theta), "gave a complex y was given; real numbers"),
     "law as a number": (dict(laws={"a": 1.0}), "the law 1.0 was given for 'a'"),
     "law upside down": (dict(laws={"a": (2.0, 1.0)}), r"\(least, largest\) is wanted"),
     "no samples": (dict(n=0), "n = 0"),

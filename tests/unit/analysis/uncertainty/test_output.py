@@ -30,6 +30,13 @@ def test_pandas(samples):
     assert list(tb.monte_carlo(lambda theta: theta[:, 0], LAWS, 8).to_pandas().columns)[3] == "y"
 
 
+def test_names_of_other_columns():
+    """A law that is called as another column would be lost."""
+    pytest.importorskip("pandas")
+    with pytest.raises(ValueError, match="a law called 'status' were given"):
+        tb.monte_carlo(lambda theta: theta[:, 0], {"status": (0.0, 1.0)}, 8).to_pandas()
+
+
 def test_xarray(samples):
     pytest.importorskip("xarray")
     data = samples.to_xarray(dims=("time",), coords={"time": torch.tensor([0.0, 0.5])})

@@ -7,6 +7,8 @@ import pytest
 import torch
 
 import torchbeam as tb
+from torchbeam.analysis.uncertainty.joint_law import JointLaw
+from torchbeam.analysis.uncertainty.limit_state import LimitState
 
 NORMALS = {name: tb.laws.Normal(0.0, 1.0) for name in "abcd"}
 BETA = 4.753424  # Phi(-BETA) = 1e-6
@@ -41,6 +43,9 @@ def test_importance_sampling():
         other = tb.rare_event(lambda theta: linear(theta).detach(), NORMALS, BETA, 1024, method="importance", executor=pool,
                               chunk=100)
     assert other.probability == pytest.approx(found.probability, rel=1e-5) and other.evaluations > found.evaluations
+    weights = torch.full((4,), 0.5, requires_grad=True)  # a gradient by something else does not count
+    again = tb.rare_event(lambda theta: theta.detach() @ weights, NORMALS, BETA, 1024, method="importance")
+    assert again.probability == pytest.approx(other.probability, rel=1e-5) and again.evaluations == other.evaluations
 
 
 def test_strength_less_load():
@@ -76,6 +81,10 @@ def test_failed_samples():
                           seed=1)
     assert found.low < tail(3.0) / 2 < found.high and found.failed > 0.2 * found.evaluations
     assert list(found.reasons) == ["y is not finite"], found
+    starts = LimitState(lambda theta: 1 / theta[:, 0].clamp_min(0), JointLaw.of(NORMALS), 1.0, torch.float64, 8)
+    value, slope = starts.gradient(torch.tensor([[1.0, 0, 0, 0], [-1.0, 0, 0, 0]]))
+    assert starts.evaluations == 2 and starts.failures == {"y is not finite": 1}
+    assert value.tolist() == [1.0, -math.inf] and slope[0].tolist() == [-1.0, 0, 0, 0]
 
 
 def test_beam():
@@ -107,6 +116,20 @@ def test_brute_force(method):
     found = tb.rare_event(function, laws, 19.0, 20_000, method=method, starts=8, interval=0.99)
     assert 3e-5 < plain.estimate < 1e-3
     assert found.low < plain.high and plain.low < found.high
+
+
+def test_equal_values():
+    """y = max(a - c, 0) at 1e-4: for c = 0 a tenth has y > 0, and all is as without; for c = 2 it begins among equal y, and the
+    product of tenths would be 2e-7.
+    """
+    beta = 3.719016
+    plain, cut = (tb.rare_event(lambda theta, c=c: theta[:, 0].clamp_min(c), NORMALS, beta, 1000, seed=1)
+                  for c in (-math.inf, 0.0))
+    assert cut.probability == plain.probability and plain.low < tail(beta) < plain.high
+    with pytest.raises(ValueError, match=r"a y that is 0 at \d+ of 100 samples of a level was given"):
+        tb.rare_event(lambda theta: (theta[:, 0] - 2).clamp_min(0), NORMALS, beta - 2, 1000)
+    with pytest.raises(ValueError, match="that varies all the way to the threshold is wanted"):
+        tb.rare_event(lambda theta: theta[:, 0].clamp_max(1.0), NORMALS, 2.0, 1000)
 
 
 REFUSED = {

@@ -8,6 +8,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.analysis.uncertainty.estimate import quantile_of_sorted
+from torchbeam.analysis.uncertainty.samples import Samples
 
 LAWS = {"a": (0.0, 1.0), "b": (0.0, 1.0)}
 
@@ -50,6 +51,10 @@ def test_intervals_of_replicates():
 def test_shapes():
     """Of y (n, 3): a level, several, thresholds of several shapes, bands."""
     found = tb.monte_carlo(lambda theta: theta[:, :1] * torch.tensor([1.0, 2.0, 3.0]), LAWS, 256, replicates=8)
+    stream = tb.monte_carlo_stream(lambda theta: theta[:, :1] * torch.ones(3), LAWS, 64, replicates=8)
+    for one in (found, stream):
+        with pytest.raises(ValueError, match=r"y of a sample with the batch axes \(2,\) and \(3,\) were given"):
+            one.exceedance([0.5, 0.7])
     assert found.quantile(0.5, 0.9).low.shape == (3,) and found.quantile((0.1, 0.5), 0.9).low.shape == (2, 3)
     assert found.exceedance(0.5).low.shape == (3,) and found.exceedance([[0.5], [1.5]]).low.shape == (2, 3)
     wanted = torch.tensor([[0.5, 0.75, 5 / 6], [0, 0.25, 0.5]])
@@ -110,8 +115,30 @@ def test_until(tmp_path):
     assert 8 < finer.replicates < 64 and relative(finer) <= 0.6 * relative(coarse) and (finer.y[:512] == coarse.y).all()
     assert sum(calls) == len(finer)
     assert len(tb.monte_carlo(counted, LAWS, 4096, until=1e-9)) == 4096
+    history = tb.monte_carlo(lambda theta: theta[:, :1] * torch.tensor([0.0, 1.0]), LAWS, 4096, until=1e-2)
+    assert len(history) < 4096  # the first instant is at rest, exactly
     other = tb.monte_carlo(counted, LAWS, 4096, replicates=32, until=(0.02, error))
     assert other.quantile(0.5, 0.95).relative_error <= 0.02 and len(other) % 128 == 0
+
+
+def test_one_sample_a_replicate():
+    """They are independent samples: shares are counted, not summed. One sample in all tells nothing of the error."""
+    y = torch.linspace(0.5, 8.0, 16)
+    own = Samples(("x",), y[:, None], y, torch.zeros(16, dtype=torch.long), 16)
+    assert own.exceedance(3.0).estimate == 10 / 16 and own.exceedance(3.0).method == "Clopper and Pearson"
+    one = tb.monte_carlo(lambda theta: 5 + theta[:, 0], LAWS, 1)
+    assert one.exceedance(3.0).estimate == 1 and one.exceedance(3.0).low.item() == pytest.approx(0.025)
+    stream = tb.monte_carlo_stream(lambda theta: 5 + theta[:, 0], LAWS, 1, replicates=1)
+    for mean, low, high in (one.mean_interval(), stream.mean_interval()):
+        assert mean == one.y[0] and low == -math.inf and high == math.inf
+    assert stream.deviation.isnan()
+
+
+def test_ranks_of_many():
+    """Samples beyond 2^24, which float32 does not count: the last of them is found."""
+    y = torch.zeros(2**24 + 4)
+    y[-1] = 1.0
+    assert quantile_of_sorted(y, torch.tensor([1.0])) == 1.0
 
 
 def test_bootstrap():
@@ -128,6 +155,16 @@ def test_successes():
     mean, low, high = found.mean_interval()
     assert low <= 0.75 <= high and mean == pytest.approx(0.75, abs=2e-3)
     assert found.quantile((0.1, 0.9)).tolist() == [0.0, 1.0] and found.exceedance(0.5).estimate == mean
+    assert_close(found.mean, mean, check_dtype=False)
+    assert found.deviation.item() == pytest.approx(math.sqrt(0.75 * 0.25), rel=1e-2)
+
+
+def test_all_failed():
+    """No number is made of none."""
+    found = tb.monte_carlo(lambda theta: theta[:, 0] / 0, LAWS, 16, replicates=2)
+    for ask in (lambda: found.mean, lambda: found.deviation, lambda: found.quantile(0.5), found.mean_interval, found.summary):
+        with pytest.raises(ValueError, match="all 16 samples failed"):
+            ask()
 
 
 def test_convergence():
@@ -176,7 +213,7 @@ REFUSED = {
     "level": (lambda s: s.mean_interval(1.5), "level = 1.5 was given; a probability between"),
     "levels": (lambda s: s.quantile(2.0), "levels = 2.0 were given; probabilities"),
     "interval": (lambda s: s.quantile(0.5, interval=0.0), "interval = 0 was given"),
-    "threshold": (lambda s: s.exceedance(math.nan), "x"),
+    "threshold": (lambda s: s.exceedance(math.nan), "x holds nan"),
     "until": (lambda s: tb.monte_carlo(total, LAWS, 256, until=2.0), "until = 2.0 was given; a relative error"),
     "until with few": (lambda s: tb.monte_carlo(total, LAWS, 4, until=0.1), "for 4 replicates; at least 8"),
     "progress": (lambda s: tb.monte_carlo(total, LAWS, 4, progress=3), "progress = 3 was given; a function or True"),

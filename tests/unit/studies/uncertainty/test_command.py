@@ -61,6 +61,8 @@ def test_python(model, tmp_path, capsys):
     found = summary(tmp_path / "out")
     assert found["statistics"][0]["estimate"] == wanted.mean.item() and found["reasons"] == {"buckled": wanted.failed}
     printed = capsys.readouterr().out
+    beyond = next(row for row in found["statistics"] if row["quantity"] == "P(y > 2.5)")
+    assert [beyond[key] for key in ("estimate", "low", "high")] == [x.item() for x in wanted.exceedance(2.5)]
     assert "P(y > 2.5)" in printed and "quantile 0.95" in printed and (tmp_path / "out" / "summary.csv").exists()
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "samples").glob("chunk*")}
     assert len(before) == 32
@@ -75,7 +77,7 @@ def test_text(model, tmp_path, ending, monkeypatch):
     if ending == "json":
         text = json.dumps({"function": "model_test_text.py:function", "n": 512, "keep": False, "replicates": 8,
                            "dtype": "float64", "laws": {"a": [0, 2], "b": {"law": "normal", "mean": 1, "deviation": 0.2}},
-                           "correlation": {"a,b": 0.5}, "sentences": {"7": "buckled"}})
+                           "correlation": {"a, b": 0.5}, "sentences": {"7": "buckled"}})
     else:
         pytest.importorskip("tomllib")
         text = ('function = "model_test_text.py:function"\nn = 512\nkeep = false\nreplicates = 8\ndtype = "float64"\n'
@@ -90,6 +92,7 @@ def test_text(model, tmp_path, ending, monkeypatch):
     assert found["statistics"][0]["estimate"] == wanted.mean.item() and list(found["reasons"]) == ["buckled"]
 
 
+GIVEN = '{"function": "torch:sin", "laws": {"a": [0, 1]}, "n": 16, '
 BAD = {
     "not there": ("none.json", None, "which is not there"),
     "ending": ("run.txt", "", "ends in .py, .json or .toml"),
@@ -104,6 +107,11 @@ BAD = {
     "law": ("run.json", '{"function": "math:sin", "laws": {"a": {"law": "x"}}, "n": 4}', "one of constant"),
     "dtype": ("run.json", '{"function": "math:sin", "laws": {"a": [0, 1]}, "n": 4, "dtype": "half"}', "float32 or float64"),
     "no n": ("run.json", '{"function": "torch:sin", "laws": {"a": [0, 1]}}', "without n was given"),
+    "levels": ("run.json", GIVEN + '"levels": 0.5}', "levels = 0.5 was given; a list of numbers"),
+    "no probabilities": ("run.json", GIVEN + '"levels": [5, 95]}', "levels = (5.0, 95.0) were given in run.json; prob"),
+    "thresholds": ("run.json", GIVEN + '"thresholds": ["x"]}', "'x' was given; numbers"),
+    "interval": ("run.json", GIVEN + '"interval": 95}', "interval = 95 was given; a probability between 0 and 1"),
+    "keep": ("run.json", GIVEN + '"keep": "no"}', "keep = 'no' was given"),
     "a name of another": ("json.py", "n = 1", "another module is called 'json'"),
     "of a stream": ("run.json", '{"function": "torch:sin", "laws": {"a": [0, 1]}, "n": 16, "keep": false, "until": 0.1}',
                     "'until' was given with keep = False"),
@@ -118,6 +126,13 @@ def test_refused(name, tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         main([str(tmp_path / file), "--out", str(tmp_path / "out"), "--quiet"])
     assert ended.value.code == 2 and sentence in capsys.readouterr().err
+
+
+def test_no_samples(model, tmp_path, capsys):
+    """--n 0 is not what the configuration says."""
+    with pytest.raises(SystemExit):
+        main([str(model()), "--out", str(tmp_path / "out"), "--quiet", "--n", "0"])
+    assert "n = 0 was given" in capsys.readouterr().err
 
 
 def command(path, out, *further):
