@@ -19,7 +19,7 @@ from ...state.state import State
 from .alpha_functions import AlphaFunctions
 from .call import Call, Chain, Field, like, made_like
 from .conserving_functions import ConservingFunctions
-from .constants import Constants
+from .constants import Constants, of_library
 from .cotangents import Adjoint, Backward, Differentiated, constant_fields, state_fields
 from .kinds import Kinds, node_kinds
 from .local_functions import LocalFunctions
@@ -73,7 +73,8 @@ class CompiledStep:
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         self.trees = self.constants.trees(values)
         self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
-        self.around = NOTHING if around is None and not self.function else around
+        by_user = self.function or not all(map(of_library, self.constants.loads))
+        self.around = NOTHING if around is None and not by_user else around
         self.kinds = Kinds.of(node_kinds(model, self.constants.loads), model.scene.beam.order)
         self.local = functions_of(model, *self.trees, **options)
         self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), self.around)

@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 from torch._C import _functorch as functorch
 
-from ...core.leaves import functions
 from ...core.validation import broadcast
 from ...dynamics.compiled.call import Call, Chain, Field
 from ...dynamics.compiled.constants import Constants
@@ -98,7 +97,7 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
     nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs)
     trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
     kinds = _kinds(model, constants)
-    around = None if any(one.axes is None for one in functions((nodes.loads, common.loads))) else NOTHING
+    around = None if by_function(model) else NOTHING
     program = program_of(SteadyFunctions(model, *trees), kinds, bool(model.constraints.nodes), around,
                          JudgedProgram if judged else LoadProgram)
     chain = Chain(program, model, kinds)

@@ -131,6 +131,44 @@ class HarderBrake(Brake):
 HarderBrake, pull = dataclass(frozen=True)(HarderBrake), 0.5
 
 
+class Listed(Brake):
+    """A class that reads what may change unnoticed."""
+
+    def wrench(self, site, t, inputs):
+        return -held[0] * site.velocity, None
+
+
+Listed = dataclass(frozen=True)(Listed)
+
+
+def test_compiled_takes_what_a_class_reads_once_for_each_stepper(monkeypatch):
+    scene, state = tb.Scene(straight(2), [Listed()]), moving(tb.Scene(straight(2)))
+    for value in (0.5, 50.0):
+        monkeypatch.setitem(globals(), "held", [value])
+        found, wanted = (tb.Stepper(scene, 0.01, engine=engine)(state) for engine in ("compiled", "eager"))
+        torch.testing.assert_close(found.velocity, wanted.velocity, rtol=1e-10, atol=1e-10)
+
+
+class Tether(Load):
+    """Pulls the tip towards z = `height`."""
+
+    node, depends = -1, frozenset({"position"})
+
+    def wrench(self, site, t, inputs):
+        return torch.stack((0 * site.position[..., 0], 0 * site.position[..., 0], height - site.position[..., 2]), -1), None
+
+
+Tether, height = dataclass(frozen=True)(Tether), 0.01
+
+
+def test_compiled_equilibria_are_of_what_a_class_reads_now(monkeypatch):
+    scene = tb.Scene(straight(2), [Tether()])
+    for value in (0.01, 0.02):
+        monkeypatch.setitem(globals(), "height", value)
+        found, wanted = (tb.equilibrium(scene, engine=engine).position for engine in ("compiled", "eager"))
+        torch.testing.assert_close(found, wanted, rtol=1e-6, atol=1e-9)
+
+
 def test_auto_notices_what_a_derived_class_reads(auto, monkeypatch):
     scene = tb.Scene(straight(2), [HarderBrake()])
     stepper, eager = (tb.Stepper(scene, 0.01, engine=engine) for engine in ("auto", "eager"))
