@@ -140,7 +140,8 @@ def in_parts(solver: StepSolver, model: Model, state: State, dt: Tensor, t: Tens
         try:
             part, start = few.gather((model, state))
             held = inputs.map(lambda given: {name: few.take(value, 1) for name, value in given.items()})
-            after, well, counted = _in_parts(solver, part, start, dt, few.take(t, 0), held, few.take(failed, 0), halvings)
+            after, well, counted = _in_parts(solver, part, start, few.take(dt, 0), few.take(t, 0), held, few.take(failed, 0),
+                                              halvings)
             none = torch.zeros(failed.shape, dtype=torch.long, device=failed.device)
             return few.scatter(state, after), few.put(none, well.long(), 0) > 0, few.put(none, counted, 0)
         except NotSeparable:

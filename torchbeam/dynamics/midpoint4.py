@@ -19,9 +19,10 @@ sample by sample, which has positive steps alone and the same order (Hairer, Lub
 of all that a state has; rotations, unit quaternions, are made such again. E is stable for motion that is damped by tau > 0.03
 h (a third and a whole have the same sign at infinity, |E| = 1; with a half it is 5/3), and not for undamped motion, which it
 would amplify by up to 1.25 in a step. Neither is stable where tau has six values, some above h/6 and some below h/30, or
-where `MassDamping` of alpha comes near the pole: refused, the latter from alpha h = 2.8 on. Other dampers (`Drag`, loads by
-velocity, lags) do not say how fast they are: steps shorter than 3 times their fastest decay's 1/e time are on the safe side
-of the pole.
+where `MassDamping` of alpha comes near the pole: refused, the latter from alpha h = 2.8 on. So are springs beside a strongly damped
+beam (`Spring`, `RootSpring`) that have no damper of h/30 times their stiffness, and with the mass of their node an angular
+frequency above 0.5/h: E would amplify it. Other dampers (`Drag`, loads by velocity, lags) do not say how fast they are: steps
+shorter than 3 times their fastest decay's 1/e time are on the safe side of the pole; nor do springs of users' own loads.
 
 Momentum: S keeps it exactly, with reaction and loads as means over the step, as P does; E linear momentum exactly, angular
 momentum to fifth order a step. Energy: to fifth order a step; S, being symmetric, lets it swing but not drift where motion is
@@ -37,12 +38,13 @@ of loads whose rates are not linear, where a linearly implicit solve is not symm
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 from ..core.arguments import boolean
 from ..core.validation import concrete
 from ..nodal.model import Model
-from ..scene.effects import MassDamping
+from ..scene.effects import MassDamping, RootSpring, Spring
 from .method import WHOLE, Composition, Method, Scheme, without_rho
 
 P = 1 / (4 - 4 ** (1 / 3))
@@ -51,6 +53,7 @@ EXTRAPOLATED = Scheme((Composition((1 / 3, 1 / 3, 1 / 3)), WHOLE), (9 / 8, -1 / 
 FAST = 1 / 6  # of h: tau from which on the extrapolation is taken
 SLOW = 1 / 30  # of h: tau up to which it is not stable
 HEAVY = 2.8  # alpha h that no scheme takes
+RESOLVED = 0.5  # omega h up to which the extrapolation amplifies what is undamped by less than 1e-5 in a step
 
 
 class Midpoint4(Method):
@@ -85,4 +88,22 @@ class Midpoint4(Method):
         if (fast & (least < SLOW * length)).any():
             wanted = "values that are all above 1/30 of a step, or all below 1/6, are wanted"
             raise ValueError(f"tau from {least.min():g} to {most.max():g} s {said.format(length.max(), wanted)}")
+        for load in model.scene.loads:
+            if isinstance(load, (Spring, RootSpring)):
+                bare = _undamped(load, model, length) & fast
+                if bare.any():
+                    wanted = f"dampers of {SLOW:.2g} steps times its stiffness, Damping below {FAST:.2g} steps, are wanted"
+                    raise ValueError(f"a stiff {type(load).__name__} {said.format(length.max(), wanted)}")
         return [(EXTRAPOLATED, None)] if fast.all() else [(SYMMETRIC, ~fast), (EXTRAPOLATED, fast)]
+
+
+def _undamped(spring: Spring | RootSpring, model: Model, h: Tensor) -> Tensor:
+    """Whether samples (...) have a spring that is faster than steps h (...) resolve, by the mass of its node, and undamped."""
+    k = concrete(spring.stiffness.detach())
+    c = torch.zeros_like(k) if spring.damping is None else concrete(spring.damping.detach())
+    inertia = concrete((model.section_mass * model.tributary_length[..., None]).detach())[..., spring.node, :, :]
+    own = inertia.diagonal(dim1=-2, dim2=-1)
+    if isinstance(spring, Spring):
+        return (k * h**2 > RESOLVED**2 * own[..., 0]) & (c < SLOW * h * k)
+    h, moving = h[..., None], torch.tensor([True] * 3 + [model.inertia.rotary.present] * 3, device=own.device)
+    return ((k * h**2 > RESOLVED**2 * own) & (c < SLOW * h * k) & moving).any(-1)

@@ -149,6 +149,8 @@ def test_failed_steps_are_made_in_parts(engine):
     ((), {"rho_inf": 0.5}, "rho_inf was given"),
     ([tb.MassDamping(300.0)], {}, "MassDamping of 300 1/s was given to steps of 0.01 s by midpoint4"),
     ([tb.Damping((0, 0, 0, 0.1, 0.1, 0.1))], {}, "tau from 0 to 0.1 s was given to steps of 0.01 s by midpoint4"),
+    ([tb.Damping(0.1), tb.RootSpring((1e5, 20.0))], {}, "a stiff RootSpring was given to steps of 0.01 s by midpoint4"),
+    ([tb.Damping(0.1), tb.Spring(-1, 1e4, (1.0, 0, 0))], {}, "a stiff Spring was given to steps of 0.01 s by midpoint4"),
 ])
 def test_what_is_refused(effects, options, sentence):
     with pytest.raises(ValueError, match=sentence):
@@ -175,3 +177,18 @@ def test_energy_of_the_coupled_case():
     section = tb.Section(torch.linalg.inv(K), torch.diag(torch.tensor([1, 1, 1, 0.02, 0.01, 0.01])))
     scene = tb.Scene(tb.Beam.straight(1.0, 4, section), [tb.TipLoad(force=(0, 1.0, 3.0))])
     assert energy_drifts(scene, torch.linspace(0, 0.2, 3), (0.02,), method="midpoint4")[0] < 2.2e-7
+
+
+def test_undamped_springs_beside_a_strongly_damped_beam():
+    """A stiff elastic clamp, which the extrapolation would amplify by up to 1.25 a step. With dampers, or beside a beam that is
+    not strongly damped, it is taken, and the motion stays as large as it is.
+    """
+    def velocity(tau, stiffness, damping):
+        effects = [tb.Damping(tau), tb.RootSpring((stiffness, 20.0), damping), tb.TipLoad(force=lambda t: (0, 0, torch.cos(t)))]
+        scene = tb.Scene(tb.Beam.straight(1.0, 2, SOFT), effects, plane="xz")
+        return tb.simulate(scene, [0.0, 3.0], method="midpoint4", step=0.01).state[-1].velocity.abs().amax()
+
+    with pytest.raises(ValueError, match="a stiff RootSpring was given"):
+        velocity(0.1, 1e5, None)
+    for tau, stiffness, damping in ((0.1, 1e5, (100.0, 1.0)), (1e-3, 1e5, None)):
+        assert velocity(tau, stiffness, damping) < 5

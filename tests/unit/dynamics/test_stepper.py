@@ -148,3 +148,17 @@ def test_restart_and_files(tmp_path):
     torch.save(first.state[-1], tmp_path / "state.pt")
     second = tb.simulate(scene, [0.1, 0.2], initial=torch.load(tmp_path / "state.pt"), step=0.01)
     torch.testing.assert_close(second.nodes[-1], whole.nodes[-1], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_failed_steps_of_different_lengths_are_made_in_parts(engine):
+    """One of many samples, which goes on by itself, and with its own length of step: as alone."""
+    section = tb.Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=1.0, mass=0.2, inertia=5e-6)
+    scene = tb.Scene(tb.Beam.straight(1.0, 1, section), [tb.TipLoad(force=tb.Input("force", 3))], plane="xy")
+    stepper = tb.Stepper(scene, 0.05, halvings=6, engine=engine)
+    force, dt = torch.zeros(70, 3), torch.linspace(0.04, 0.05, 70)
+    force[:, 1], force[33, 1] = 1.0, 100.0
+    state = stepper.advance(stepper.rest((70,)), {"force": force}, dt=dt)
+    assert (state.status == 0).all() and stepper.iterations[33] > 2 * stepper.iterations[0]
+    alone = stepper.advance(stepper.rest((1,)), {"force": force[33:34]}, dt=dt[33:34])
+    torch.testing.assert_close(state.position[33], alone.position[0], rtol=1e-9, atol=1e-9)
