@@ -19,10 +19,11 @@ sample by sample, which has positive steps alone and the same order (Hairer, Lub
 of all that a state has; rotations, unit quaternions, are made such again. E is stable for motion that is damped by tau > 0.03
 h (a third and a whole have the same sign at infinity, |E| = 1; with a half it is 5/3), and not for undamped motion, which it
 would amplify by up to 1.25 in a step. Neither is stable where tau has six values, some above h/6 and some below h/30, or
-where `MassDamping` of alpha comes near the pole: refused, the latter from alpha h = 2.8 on. So are springs beside a strongly damped
-beam (`Spring`, `RootSpring`) that have no damper of h/30 times their stiffness, and with the mass of their node an angular
-frequency above 0.5/h: E would amplify it. Other dampers (`Drag`, loads by velocity, lags) do not say how fast they are: steps
-shorter than 3 times their fastest decay's 1/e time are on the safe side of the pole; nor do springs of users' own loads.
+where `MassDamping` of alpha comes near the pole: refused, the latter from alpha h = 2.8 on. So are springs beside a strongly
+damped beam (`Spring`, `RootSpring`) that have no damper of h/30 times their stiffness, and with the mass of their node an
+angular frequency above 0.5/h: E would amplify it. Other dampers (`Drag`, loads by velocity, lags) do not say how fast they
+are: steps shorter than 3 times their fastest decay's 1/e time are on the safe side of the pole; nor do springs of users' own
+loads.
 
 Momentum: S keeps it exactly, with reaction and loads as means over the step, as P does; E linear momentum exactly, angular
 momentum to fifth order a step. Energy: to fifth order a step; S, being symmetric, lets it swing but not drift where motion is
