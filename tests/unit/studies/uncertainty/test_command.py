@@ -92,29 +92,33 @@ def test_text(model, tmp_path, ending, monkeypatch):
     assert found["statistics"][0]["estimate"] == wanted.mean.item() and list(found["reasons"]) == ["buckled"]
 
 
-GIVEN = '{"function": "torch:sin", "laws": {"a": [0, 1]}, "n": 16, '
+def config(**changed):
+    """run.json and its text; what is None is left out."""
+    whole = {"function": "torch:sin", "laws": {"a": [0, 1]}, "n": 16, **changed}
+    return "run.json", json.dumps({name: value for name, value in whole.items() if value is not None})
+
+
 BAD = {
     "not there": ("none.json", None, "which is not there"),
     "ending": ("run.txt", "", "ends in .py, .json or .toml"),
     "no JSON": ("run.json", "{", "run.json cannot be read"),
     "a list": ("run.json", "[]", "holds a list"),
-    "unknown": ("run.json", '{"function": "math:sin", "laws": {"a": [0, 1]}, "samples": 3}', "'samples' was given in run.json"),
-    "no laws": ("run.json", '{"function": "math:sin", "n": 4}', "run.json without laws"),
-    "no function": ("run.json", '{"function": "sin", "laws": {"a": [0, 1]}, "n": 4}', '"FILE.py:NAME" or "MODULE:NAME"'),
-    "no file": ("run.json", '{"function": "no.py:f", "laws": {"a": [0, 1]}, "n": 4}', "is not there"),
-    "no module": ("run.json", '{"function": "nomodule.x:f", "laws": {"a": [0, 1]}, "n": 4}', "is not there"),
-    "no such function": ("run.json", '{"function": "math:f", "laws": {"a": [0, 1]}, "n": 4}', "'math' has no 'f'"),
-    "law": ("run.json", '{"function": "math:sin", "laws": {"a": {"law": "x"}}, "n": 4}', "one of constant"),
-    "dtype": ("run.json", '{"function": "math:sin", "laws": {"a": [0, 1]}, "n": 4, "dtype": "half"}', "float32 or float64"),
-    "no n": ("run.json", '{"function": "torch:sin", "laws": {"a": [0, 1]}}', "without n was given"),
-    "levels": ("run.json", GIVEN + '"levels": 0.5}', "levels = 0.5 was given; a list of numbers"),
-    "no probabilities": ("run.json", GIVEN + '"levels": [5, 95]}', "levels = (5.0, 95.0) were given in run.json; prob"),
-    "thresholds": ("run.json", GIVEN + '"thresholds": ["x"]}', "'x' was given; numbers"),
-    "interval": ("run.json", GIVEN + '"interval": 95}', "interval = 95 was given; a probability between 0 and 1"),
-    "keep": ("run.json", GIVEN + '"keep": "no"}', "keep = 'no' was given"),
+    "unknown": (*config(n=None, samples=3), "'samples' was given in run.json"),
+    "no laws": (*config(laws=None), "run.json without laws"),
+    "no function": (*config(function="sin"), '"FILE.py:NAME" or "MODULE:NAME"'),
+    "no file": (*config(function="no.py:f"), "is not there"),
+    "no module": (*config(function="nomodule.x:f"), "is not there"),
+    "no such function": (*config(function="math:f"), "'math' has no 'f'"),
+    "law": (*config(laws={"a": {"law": "x"}}), "one of constant"),
+    "dtype": (*config(dtype="half"), "float32 or float64"),
+    "no n": (*config(n=None), "without n was given"),
+    "levels": (*config(levels=0.5), "levels = 0.5 was given; a list of numbers"),
+    "no probabilities": (*config(levels=[5, 95]), "levels = (5.0, 95.0) were given in run.json; prob"),
+    "thresholds": (*config(thresholds=["x"]), "'x' was given; numbers"),
+    "interval": (*config(interval=95), "interval = 95 was given; a probability between 0 and 1"),
+    "keep": (*config(keep="no"), "keep = 'no' was given"),
     "a name of another": ("json.py", "n = 1", "another module is called 'json'"),
-    "of a stream": ("run.json", '{"function": "torch:sin", "laws": {"a": [0, 1]}, "n": 16, "keep": false, "until": 0.1}',
-                    "'until' was given with keep = False"),
+    "of a stream": (*config(keep=False, until=0.1), "'until' was given with keep = False"),
 }
 
 
