@@ -17,10 +17,12 @@ from ...analysis.uncertainty.estimate import level_of
 from ...analysis.uncertainty.laws import of_text
 from ...analysis.uncertainty.monte_carlo import monte_carlo
 from ...analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
+from ...analysis.uncertainty.output import LEVELS
 from ...core.arguments import boolean, keywords, number
 
 OPTIONS = sorted({*keywords(monte_carlo), *keywords(monte_carlo_stream)} - {"executor", "out", "progress"})
 OWN = ("levels", "interval", "thresholds", "keep")  # of the answers, and whether samples are kept
+KNOWN = ("function", "laws", "n", *OPTIONS, *OWN)
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
 
@@ -37,7 +39,7 @@ class Config:
     n: int | None
     options: dict[str, Any]
     modules: tuple[ModuleType, ...] = ()
-    levels: tuple[float, ...] = (0.01, 0.05, 0.5, 0.95, 0.99)
+    levels: tuple[float, ...] = LEVELS
     interval: float = 0.95
     thresholds: tuple[float, ...] = ()
     keep: bool = True
@@ -49,7 +51,7 @@ def read(path: Path) -> Config:
         raise ValueError(f"the file {str(path)!r} was given, which is not there; a configuration (.py, .json, .toml) is wanted")
     if path.suffix == ".py":
         module = load(path)
-        given = {name: getattr(module, name) for name in ("function", "laws", "n", *OPTIONS, *OWN) if hasattr(module, name)}
+        given = {name: getattr(module, name) for name in KNOWN if hasattr(module, name)}
         modules: tuple[ModuleType, ...] = (module,)
     else:
         given = _parsed(path)
@@ -66,9 +68,8 @@ def read(path: Path) -> Config:
                                     for pair, value in given["correlation"].items()}
         if isinstance(given.get("sentences"), dict):
             given["sentences"] = {int(code): text for code, text in given["sentences"].items()}
-        if unknown := [name for name in given if name not in ("function", "laws", "n", *OPTIONS, *OWN)]:
-            known = ", ".join(("function", "laws", "n", *OPTIONS, *OWN))
-            raise ValueError(f"{unknown[0]!r} was given in {path.name}; {known} are there")
+        if unknown := [name for name in given if name not in KNOWN]:
+            raise ValueError(f"{unknown[0]!r} was given in {path.name}; {', '.join(KNOWN)} are there")
     for name in ("function", "laws"):
         if given.get(name) is None:
             raise ValueError(f"{path.name} without {name} was given; function, laws and n are wanted")
@@ -109,15 +110,15 @@ def _function(path: Path, given: Any) -> tuple[Any, tuple[ModuleType, ...]]:
         file = path.parent / place
         if not file.is_file():
             raise ValueError(f"function = {given!r} was given in {path.name}, and {str(file)!r} is not there")
-        module, modules = load(file), True
+        module = load(file)
     else:
         try:
-            module, modules = importlib.import_module(place), False
+            module = importlib.import_module(place)
         except ImportError as error:
             raise ValueError(f"function = {given!r} was given in {path.name}, and {place!r} is not there ({error})") from None
     if not hasattr(module, name):
         raise ValueError(f"function = {given!r} was given in {path.name}, and {place!r} has no {name!r}")
-    return getattr(module, name), (module,) if modules else ()
+    return getattr(module, name), (module,) if place.endswith(".py") else ()
 
 
 def _numbers(name: str, given: Any) -> tuple[float, ...]:
