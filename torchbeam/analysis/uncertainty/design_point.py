@@ -32,7 +32,7 @@ def design_points(limit: LimitState, starts: int, seed: int, steps: int = 60) ->
     smooth.
     """
     draw = torch.Generator().manual_seed(seed)
-    z = torch.randn(starts, limit.joint.dimension, generator=draw, dtype=torch.float64)
+    z = torch.randn(starts, limit.work.joint.dimension, generator=draw, dtype=torch.float64)
     z[0] = 0
     y, slope = limit.gradient(z)
     ends = torch.zeros(starts, dtype=torch.bool)

@@ -94,11 +94,19 @@ class Given:
         return self.values[first - self.offset:last - self.offset]
 
     def part(self, first: int, last: int) -> Given:
-        return replace(self, values=self.theta(None, first, last).clone(), offset=first)
+        return replace(self, values=self.values[first - self.offset:last - self.offset].clone(), offset=first)
 
     @property
     def label(self) -> dict[str, Any]:
         return {"design": "given", "theta": hashlib.sha256(self.values.contiguous().numpy().tobytes()).hexdigest()}
+
+
+@dataclass(frozen=True)
+class Scores(Given):
+    """Samples at given normal scores: values (n, dimension)."""
+
+    def theta(self, joint: JointLaw, first: int, last: int) -> Tensor:
+        return joint.of_score(super().theta(joint, first, last))
 
 
 @dataclass(frozen=True)

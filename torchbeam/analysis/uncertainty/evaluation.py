@@ -53,8 +53,7 @@ class Job:
             torch.set_num_threads(1)
             torch.set_default_dtype(self.default)
         theta = self.design.theta(self.joint, self.first, self.last).detach().to(self.dtype)
-        chunk = theta, *evaluated(self.function, self.joint.named(theta.clone()) if self.by_name else theta.clone(), len(theta),
-                                  self.by_name)
+        chunk = theta, *evaluated(self.function, self.joint, theta.clone(), self.by_name)
         written = self.folder is not None and self.folder.reachable
         if written:
             self.folder.put(self.first, chunk)
@@ -105,16 +104,17 @@ class Evaluation:
                     self.folder.finish(self.function, self.joint.laws)
 
 
-def evaluated(function: Function, given: Any, n: int, by_name: bool = False) -> tuple[Tensor, Tensor]:
+def evaluated(function: Function, joint: JointLaw, theta: Tensor, by_name: bool) -> tuple[Tensor, Tensor]:
     """y (n, ...) and status (n,) of a function at n samples, detached and on the CPU; ValueError where they do not fit."""
-    y, status = split(function(**given) if by_name else function(given), n)
-    y, status = (_alone(x.detach().cpu()) for x in (y, status.long()))
-    finite = torch.isfinite(y).reshape(n, -1).all(-1)
-    return y, torch.where((status == 0) & ~finite, FAILED, status)
+    y, status = (x.detach().cpu() for x in called(function, joint, theta, by_name))
+    return _alone(y), status
 
 
-def split(given: Any, n: int) -> tuple[Tensor, Tensor]:
-    """y (n, ...) and status (n,) of what a function returned; ValueError where they do not fit."""
+def called(function: Function, joint: JointLaw, theta: Tensor, by_name: bool) -> tuple[Tensor, Tensor]:
+    """y (n, ...) and status (n,) of a function at samples theta (n, p), on y's device and with its gradients; FAILED where y is
+    not finite. ValueError where they do not fit.
+    """
+    n, given = len(theta), function(**joint.named(theta)) if by_name else function(theta)
     y, status = given if isinstance(given, tuple) and len(given) == 2 else (given, torch.zeros(n, dtype=torch.long))
     for name, value, wanted in (("y", y, f"({n}, ...)"), ("a status", status, f"({n},)")):
         if not isinstance(value, Tensor):
@@ -123,7 +123,8 @@ def split(given: Any, n: int) -> tuple[Tensor, Tensor]:
             raise ValueError(f"a function that gave {name} {tuple(value.shape)} was given; {wanted} is wanted")
     if y.is_complex():
         raise ValueError("a function that gave a complex y was given; real numbers are wanted")
-    return y, status
+    status, finite = status.long().to(y.device), torch.isfinite(y).reshape(n, -1).all(-1)
+    return y, torch.where((status == 0) & ~finite, FAILED, status)
 
 
 def one_kind(chunks: Iterable[tuple[int, Chunk]]) -> None:

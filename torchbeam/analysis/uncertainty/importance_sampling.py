@@ -19,7 +19,7 @@ def importance_sampling(limit: LimitState, points: DesignPoints, n: int, replica
     Samples follow the mixture of normal laws around the points, h(z) = sum_i w_i phi(z - z_i), w_i as Phi(-beta_i) (Melchers
     1989): p = mean([y > threshold] phi(z)/h(z)), and phi(z)/h(z) = 1/sum_i w_i exp(z . z_i - |z_i|^2/2).
     """
-    d, each = limit.joint.dimension, n // replicates
+    d, each = limit.work.joint.dimension, n // replicates
     share = normal_probability(-points.beta.abs())
     share = share / share.sum()
     u = Sobol(d + 1, seed, each).uniform(0, each * replicates)

@@ -14,10 +14,10 @@ from ...core.validation import Value, as_tensor, finite, precision
 from ...math.distributions import student_quantile
 from .designs import Sobol
 from .estimate import Estimate, level_of
-from .evaluation import Function, settings, split
+from .evaluation import Function, called, settings
 from .joint_law import Correlation, JointLaw
 from .laws import Law
-from .samples import FAILED, reasons_of
+from .samples import reasons_of
 
 
 @dataclass(frozen=True)
@@ -92,10 +92,8 @@ def _sums(function: Function, joint: JointLaw, plan: Sobol, first: int, last: in
           ) -> tuple[tuple[Tensor, ...], Tensor, Tensor]:
     """Number of good samples; sums of y and y^2 (...), and of their derivatives (m, ...); y and status of all."""
     theta = joint.of_uniform(plan.uniform(first, last)).to(q.dtype)
-    y, status = split(function(**joint.named(theta)) if by_name else function(theta), last - first)
-    flat = y.reshape(len(y), -1)
-    status = torch.where((status == 0) & ~torch.isfinite(flat).all(-1), FAILED, status).detach().cpu()
-    values = flat[(status == 0).to(flat.device)].double()  # squares of float32 cancel where the mean is large
+    y, status = called(function, joint, theta, by_name)
+    values = y.reshape(len(y), -1)[status == 0].double()  # squares of float32 cancel where the mean is large
     moments = (values.sum(0), values.square().sum(0))
     by = [[torch.autograd.grad(number, q, retain_graph=True, allow_unused=True)[0] for number in moment.unbind()]
           for moment in moments] if y.requires_grad else [[None]]
@@ -106,7 +104,7 @@ def _sums(function: Function, joint: JointLaw, plan: Sobol, first: int, last: in
     shape = y.shape[1:]
     sums = (torch.tensor(float(len(values)), dtype=torch.float64),
             *(m.detach().reshape(shape) for m in moments), *(b.double().reshape(len(q), *shape) for b in by))
-    return sums, y.detach().cpu(), status
+    return sums, y.detach().cpu(), status.cpu()
 
 
 def _moments(sums: tuple[Tensor, ...]) -> tuple[Tensor, Tensor, Tensor, Tensor]:

@@ -13,7 +13,7 @@ from ...core.arguments import boolean, choice, count, number
 from ...math.distributions import normal_probability
 from .design_point import design_points
 from .estimate import level_of
-from .evaluation import Function, settings
+from .evaluation import Evaluation, Function, settings
 from .importance_sampling import importance_sampling
 from .importance_sampling import interval as importance_interval
 from .joint_law import Correlation, JointLaw
@@ -86,7 +86,7 @@ def rare_event(function: Function, laws: Mapping[str, Law], threshold: float, n:
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, None)
     if not joint.dimension:
         raise ValueError("laws that are all constant were given; one that is random is wanted")
-    limit = LimitState(function, joint, threshold, dtype, chunk, by_name, executor)
+    limit = LimitState(Evaluation(function, joint, None, dtype, chunk, by_name, executor), threshold)
     runs = (10 if method == "subset" else 16) if replicates is None else count("replicates", replicates, 2)
     if method == "subset":
         least = round(5 / SHARE)

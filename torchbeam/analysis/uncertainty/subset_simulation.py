@@ -45,7 +45,7 @@ def subset_simulation(limit: LimitState, samples: int, runs: int, seed: int) -> 
     Raises ValueError where most samples of a level failed, and where many have the same y: no bound parts a tenth of those.
     """
     draw = torch.Generator().manual_seed(seed)
-    d = limit.joint.dimension
+    d = limit.work.joint.dimension
     seeds = round(SHARE * samples)
     z = torch.randn(runs, samples, d, generator=draw, dtype=torch.float64)
     y = limit(z.flatten(0, 1)).reshape(runs, samples)

@@ -74,7 +74,7 @@ def tornado(function: Function, laws: Mapping[str, Law], *, level: float = 0.9, 
     for k, name in enumerate(names):
         z[1 + 2 * k, first[name]], z[2 + 2 * k, first[name]] = -far, far
     theta = joint.of_score(z).to(dtype)
-    y, status = evaluated(function, joint.named(theta) if by_name else theta, len(theta), by_name)
+    y, status = evaluated(function, joint, theta, by_name)
     y = torch.where((status == 0).reshape(-1, *[1] * (y.ndim - 1)), y.double(), torch.nan)
     values = joint.named(theta.double())
     at = torch.stack([values[name][1 + 2 * k:3 + 2 * k] if joint.sizes[name] is None else torch.full((2,), torch.nan).double()

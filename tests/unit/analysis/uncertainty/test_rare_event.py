@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from torchbeam.analysis.uncertainty.evaluation import Evaluation
 from torchbeam.analysis.uncertainty.joint_law import JointLaw
 from torchbeam.analysis.uncertainty.limit_state import LimitState
 
@@ -81,7 +82,8 @@ def test_failed_samples():
                           seed=1)
     assert found.low < tail(3.0) / 2 < found.high and found.failed > 0.2 * found.evaluations
     assert list(found.reasons) == ["y is not finite"], found
-    starts = LimitState(lambda theta: 1 / theta[:, 0].clamp_min(0), JointLaw.of(NORMALS), 1.0, torch.float64, 8)
+    work = Evaluation(lambda theta: 1 / theta[:, 0].clamp_min(0), JointLaw.of(NORMALS), None, torch.float64, 8)
+    starts = LimitState(work, 1.0)
     value, slope = starts.gradient(torch.tensor([[1.0, 0, 0, 0], [-1.0, 0, 0, 0]]))
     assert starts.evaluations == 2 and starts.failures == {"y is not finite": 1}
     assert value.tolist() == [1.0, -math.inf] and slope[0].tolist() == [-1.0, 0, 0, 0]
