@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from ...core.arguments import number
+from ...core.validation import as_tensor
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
 
 FEW = 5  # samples of a replicate beyond a quantile or threshold, below which replicates do not tell the error
@@ -63,6 +65,14 @@ def level_of(name: str, level: float) -> float:
     if not 0 < level < 1:
         raise ValueError(f"{name} = {level:g} was given; a probability between 0 and 1 is wanted")
     return level
+
+
+def probabilities(levels: Any) -> Tensor:
+    """Levels of quantiles, () or (K,), float64; ValueError for what are no probabilities."""
+    given = as_tensor(levels, torch.float64)
+    if given.ndim > 1 or not ((given >= 0) & (given <= 1)).all():
+        raise ValueError(f"levels = {levels!r} were given; probabilities, one or a sequence, are wanted")
+    return given
 
 
 def mean(groups: Sequence[Tensor], level: float, reasons: Mapping[str, int]) -> Estimate:

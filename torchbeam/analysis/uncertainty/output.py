@@ -45,39 +45,41 @@ def to_xarray(samples: Any, dims: Sequence[str] | None = None, coords: dict[str,
                            "replicate": ("sample", samples.replicate.numpy())}, coords)
 
 
-def summary(result: Any, levels: Sequence[float] = LEVELS, interval: float = 0.95, thresholds: Sequence[float] = ()
-            ) -> dict[str, Any]:
-    """What `Samples` or a `Stream` say, as numbers and texts: rows of `COLUMNS` for mean, deviation, quantiles and
-    probabilities of y > threshold, of each number of y, with their intervals; numbers of samples, of failed ones by reason.
-    """
-    found = {"mean": result.mean_interval(interval)}
-    if hasattr(result, "deviation_interval"):
-        found["deviation"] = result.deviation_interval(interval)
-    rows = []
-    for name, one in found.items():
-        rows += _rows(name, one, interval)
-    quantiles = result.quantile(tuple(levels), interval)
-    for k, level in enumerate(levels):
-        rows += _rows(f"quantile {level:g}", [part[k] for part in quantiles], interval)
-    for threshold in thresholds:
-        rows += _rows(f"P(y > {threshold:g})", result.exceedance(threshold, interval), interval)
-    return {"samples": quantiles.samples + quantiles.failed, "failed": quantiles.failed, "reasons": dict(quantiles.reasons),
-            "names": list(result.names), "method": found["mean"].method, "statistics": rows}
+class Summary:
+    """Summaries of `Samples` and of a `Stream`, whose statistics they are made of: a base class of both."""
 
+    def summary(self: Any, levels: Sequence[float] = LEVELS, interval: float = 0.95, thresholds: Sequence[float] = ()
+                ) -> dict[str, Any]:
+        """Numbers and texts, for JSON: rows of quantity, y, estimate, low, high, level for mean, deviation (not of a stream),
+        quantiles and probabilities of y > threshold, of each number of y; numbers of samples, of failed ones by reason.
+        """
+        found = {"mean": self.mean_interval(interval)}
+        if hasattr(self, "deviation_interval"):
+            found["deviation"] = self.deviation_interval(interval)
+        rows = []
+        for name, one in found.items():
+            rows += _rows(name, one, interval)
+        quantiles = self.quantile(tuple(levels), interval)
+        for k, level in enumerate(levels):
+            rows += _rows(f"quantile {level:g}", [part[k] for part in quantiles], interval)
+        for threshold in thresholds:
+            rows += _rows(f"P(y > {threshold:g})", self.exceedance(threshold, interval), interval)
+        return {"samples": quantiles.samples + quantiles.failed, "failed": quantiles.failed, "reasons": dict(quantiles.reasons),
+                "names": list(self.names), "method": found["mean"].method, "statistics": rows}
 
-def write_summary(result: Any, path: str | Path, levels: Sequence[float] = LEVELS, interval: float = 0.95,
-                  thresholds: Sequence[float] = ()) -> Path:
-    """`summary` in a file: .json, or .csv for its rows alone. ValueError for another ending; files.NotWritten."""
-    path = Path(path)
-    if path.suffix not in (".json", ".csv"):
-        raise ValueError(f"the file {path.name!r} was given; one that ends in .json or .csv is wanted")
-    folder(path.parent)
-    found = summary(result, levels, interval, thresholds)
-    if path.suffix == ".json":
-        write(path, json.dumps(found, indent=1) + "\n")
-    else:
-        write(path, csv_text([COLUMNS, *([row[name] for name in COLUMNS] for row in found["statistics"])]))
-    return path
+    def write_summary(self, path: str | Path, levels: Sequence[float] = LEVELS, interval: float = 0.95,
+                      thresholds: Sequence[float] = ()) -> Path:
+        """The summary in a file: .json, or .csv for its rows alone. ValueError for another ending; files.NotWritten."""
+        path = Path(path)
+        if path.suffix not in (".json", ".csv"):
+            raise ValueError(f"the file {path.name!r} was given; one that ends in .json or .csv is wanted")
+        folder(path.parent)
+        found = self.summary(levels, interval, thresholds)
+        if path.suffix == ".json":
+            write(path, json.dumps(found, indent=1) + "\n")
+        else:
+            write(path, csv_text([COLUMNS, *([row[name] for name in COLUMNS] for row in found["statistics"])]))
+        return path
 
 
 def _rows(name: str, estimate: Any, level: float) -> list[dict[str, Any]]:

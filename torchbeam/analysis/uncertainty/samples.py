@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -13,14 +12,14 @@ from torch import Tensor
 from ...core.status import STATUS
 from ...core.validation import Value, as_tensor, broadcast, finite
 from . import estimate, output
-from .estimate import Estimate, Statistic, level_of
+from .estimate import Estimate, Statistic, level_of, probabilities
 
 FAILED = 1  # status of a sample whose y is not finite
 NOT_FINITE = "y is not finite"
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(output.Summary):
     """theta (n, p), its columns by `names`; y (n, ...); status (n,): 0 = good. Statistics are of the good ones, and say how
     many failed, and why.
 
@@ -73,15 +72,13 @@ class Samples:
         """Quantiles, (...) of one level and (levels, ...) of several; with `interval`, a confidence level, an `Estimate` of
         them: from replicates, or else between order statistics (binomial).
         """
-        given = as_tensor(levels, torch.float64)
-        if given.ndim > 1 or not ((given >= 0) & (given <= 1)).all():
-            raise ValueError(f"levels = {levels!r} were given; probabilities, one or a sequence, are wanted")
+        given = probabilities(levels)
         several = given.reshape(-1)
         if interval is None:
             found = estimate.quantile_of_sorted(self._numbers().sort(0).values, several)
             return found if given.ndim else found[0]
         found = estimate.quantile(self._groups(), several, level_of("interval", interval), self.reasons)
-        return found if given.ndim else _first(found)
+        return found if given.ndim else replace(found, estimate=found.estimate[0], low=found.low[0], high=found.high[0])
 
     def mean_interval(self, level: float = 0.95) -> Estimate:
         """Mean (...), with Student's interval: of the means of replicates, or of the samples."""
@@ -144,16 +141,6 @@ class Samples:
         """An xarray.Dataset over `sample` (extra `uq`); `dims` name y's further axes, `coords` say where they are."""
         return output.to_xarray(self, dims, coords)
 
-    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95, thresholds: Sequence[float] = ()
-                ) -> dict[str, Any]:
-        """Mean, deviation, quantiles and probabilities of y > threshold with intervals, and failures, for JSON."""
-        return output.summary(self, levels, interval, thresholds)
-
-    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95,
-                      thresholds: Sequence[float] = ()) -> Path:
-        """The summary in a file that ends in .json or .csv."""
-        return output.write_summary(self, path, levels, interval, thresholds)
-
     def _groups(self, y: Tensor | None = None, good: Tensor | None = None) -> list[Tensor]:
         """Good samples of each replicate that has several; all of them, where none has."""
         y = self.y.double() if y is None else y
@@ -191,7 +178,3 @@ def reasons_of(y: Tensor, status: Tensor, sentences: Mapping[int, str]) -> dict[
         why = known.get(code, f"status {code}")
         found[why] = found.get(why, 0) + int(((status == code) & ((status != FAILED) | finite_)).sum())
     return dict(sorted(((why, n) for why, n in found.items() if n), key=lambda item: -item[1]))
-
-
-def _first(found: Estimate) -> Estimate:
-    return Estimate(found.estimate[0], found.low[0], found.high[0], found.level, found.samples, found.method, found.reasons)

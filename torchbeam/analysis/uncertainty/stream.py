@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -13,9 +12,9 @@ from torch import Tensor
 
 from ...core.validation import Value, as_tensor, broadcast, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
-from . import output
-from .estimate import FEW, Estimate, level_of
+from .estimate import FEW, Estimate, level_of, probabilities
 from .moments import Moments
+from .output import Summary
 from .samples import reasons_of
 from .sketch import Sketch
 
@@ -56,7 +55,7 @@ class Summarise:
 
 
 @dataclass
-class Stream:
+class Stream(Summary):
     """What is kept of a stream of samples: moments and a sketch of each number of y, by replicate; failed samples by reason.
 
     names       of theta's columns;  shape of one y
@@ -139,9 +138,7 @@ class Stream:
         """Quantiles, (...) of one level and (levels, ...) of several, to the relative `error`; with `interval` an `Estimate` of
         them, its interval wider by that error.
         """
-        given = as_tensor(levels, torch.float64)
-        if given.ndim > 1 or not ((given >= 0) & (given <= 1)).all():
-            raise ValueError(f"levels = {levels!r} were given; probabilities, one or a sequence, are wanted")
+        given = probabilities(levels)
         several, pooled, n = given.reshape(-1), self._pooled(), self.all.n
         ranks = several * (n - 1)
         centre = torch.stack([sketch.at_ranks(ranks) for sketch in pooled], -1)
@@ -192,16 +189,6 @@ class Stream:
             raise ValueError(f"edges {tuple(edges.shape)} were given; (bins + 1,) increasing numbers are wanted")
         above = torch.stack([sum(sketch.above(edges)) / 2 for sketch in self._pooled()])
         return (-above.diff(dim=-1) / self.all.n).reshape(*self.shape, -1)
-
-    def summary(self, levels: Sequence[float] = output.LEVELS, interval: float = 0.95, thresholds: Sequence[float] = ()
-                ) -> dict[str, Any]:
-        """Mean, quantiles and probabilities of y > threshold with intervals, and failures, for JSON."""
-        return output.summary(self, levels, interval, thresholds)
-
-    def write_summary(self, path: str | Path, levels: Sequence[float] = output.LEVELS, interval: float = 0.95,
-                      thresholds: Sequence[float] = ()) -> Path:
-        """The summary in a file that ends in .json or .csv."""
-        return output.write_summary(self, path, levels, interval, thresholds)
 
     def _share_error(self, j: int, x: Tensor, level: float, n: int) -> float:
         """Half the interval of P(y > x) from its shares in the replicates; at least the rule of three."""
