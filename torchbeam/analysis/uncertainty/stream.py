@@ -140,17 +140,18 @@ class Stream(Summary):
         """
         given = probabilities(levels)
         several, pooled, n = given.reshape(-1), self._pooled(), self.all.n
-        ranks = several * (n - 1)
-        centre = torch.stack([sketch.at_ranks(ranks) for sketch in pooled], -1)
+        centre = torch.stack([sketch.at_ranks(several * (n - 1)) for sketch in pooled], -1)
         if interval is None:
             return self._shaped(centre, given)
         level = level_of("interval", interval)
         low, high = centre.clone(), centre.clone()
+        groups = self._groups
         for k, q in enumerate(several.tolist()):
-            few = self._groups == 1 or n / self._groups * min(q, 1 - q) < FEW
+            few = groups == 1 or n / groups * min(q, 1 - q) < FEW
+            ranks = [rank - 1 for rank in binomial_ranks(q, n, level)] if few else []
             for j, sketch in enumerate(pooled):
                 if few:
-                    ends = [rank - 1 for rank in binomial_ranks(q, n, level)]
+                    ends = ranks
                 else:
                     half = self._share_error(j, centre[k, j], level, n) * n
                     ends = [max(q * (n - 1) - half, 0), min(q * (n - 1) + half, n - 1)]
@@ -164,14 +165,14 @@ class Stream(Summary):
         """Probability that y > x, for thresholds x that broadcast with one y. Samples in the bin that x lies in are taken half:
         the interval is wider by them.
         """
-        level, n = level_of("interval", interval), self.all.n
+        level, n, pooled, groups = level_of("interval", interval), self.all.n, self._pooled(), self._groups
         x = finite("x", as_tensor(x, torch.float64))
         shape = broadcast("the thresholds and y of a sample", x.shape, torch.Size(self.shape))
         numbers = torch.arange(max(math.prod(self.shape), 1)).reshape(self.shape).expand(shape).flatten().tolist()
         rows = []
         for j, at in zip(numbers, x.expand(shape).flatten(), strict=True):
-            least, most = (v.item() for v in self._pooled()[j].above(at))
-            few = self._groups == 1 or min(least, n - most) < FEW * self._groups
+            least, most = (v.item() for v in pooled[j].above(at))
+            few = groups == 1 or min(least, n - most) < FEW * groups
             if few:
                 low, high = binomial_interval(least, n, level)[0], binomial_interval(most, n, level)[1]
             else:
