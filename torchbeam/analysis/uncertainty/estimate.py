@@ -83,7 +83,7 @@ def mean(groups: Sequence[Tensor], level: float, reasons: Mapping[str, int]) -> 
         return replicated(groups, lambda y: y.mean(0), level, reasons)
     y = groups[0]
     centre = y.mean(0)
-    half = y.std(0) / math.sqrt(len(y)) * student_quantile((1 + level) / 2, len(y) - 1) if len(y) > 1 else centre + math.inf
+    half = student_half(y, level) if len(y) > 1 else centre + math.inf
     return Estimate(centre, centre - half, centre + half, level, len(y), "Student's t", reasons)
 
 
@@ -98,7 +98,7 @@ def quantile(groups: Sequence[Tensor], levels: Tensor, level: float, reasons: Ma
     low, high, methods = centre.clone(), centre.clone(), set()
     for k, q in enumerate(levels.tolist()):
         if len(groups) > 1 and not few[k]:
-            half = _half([(y <= centre[k]).double().mean(0) for y in groups], level, len(pooled))
+            half = share_half(torch.stack([(y <= centre[k]).double().mean(0) for y in groups]), level, len(pooled))
             for bound, place in ((low, q - half), (high, q + half)):
                 bound[k] = at_levels(pooled, place.clamp(0, 1))
             methods.add(f"{len(groups)} replicates")
@@ -124,7 +124,7 @@ def probability(groups: Sequence[Tensor], level: float, reasons: Mapping[str, in
     low, high = (hits.new_tensor([known[count][side] for count in flat]).reshape(total.shape) for side in (0, 1))
     if len(groups) == 1:
         return Estimate(centre, low, high, level, n, "Clopper and Pearson", reasons)
-    half = _half(list(hits / sizes.reshape(-1, *[1] * total.ndim)), level, n)
+    half = share_half(hits / sizes.reshape(-1, *[1] * total.ndim), level, n)
     many = torch.minimum(total, n - total) >= FEW * len(groups)
     low, high = torch.where(many, centre - half, low).clamp_min(0), torch.where(many, centre + half, high).clamp_max(1)
     method = f"{len(groups)} replicates" if many.all() else "Clopper and Pearson" if not many.any() else (
@@ -136,7 +136,7 @@ def replicated(groups: Sequence[Tensor], statistic: Statistic, level: float, rea
     """Any statistic of all samples, with Student's interval from its scatter among the replicates."""
     pooled = torch.cat(list(groups))
     centre, each = statistic(pooled), torch.stack([statistic(y) for y in groups])
-    half = each.std(0) / math.sqrt(len(groups)) * student_quantile((1 + level) / 2, len(groups) - 1)
+    half = student_half(each, level)
     return Estimate(centre, centre - half, centre + half, level, len(pooled), f"{len(groups)} replicates", reasons)
 
 
@@ -150,10 +150,16 @@ def bootstrap(y: Tensor, statistic: Statistic, level: float, reasons: Mapping[st
     return Estimate(statistic(y), low, high, level, len(y), "bootstrap", reasons)
 
 
-def _half(shares: Sequence[Tensor], level: float, n: int) -> Tensor:
-    """Half the interval of a probability (...) from its shares in replicates of n samples together."""
-    half = torch.stack(list(shares)).std(0) / math.sqrt(len(shares)) * student_quantile((1 + level) / 2, len(shares) - 1)
-    return half.clamp_min(-math.log((1 - level) / 2) / n)  # replicates that agree to the last sample: the rule of three
+def student_half(each: Tensor, level: float) -> Tensor:
+    """Half of Student's interval (...) of the mean of independent values (R, ...), at least two."""
+    return each.std(0) / math.sqrt(len(each)) * student_quantile((1 + level) / 2, len(each) - 1)
+
+
+def share_half(shares: Tensor, level: float, n: int) -> Tensor:
+    """Half the interval of a probability (...) from its shares (R, ...) in replicates of n samples together; where these agree
+    to the last sample, the rule of three.
+    """
+    return student_half(shares, level).clamp_min(-math.log((1 - level) / 2) / n)
 
 
 def at_levels(y: Tensor, level: Tensor) -> Tensor:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 from torch import Tensor
 
-from ...math.distributions import normal_probability, normal_score, student_quantile
+from ...math.distributions import normal_probability, normal_score
 from .design_point import DesignPoints
 from .designs import Sobol
+from .estimate import student_half
 from .limit_state import LimitState
 
 
@@ -35,5 +34,5 @@ def interval(each: Tensor, level: float) -> tuple[float, float, float]:
     mean = each.mean().item()
     if mean == 0:
         return 0.0, 0.0, 1.0
-    half = (each.std() / math.sqrt(len(each))).item() * student_quantile((1 + level) / 2, len(each) - 1)
+    half = student_half(each, level).item()
     return mean, max(mean - half, 0.0), min(mean + half, 1.0)

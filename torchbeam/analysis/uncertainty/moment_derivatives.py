@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -11,9 +10,8 @@ from torch import Tensor
 
 from ...core.arguments import boolean, count
 from ...core.validation import Value, as_tensor, finite, precision
-from ...math.distributions import student_quantile
 from .designs import Sobol
-from .estimate import Estimate, level_of
+from .estimate import Estimate, level_of, student_half
 from .evaluation import Function, called, settings
 from .joint_law import Correlation, JointLaw
 from .laws import Law
@@ -80,9 +78,8 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
         raise ValueError(f"nearly all {n} samples failed ({', '.join(reasons)}); there are no moments of so few")
     each = [torch.stack(part) for part in zip(*map(_moments, good), strict=True)]
     pooled = _moments(tuple(sum(part) for part in zip(*good, strict=True)))
-    factor = student_quantile((1 + level) / 2, len(good) - 1) / math.sqrt(len(good))
     samples = int(sum(total[0] for total in good))
-    halves = [factor * scatter.std(0) for scatter in each]
+    halves = [student_half(scatter, level) for scatter in each]
     method = f"{len(good)} replicates"
     return MomentDerivatives(*(Estimate(centre, centre - half, centre + half, level, samples, method, reasons)
                                for centre, half in zip(pooled, halves, strict=True)))

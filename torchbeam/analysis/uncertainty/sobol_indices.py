@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -12,9 +11,8 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean, count
-from ...math.distributions import student_quantile
 from .designs import Exchanged, Sobol
-from .estimate import level_of
+from .estimate import level_of, student_half
 from .evaluation import Evaluation, Function, one_kind, progress_of, settings
 from .joint_law import JointLaw
 from .laws import Law
@@ -100,7 +98,7 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
     found = _indices(torch.cat(groups))  # (2, p, ...)
     without = torch.stack([_indices(torch.cat(groups[:k] + groups[k + 1:])) for k in range(replicates)])
     pseudo = replicates * found - (replicates - 1) * without
-    half = pseudo.std(0) / math.sqrt(replicates) * student_quantile((1 + level) / 2, replicates - 1)
+    half = student_half(pseudo, level)
     return SobolIndices(names, found[0], found[1], found - half, found + half, level, _variance(values[good]), n * size,
                         int((~good).sum()), reasons)
 

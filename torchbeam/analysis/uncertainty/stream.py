@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ...core.validation import Value, as_tensor, broadcast, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
-from .estimate import FEW, Estimate, level_of, probabilities
+from .estimate import FEW, Estimate, level_of, probabilities, share_half
 from .moments import Moments
 from .output import Summary
 from .samples import reasons_of
@@ -195,8 +195,7 @@ class Stream(Summary):
         """Half the interval of P(y > x) from its shares in the replicates; at least the rule of three."""
         known = [(sketches[j], one.n) for sketches, one in zip(self.sketches, self.moments, strict=True) if one is not None]
         shares = torch.stack([sum(sketch.above(x)) / 2 / size for sketch, size in known])
-        half = student_quantile((1 + level) / 2, len(shares) - 1) * shares.std().item() / math.sqrt(len(shares))
-        return max(half, -math.log((1 - level) / 2) / n)
+        return share_half(shares, level, n).item()
 
     def _known(self) -> list[Moments]:
         known = [one for one in self.moments if one is not None]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ...math.distributions import student_quantile
+from .estimate import student_half
 from .limit_state import LimitState
 
 SHARE = 0.1  # of the samples of a level that go on
@@ -30,8 +30,7 @@ class SubsetRuns:
         mean = p.mean().item()
         if mean == 0:
             return 0.0, 0.0, SHARE**LEVELS
-        error = (p.std() / math.sqrt(len(p))).item() / mean
-        factor = math.exp(student_quantile((1 + level) / 2, len(p) - 1) * error)
+        factor = math.exp(student_half(p, level).item() / mean)
         return mean, mean / factor, min(mean * factor, 1.0)
 
 
