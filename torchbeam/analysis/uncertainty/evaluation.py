@@ -155,6 +155,17 @@ def settings(function: Any, n: Any, seed: Any, chunk: Any, executor: Any, dtype:
     return n, seed, count("chunk", chunk), precision(dtype or torch.get_default_dtype())
 
 
+def points_of(n: int, replicates: Any, fewest: int = 1, least: int = 1) -> int:
+    """Points of each replicate, at least `least`, of at least `fewest` that n samples are shared out to; ValueError where that
+    leaves some.
+    """
+    points = n // count("replicates", replicates, fewest)
+    if points * replicates != n or points < least:
+        each = f", of at least {least} points each," if least > 1 else ""
+        raise ValueError(f"n = {n} was given for {replicates} replicates; a multiple{each} is wanted")
+    return points
+
+
 def _alone(x: Tensor) -> Tensor:
     """The tensor without what it is a part of, such as the state of all nodes: that would be kept, and written, with it."""
     return x.clone() if x.untyped_storage().nbytes() > x.numel() * x.element_size() else x

@@ -62,6 +62,13 @@ class JointLaw:
     def dimension(self) -> int:
         return sum(self.dimensions.values())
 
+    def random(self) -> dict[str, int]:
+        """Variates of each law that is random; ValueError where none is."""
+        random = {name: size for name, size in self.dimensions.items() if size}
+        if not random:
+            raise ValueError("laws that are all constant were given; one that is random is wanted")
+        return random
+
     def of_uniform(self, u: Tensor) -> Tensor:
         """theta (N, columns), float64, of u (N, dimension)."""
         if self.correlation is not None:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean, count
+from ...core.arguments import boolean
 from ...core.validation import Value, as_tensor, finite, precision
 from .designs import Sobol
 from .estimate import Estimate, level_of, student_half
-from .evaluation import Function, called, settings
+from .evaluation import Function, called, points_of, settings
 from .joint_law import Correlation, JointLaw
 from .laws import Law
 from .samples import reasons_of
@@ -59,9 +59,7 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
     q = q.detach().clone().requires_grad_()
     joint = JointLaw.of(laws(q), correlation)
     n, seed, chunk, _ = settings(function, n, seed, chunk, None, precision(q.dtype), None)
-    points = n // count("replicates", replicates, 2)
-    if points * replicates != n or points < 2:
-        raise ValueError(f"n = {n} was given for {replicates} replicates; a multiple, of at least 2 points each, is wanted")
+    points = points_of(n, replicates, fewest=2, least=2)
     plan, sums, lost = Sobol(joint.dimension, seed, points), [], []
     for k in range(replicates):
         total = None

@@ -10,14 +10,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean, choice, count
+from ...core.arguments import boolean, choice
 from ...core.memory import check_memory
 from ...core.validation import Value, as_tensor, finite, shown
 from .chunk_size import chunk_size
 from .chunks import ChunkFolder
 from .designs import Given, Plain, Sobol
 from .estimate import Estimate
-from .evaluation import Evaluation, Function, one_kind, progress_of, settings
+from .evaluation import Evaluation, Function, one_kind, points_of, progress_of, settings
 from .joint_law import Correlation, JointLaw
 from .laws import Law
 from .progress import Report
@@ -158,9 +158,7 @@ def _shares(n: int, replicates: int | None, until: Until | None, other: str | No
     if replicates is None:
         points = max(2 ** max((n // MOST).bit_length() - 1, 0), 1)  # a power of two, so that at least MOST fit
     else:
-        points = n // count("replicates", replicates)
-        if points * replicates != n:
-            raise ValueError(f"n = {n} was given for {replicates} replicates; a multiple is wanted")
+        points = points_of(n, replicates)
         if replicates == 1 and until is None:
             return n, None
     if n // points < FEWEST and until is not None:

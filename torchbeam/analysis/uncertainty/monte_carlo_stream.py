@@ -15,10 +15,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean, choice, count
+from ...core.arguments import boolean, choice
 from ...core.files import NotWritten, save
 from .chunks import ChunkFolder
-from .evaluation import Evaluation, Function, progress_of, settings
+from .evaluation import Evaluation, Function, points_of, progress_of, settings
 from .joint_law import Correlation, JointLaw
 from .laws import Law
 from .moments import Moments
@@ -51,9 +51,7 @@ def monte_carlo_stream(function: Function, laws: Mapping[str, Law], n: int, *, r
     choice("design", design, DESIGNS)
     boolean("by_name", by_name)
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
-    points = n // count("replicates", replicates)
-    if points * replicates != n:
-        raise ValueError(f"n = {n} was given for {replicates} replicates; a multiple is wanted")
+    points = points_of(n, replicates)
     plan = DESIGNS[design](joint.dimension, seed, points)
     folder = folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype),
                        **{**plan.label, "kept": "summary", "points": points})

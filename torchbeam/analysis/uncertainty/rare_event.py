@@ -84,8 +84,7 @@ def rare_event(function: Function, laws: Mapping[str, Law], threshold: float, n:
     boolean("by_name", by_name)
     choice("method", method, METHODS)
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, None)
-    if not joint.dimension:
-        raise ValueError("laws that are all constant were given; one that is random is wanted")
+    joint.random()  # there is one
     limit = LimitState(Evaluation(function, joint, None, dtype, chunk, by_name, executor), threshold)
     runs = (10 if method == "subset" else 16) if replicates is None else count("replicates", replicates, 2)
     if method == "subset":

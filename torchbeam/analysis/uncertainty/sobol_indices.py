@@ -10,10 +10,10 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean, count
+from ...core.arguments import boolean
 from .designs import Exchanged, Sobol
 from .estimate import level_of, student_half
-from .evaluation import Evaluation, Function, one_kind, progress_of, settings
+from .evaluation import Evaluation, Function, one_kind, points_of, progress_of, settings
 from .joint_law import JointLaw
 from .laws import Law
 from .monte_carlo import folder_of
@@ -74,13 +74,10 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
     boolean("by_name", by_name)
     level = level_of("interval", interval)
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
-    points = n // count("replicates", replicates, 2)
-    if points * replicates != n or points < 2:
-        raise ValueError(f"n = {n} was given for {replicates} replicates; a multiple, of at least 2 points each, is wanted")
-    names = tuple(name for name, size in joint.dimensions.items() if size)
-    if not names:
-        raise ValueError("laws that are all constant were given; one that is random is wanted")
-    owner = torch.tensor([k for k, name in enumerate(names) for _ in range(joint.dimensions[name])])
+    points = points_of(n, replicates, fewest=2, least=2)
+    random = joint.random()
+    names = tuple(random)
+    owner = torch.tensor([k for k, size in enumerate(random.values()) for _ in range(size)])
     parts = owner == torch.arange(len(names))[:, None]
     plan = Exchanged(Sobol(2 * joint.dimension, seed, points), parts)
     size = len(names) + 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import accumulate
 
 import torch
 from torch import Tensor
@@ -62,17 +63,12 @@ def tornado(function: Function, laws: Mapping[str, Law], *, level: float = 0.9, 
     joint, level = JointLaw.of(laws), level_of("level", level)
     boolean("by_name", by_name)
     dtype = precision(dtype or torch.get_default_dtype())
-    first, names = {}, []
-    for name, size in joint.dimensions.items():
-        if size:
-            first[name] = sum(list(joint.dimensions.values())[:list(joint.laws).index(name)])
-            names.append(name)
-    if not names:
-        raise ValueError("laws that are all constant were given; one that is random is wanted")
+    names = list(random := joint.random())
+    firsts = [0, *accumulate(random.values())]  # variates of each: a constant has none
     z = torch.zeros(2 * len(names) + 1, joint.dimension, dtype=torch.float64)
     far = normal_score(torch.tensor((1 + level) / 2, dtype=torch.float64))
-    for k, name in enumerate(names):
-        z[1 + 2 * k, first[name]], z[2 + 2 * k, first[name]] = -far, far
+    for k in range(len(names)):
+        z[1 + 2 * k, firsts[k]], z[2 + 2 * k, firsts[k]] = -far, far
     theta = joint.of_score(z).to(dtype)
     y, status = evaluated(function, joint, theta, by_name)
     y = torch.where((status == 0).reshape(-1, *[1] * (y.ndim - 1)), y.double(), torch.nan)
