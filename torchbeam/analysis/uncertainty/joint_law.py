@@ -12,7 +12,8 @@ from torch import Tensor
 
 from ...core.validation import as_tensor, finite
 from ...math.distributions import normal_score
-from .laws import Constant, Law, checked, of_score, of_uniform
+from .given_law import checked, of_score, of_uniform
+from .laws import Constant, Law
 
 Correlation = Any  # (p, p) over the laws in their order, or {("EI", "mass"): 0.5}
 

@@ -14,7 +14,7 @@ from typing import Any
 import torch
 
 from ...analysis.uncertainty.estimate import level_of
-from ...analysis.uncertainty.laws import of_text
+from ...analysis.uncertainty.given_law import of_text
 from ...analysis.uncertainty.monte_carlo import monte_carlo
 from ...analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
 from ...analysis.uncertainty.output import LEVELS

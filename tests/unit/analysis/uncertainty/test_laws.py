@@ -7,7 +7,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.analysis.uncertainty.laws import KINDS, of_score, of_text, of_uniform
+from torchbeam.analysis.uncertainty.given_law import of_score, of_uniform
 
 U = (torch.arange(20000) + 0.5) / 20000
 WEIBULL = math.gamma(1.5)
@@ -68,19 +68,6 @@ def test_scores():
     for law in (tb.laws.Normal(2.0, 0.3), torch.distributions.Normal(2.0, 0.3)):
         assert_close(of_score(law, far), torch.tensor([5.6]), rtol=1e-6, atol=0)
     assert torch.isfinite(of_score(tb.laws.Gumbel(0.0, 1.0), far)).all()
-
-
-def test_from_text():
-    """What a file may say."""
-    assert of_text("EI", {"law": "normal", "mean": 1, "deviation": 0.1}) == tb.laws.Normal(1.0, 0.1)
-    assert of_text("EI", {"law": "truncated", "of": {"law": "Gumbel", "location": 1, "scale": 1}, "least": 0}) == (
-        tb.laws.Truncated(tb.laws.Gumbel(1.0, 1.0), 0.0))
-    assert of_text("EI", [0, 1]) == [0, 1] and of_text("EI", 2) == tb.laws.Constant(2.0) and set(KINDS) > {"empirical"}
-    for given, sentence in (({"law": "cauchy"}, "one of constant, uniform"),
-                            ({"law": "normal", "mean": 1}, "Normal has mean, deviation"),
-                            ({"law": "normal", "mean": 1, "sd": 1}, "'sd' was given for the law of 'EI'; Normal has")):
-        with pytest.raises(ValueError, match=sentence):
-            of_text("EI", given)
 
 
 REFUSED = {
