@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
@@ -24,6 +24,7 @@ NAMES = dict(format="files of another release", laws="other laws", sobol="anothe
              theta="other samples")
 KEYS = ("format", "design")  # compared first
 OWN = {"function", "parts", "run"}  # compared by themselves, or not at all
+T = TypeVar("T")
 Chunk = tuple[Tensor, Tensor, Tensor]  # theta (k, p), y (k, ...), status (k,)
 
 
@@ -71,21 +72,16 @@ class ChunkFolder:
         """The chunk that starts with sample `first`, if at least `count` samples of it are there. One that is damaged is none,
         with a warning.
         """
-        path = self._file(first)
-        try:
-            stored = torch.load(io.BytesIO(path.read_bytes()), weights_only=True)
+        def content(stored: dict[str, Any]) -> Chunk:
             chunk = stored["theta"], stored["y"], stored["status"]
             if stored["run"] != self.label["run"] or stored["first"] != first:
                 raise ValueError("it is another run's, or stood in another place")
             if stored["checksum"] != self._checksum(first, chunk):
                 raise ValueError("its checksum is wrong")
-        except FileNotFoundError:
-            return None
-        except Exception as error:  # of a damaged file torch.load may raise anything
-            why = str(error) if type(error) is ValueError else "it cannot be read"
-            warnings.warn(f"{str(path)!r} is damaged ({why}); it is computed anew", stacklevel=4)
-            return None
-        return chunk if len(chunk[0]) >= count else None  # the last chunk of a smaller n is shorter
+            return chunk
+
+        chunk = loaded(self._file(first), content, 5)
+        return chunk if chunk is not None and len(chunk[0]) >= count else None  # the last chunk of a smaller n is shorter
 
     def put(self, first: int, chunk: Chunk) -> None:
         """Write a chunk, whole or not at all; NotWritten where that fails."""
@@ -117,6 +113,20 @@ class ChunkFolder:
             sum_.update(f"{x.dtype} {tuple(x.shape)}".encode())
             sum_.update(x.detach().contiguous().flatten().view(torch.uint8).numpy().tobytes())
         return sum_.hexdigest()
+
+
+def loaded(path: Path, content: Callable[[dict[str, Any]], T], stacklevel: int) -> T | None:
+    """What `content` makes of the dict in a file; None where there is no file, and, with a warning, where it is damaged: cannot
+    be read, or has content that is not what it should be, of which a ValueError says why.
+    """
+    try:
+        return content(torch.load(io.BytesIO(path.read_bytes()), weights_only=True))
+    except FileNotFoundError:
+        return None
+    except Exception as error:  # of a damaged file torch.load may raise anything
+        why = str(error) if type(error) is ValueError else "it cannot be read"
+        warnings.warn(f"{str(path)!r} is damaged ({why}); it is computed anew", stacklevel=stacklevel)
+        return None
 
 
 def _label(function: Callable, laws: dict[str, Any], version_: str | None, settings: dict[str, Any]) -> dict[str, Any]:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import time
-import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
@@ -17,7 +15,7 @@ from torch import Tensor
 
 from ...core.arguments import boolean, choice
 from ...core.files import NotWritten, save
-from .chunks import ChunkFolder
+from .chunks import ChunkFolder, loaded
 from .evaluation import Evaluation, Function, points_of, progress_of, settings
 from .joint_law import Correlation, JointLaw
 from .laws import Law
@@ -83,24 +81,24 @@ def _write(folder: ChunkFolder, stream: Stream, done: int) -> None:
 
 def _taken_up(folder: ChunkFolder, joint: JointLaw, independent: bool) -> tuple[Stream, int]:
     """Summary in the folder, and how many samples it is of; an empty one where there is none, or a damaged one."""
-    path = folder.path / FILE
-    empty = Stream(joint.names, independent)
-    try:
-        found = torch.load(io.BytesIO(path.read_bytes()), weights_only=True)
-        done = found.pop("done")
-        if found.pop("run") != folder.label["run"] or found.pop("checksum") != _checksum(found, done, folder):
+    def content(stored: dict[str, Any]) -> tuple[Stream, int]:
+        done = stored.pop("done")
+        if stored.pop("run") != folder.label["run"] or stored.pop("checksum") != _checksum(stored, done, folder):
             raise ValueError("it is another run's, or its checksum is wrong")
-    except FileNotFoundError:
+        return _stream(stored, joint, independent), done
+
+    found = loaded(folder.path / FILE, content, 4)
+    if found is None:
         folder.writable()
-        return empty, 0
-    except Exception as error:  # of a damaged file torch.load may raise anything
-        why = str(error) if type(error) is ValueError else "it cannot be read"
-        warnings.warn(f"{str(path)!r} is damaged ({why}); it is computed anew", stacklevel=3)
-        return empty, 0
-    stream = Stream(joint.names, independent, None if found["shape"] is None else tuple(found["shape"]),
-                    [None if one is None else Moments(*one) for one in found["moments"]],
-                    [[Sketch(*one) for one in sketches] for sketches in found["sketches"]], found["samples"], found["reasons"])
-    return stream, done
+        return Stream(joint.names, independent), 0
+    return found
+
+
+def _stream(found: dict[str, Any], joint: JointLaw, independent: bool) -> Stream:
+    """Stream that a file holds."""
+    return Stream(joint.names, independent, None if found["shape"] is None else tuple(found["shape"]),
+                  [None if one is None else Moments(*one) for one in found["moments"]],
+                  [[Sketch(*one) for one in sketches] for sketches in found["sketches"]], found["samples"], found["reasons"])
 
 
 def _state(stream: Stream) -> dict[str, Any]:
