@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ...core.validation import Value, as_tensor, broadcast, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
-from .estimate import FEW, Estimate, level_of, probabilities, share_half
+from .estimate import FEW, Estimate, level_of, probabilities, share_half, student_half
 from .moments import Moments
 from .output import Summary
 from .samples import reasons_of
@@ -128,10 +128,11 @@ class Stream(Summary):
         """Mean (...), with Student's interval: of the means of replicates, or of the samples."""
         known, whole, level = self._known(), self.all, level_of("level", level)
         if self._groups > 1:
-            error, freedom = torch.stack([one.mean for one in known]).std(0) / math.sqrt(len(known)), len(known) - 1
+            half = student_half(torch.stack([one.mean for one in known]), level)
+        elif whole.n > 1:
+            half = student_quantile((1 + level) / 2, whole.n - 1) * whole.deviation / math.sqrt(whole.n)
         else:
-            error, freedom = whole.deviation / math.sqrt(whole.n), whole.n - 1
-        half = student_quantile((1 + level) / 2, freedom) * error if freedom else whole.mean.abs() + math.inf
+            half = whole.mean.abs() + math.inf
         return self._estimate(whole.mean, whole.mean - half, whole.mean + half, level)
 
     def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
