@@ -18,7 +18,8 @@ from ..common_case import KINDS
 from . import errors, explicit, measurement, references
 from .measurement import COLUMNS, Row
 from .motions import MOTIONS, Motion
-from .report import markdown, pictures
+from .pictures import pictures
+from .report import markdown
 from .settings import BASE, METHODS, TARGETS
 
 SECONDS = 660.0  # of the whole, but for native code and other programs
