@@ -72,7 +72,9 @@ def search(problem: LeastSquares, x: Tensor, region: Region, iterations: int, to
 
 
 class _Search:
-    """State of a search: x, r, J of all starts, damping, status; which J are those of x (`fresh`), and not rough (`exact`)."""
+    """State of a search: x, r, J of all starts, damping, status; which J were found at x (`fresh`), and not roughly
+    (`exact`); of these, which were not finite, and are those of a place before (`lacking`).
+    """
 
     def __init__(self, problem: LeastSquares, x: Tensor, region: Region, tolerance: float,
                  known: tuple[Tensor, Tensor] | None, follow: int | None, negligible: float) -> None:
@@ -81,7 +83,7 @@ class _Search:
         S = len(x)
         self.status = torch.full((S,), UNFINISHED, device=x.device)
         self.fresh = torch.ones(S, dtype=torch.bool, device=x.device)
-        self.exact = self.fresh.clone()
+        self.exact, self.lacking = self.fresh.clone(), ~self.fresh
         if known is None:
             self.r, self.J = self._at_starts(len(x) if follow is None else min(follow, len(x)))
         else:
@@ -149,7 +151,7 @@ class _Search:
         self.exact[active] = exact | at_once
         done, again = done & sure, (done | ~lower) & ~sure
         more = torch.where(lower, damping / 10, torch.where(again, damping, damping * 10))
-        stuck = (done & blocked) | (~done & (more > LARGEST))
+        stuck = (done & (blocked | self.lacking[active])) | (~done & (more > LARGEST))
         self.damping[active], self.blocked[active] = more, blocked
         self.status[active] = torch.where(stuck, STUCK, torch.where(done, CONVERGED, UNFINISHED))
         if self.carry:
@@ -176,7 +178,7 @@ class _Search:
         return small | ((before - after <= self.tolerance**2 * before) & lower)
 
     def _refresh(self, which: Tensor, rough: bool = False) -> None:
-        """Derivatives anew."""
+        """Derivatives anew. Where they are not finite the old ones stay, by which no start converges."""
         if not len(which):
             return
         _, J = self._tried(lambda a, b: self.problem.linearised(a, b, self.r[b], rough), self.x[which], which,
@@ -184,6 +186,7 @@ class _Search:
         good = torch.isfinite(J).flatten(1).all(-1)
         self.J[which] = torch.where(good[:, None, None], J, self.J[which])
         self.fresh[which], self.exact[which] = True, not rough
+        self.lacking[which] = ~good if self.carry or not rough else False
 
     def _at_starts(self, follow: int) -> tuple[Tensor, Tensor]:
         """r and J at the starts that are followed; of those that fail infinite misfits, with the status FAILED. Where all fail,
