@@ -195,61 +195,48 @@ class _Search:
         S, (x, p) = len(self.x), (self.x, self.x.shape[1])
         every, phi = torch.arange(S, device=x.device), self.problem.prior(x)[0]
         if follow < S:
-            (r,) = self._some_starts(lambda a, b: (self.problem.residuals(a, b),), every)
+            (r,) = self._tried(lambda a, b: (self.problem.residuals(a, b),), x, every)
             total = torch.where(torch.isfinite(r).all(-1), r.square().sum(-1) + 2 * phi, torch.inf).nan_to_num(nan=torch.inf)
             some = total.argsort()[:follow].sort().values
             self.status = torch.where(torch.isin(every, some), UNFINISHED, LEFT)
             J = torch.zeros(S, r.shape[1], p, dtype=r.dtype, device=r.device)
-            J[some] = self._some_starts(lambda a, b: self.problem.linearised(a, b, r[b])[1:], some)[0]
+            J[some] = self._tried(lambda a, b: self.problem.linearised(a, b, r[b])[1:], x[some], some)[0]
         else:
-            r, J = self._some_starts(self.problem.linearised, every)
+            r, J = self._tried(self.problem.linearised, x, every)
         good = torch.isfinite(r).all(-1) & torch.isfinite(J).flatten(1).all(-1) & torch.isfinite(phi)
         if not good.any():
             raise ValueError(f"a start (0 of {S}) at which the model is not finite was given; another is wanted")
         self.status = torch.where(good, self.status, FAILED)
         return torch.where(good[:, None], r, torch.inf), torch.where(good[:, None, None], J, 0)
 
-    def _some_starts(self, evaluate: Callable, which: Tensor) -> tuple[Tensor, ...]:
-        """What the starts give; NaN of those at which the model raises; the error where it does at all."""
-        found: dict[int, tuple[Tensor, ...]] = {}
+    def _tried(self, evaluate: Callable, x: Tensor, which: Tensor, like: tuple[Tensor, ...] | None = None
+               ) -> tuple[Tensor, ...]:
+        """What the model gives; NaN of a start at which it raises, and what it said goes into `raised`. Where it raises at all
+        starts, NaN `like` these or, without them, the first error.
+        """
         errors: list[Exception] = []
-
-        def look(some: Tensor) -> None:
-            try:
-                given = evaluate(self.x[some], some)
-            except OtherShape:
-                raise
-            except Exception as error:  # whatever a user's model raises
-                if len(which) == 1:
-                    raise
-                if len(some) == 1:
-                    errors.append(error)
-                    return
-                for half in some.tensor_split(2):
-                    look(half)
-            else:
-                found.update({k: tuple(part[i] for part in given) for i, k in enumerate(some.tolist())})
-
-        look(which)
-        if not found:
+        parts = _parts(evaluate, x, which, errors)
+        like = next((part for part in parts if part is not None), like)
+        if like is None:
             raise errors[0]
         self.raised += [str(error) or type(error).__name__ for error in errors]
-        none = tuple(torch.full_like(v, torch.nan) for v in next(iter(found.values())))
-        rows = [found.get(k, none) for k in which.tolist()]
-        return tuple(torch.stack(part) for part in zip(*rows, strict=True))
+        errors.clear()  # they hold the model's tensors, by the frames that they came through
+        none = tuple(torch.full_like(v[:1], torch.nan) for v in like)
+        return tuple(torch.cat(some) for some in zip(*(none if part is None else part for part in parts), strict=True))
 
-    def _tried(self, evaluate: Callable, x: Tensor, which: Tensor, like: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
-        """What a trial gives; NaN of a start at which the model raises, and what it said goes into `raised`."""
-        try:
-            return evaluate(x, which)
-        except OtherShape:
-            raise
-        except Exception as error:  # whatever a user's model raises
-            if len(x) == 1:
-                self.raised.append(str(error) or type(error).__name__)
-                return tuple(torch.full_like(k[:1], torch.nan) for k in like)
-        parts = [self._tried(evaluate, a, b, like) for a, b in zip(x.tensor_split(2), which.tensor_split(2), strict=True)]
-        return tuple(torch.cat(some) for some in zip(*parts, strict=True))
+
+def _parts(evaluate: Callable, x: Tensor, which: Tensor, errors: list[Exception]) -> list[tuple[Tensor, ...] | None]:
+    """What the model gives at all starts, or at parts of them, halved until one start is left of those that raise: None."""
+    try:
+        return [evaluate(x, which)]
+    except OtherShape:
+        raise
+    except Exception as error:  # whatever a user's model raises
+        if len(x) == 1:
+            errors.append(error)
+            return [None]
+    return [part for half in zip(x.tensor_split(2), which.tensor_split(2), strict=True)
+            for part in _parts(evaluate, *half, errors)]
 
 
 def _carried(J: Tensor, r: Tensor, r_trial: Tensor, step: Tensor, region: Region) -> Tensor:
