@@ -84,9 +84,8 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
                          "'difference' and 'forward' do")
     parameters = parameters.more_starts(starts, spread, seed)
     problem = replace(Problem.of(experiments, parameters, boolean("absolute_sigma", absolute_sigma)), relative_step=step)
-    parameters = problem.parameters
-    x = parameters.x
-    region = Region(x, parameters.size, parameters.transform.additive, *parameters.bounds(x), problem.target)
+    x = problem.parameters.x
+    region = problem.region(x)
     with torch.no_grad():
         way = derivatives if derivatives in ("forward", "difference") else _chosen(problem, x)
         problem = replace(problem, method=way)

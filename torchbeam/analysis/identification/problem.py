@@ -12,6 +12,7 @@ from torch import Tensor
 from ...core.validation import concrete
 from ...solvers.jacobian import difference, forward
 from ...solvers.least_squares import OtherShape
+from ...solvers.region import Region
 from ...state.solution import Solution
 from .measurement import Measurement
 from .parameters import Parameters
@@ -137,6 +138,11 @@ class Problem:
         if len(self.basis):
             J = torch.cat((J, self.basis.mT.expand(len(x), -1, -1)), -1)
         return y + besides, J
+
+    def region(self, x: Tensor) -> Region:
+        """Where a search may move from coordinates (S, p)."""
+        parameters = self.parameters
+        return Region(x, parameters.size, parameters.transform.additive, *parameters.bounds(x), self.target)
 
     def steps(self, x: Tensor) -> Tensor:
         """Changes (N, p) by which derivatives are found."""
