@@ -9,6 +9,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from ..math.dense import solve_unchecked
 from .region import Region
 
 CONVERGED, UNFINISHED, STUCK = 0, 1, 2
@@ -169,7 +170,7 @@ class _Search:
         A = A * (free[:, None] & free[..., None]) + torch.diag_embed(held.to(A))
         eps, tiny = torch.finfo(x.dtype).eps, torch.finfo(x.dtype).tiny
         damped = A + torch.diag_embed(damping + eps * A.diagonal(dim1=-2, dim2=-1) + tiny)
-        return -torch.linalg.solve_ex(damped, (gradient * free)[..., None])[0][..., 0]
+        return -solve_unchecked(damped, (gradient * free)[..., None])[..., 0]
 
     def _settled(self, x: Tensor, moved: Tensor, before: Tensor, after: Tensor, lower: Tensor) -> Tensor:
         """Whether the step is small, or what it gains."""
