@@ -14,22 +14,25 @@ from torchbeam.studies.uncertainty.scale import FUNCTIONS
 PEERS = Path(__file__).parents[2] / "examples" / "peers"
 
 
+def printed(script, *options):
+    """The rows of a quick run."""
+    done = subprocess.run([sys.executable, str(PEERS / f"{script}.py"), "--json", "--quick", *options], capture_output=True,
+                          text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}, timeout=120)
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+
+
 @pytest.mark.parametrize("script, package, error", [("mujoco_rod", "mujoco", 0.0083), ("exudyn_plane", "exudyn", 0.0067)])
 def test_peer(script, package, error):
     """The error to a tenth: it hangs on the program's version a little."""
     pytest.importorskip(package)
-    done = subprocess.run([sys.executable, str(PEERS / f"{script}.py"), "--json", "--quick"], capture_output=True, text=True,
-                          env={**os.environ, "OMP_NUM_THREADS": "1"}, timeout=120)
-    row = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("{")))
+    row = printed(script)[0]
     assert abs(row["error"] - error) < 0.1 * error and row["rate"] > 1
 
 
 def test_samples():
     """With --samples: exudyn's strip bends and swings as that of `python -m torchbeam scale` does at the means, to 1 %."""
     pytest.importorskip("exudyn")
-    done = subprocess.run([sys.executable, str(PEERS / "exudyn_plane.py"), "--json", "--quick", "--samples"],
-                          capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}, timeout=120)
-    rows = {row["what"]: row for row in (json.loads(line) for line in done.stdout.splitlines() if line.startswith("{"))}
+    rows = {row["what"]: row for row in printed("exudyn_plane", "--samples")}
     one = torch.ones(1, dtype=torch.float64)
     for what, function in FUNCTIONS.items():
         assert rows[what]["failed"] == 0 and rows[what]["at_means"] == pytest.approx(function(one, one)[0].item(), rel=0.01)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import sys
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import torch
@@ -19,8 +19,9 @@ from ..dynamics.simulate import simulate
 from ..scene import effects as fx
 from ..scene.beam import Beam
 from ..scene.scene import Scene
-from ..scene.section import Section
 from ..state.solution import Solution
+from .accuracy.measurement import timed
+from .accuracy.motions import SILICONE
 from .random_scenes import Draw, families
 
 SAMPLES = 9  # of a family
@@ -152,9 +153,7 @@ class Explicit:
 def explicit_methods(elements: int, span: float, tolerances: Sequence[float]) -> list[Explicit]:
     """A rod under a sudden force by the explicit methods of every form, each against itself at 1e-9."""
     number = torch.tensor(1.0, dtype=torch.float64)
-    section = Section.from_stiffness(EA=200 * number, GA=80 * number, GJ=0.015 * number, EI=0.02 * number, mass=0.3 * number,
-                                     inertia=1e-3 * number)
-    scene = Scene(Beam.straight(0.5 * number, elements, section), [fx.TipLoad(force=(0.0, 0.05, 0.08))])
+    scene = Scene(Beam.straight(0.5 * number, elements, SILICONE(number, number)), [fx.TipLoad(force=(0.0, 0.05, 0.08))])
     t, length = torch.linspace(0, span, 5, dtype=torch.float64), 0.5
     runs = [("midpoint", "nodal")] + [(method, form) for form in ("nodal", "minimal", "block_rate")
                                       for method in ("dopri5", "dopri8", "bosh3", "rk4")]
@@ -172,9 +171,7 @@ def explicit_methods(elements: int, span: float, tolerances: Sequence[float]) ->
             elif method != "midpoint":
                 own = dict(rtol=rtol, atol=rtol * length)
             print(method, form, rtol, file=sys.stderr)
-            begin = time.process_time()
-            sol = simulate(scene, t, method=method, form=form, **own)
-            spent = time.process_time() - begin
+            spent, sol = timed(partial(simulate, scene, t, method=method, form=form, **own))
             error = distance(sol.nodes, best[method if method == "midpoint" else form]) / (rtol * length)
             made = int(work(sol)) if method == "midpoint" else sol.stats.evaluations
             found.append(Explicit(method, form, rtol, float(error), made, spent))

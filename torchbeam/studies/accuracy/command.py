@@ -18,7 +18,8 @@ from ..common_case import KINDS
 from . import errors, explicit, measurement, references
 from .measurement import COLUMNS, Row
 from .motions import MOTIONS, Motion
-from .report import markdown, pictures
+from .pictures import pictures
+from .report import markdown
 from .settings import BASE, METHODS, TARGETS
 
 SECONDS = 660.0  # of the whole, but for native code and other programs
@@ -147,12 +148,11 @@ def _pair(motion: Motion, curves: errors.Errors, element: str, method: str, refe
                 return
             setting = found[0]
             if setting not in made:
-                row, sol, first = measurement.forward(motion, setting, reference)
-                if sol is None:
+                made[setting] = row, sol, _ = measurement.forward(motion, setting, reference)
+                if sol is None:  # it failed
                     yield row
-                else:
-                    made[setting] = row, sol, first
-            if setting in made and made[setting][0].error <= target:
+            error = made[setting][0].error
+            if error is not None and error <= target:
                 break
             wanted *= 0.5
         else:

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ...dynamics.simulate import simulate
 from .motions import Motion
 from .references import difference
 from .settings import MESHES, STEPS, TOLERANCES, Setting
@@ -63,7 +62,12 @@ def measure(motion: Motion, seconds: float, elements: Sequence[str], methods: Se
 
 
 def _tip(motion: Motion, element: str, count: int) -> Tensor:
-    return _run(motion, Setting(element, "midpoint", count, EQUAL))[0]
+    return Setting(element, "midpoint", count, EQUAL).run(motion, flat=True).tip.position
+
+
+def _error(tip: Tensor, limit: Tensor) -> float:
+    error = difference(tip, limit)
+    return math.inf if math.isnan(error) else error
 
 
 def _space(motion: Motion, elements: Sequence[str], seconds: float, limit: Tensor) -> dict[str, list[Of]]:
@@ -71,8 +75,8 @@ def _space(motion: Motion, elements: Sequence[str], seconds: float, limit: Tenso
     for element in elements:
         end, found[element] = time.process_time() + seconds, []
         for count in MESHES[element]:
-            error = difference(_tip(motion, element, count), limit)
-            found[element].append(Of(count, error if error == error else math.inf, Setting(element, "", count, 0).nodes()))
+            error = _error(_tip(motion, element, count), limit)
+            found[element].append(Of(count, error, Setting(element, "", count, 0).nodes()))
             if error < LEAST or time.process_time() > end:
                 break
     return found
@@ -83,7 +87,7 @@ def _time(motion: Motion, methods: Sequence[str], seconds: float) -> dict[str, l
     limit, end = None, time.process_time() + seconds
     for steps in STEPS[STEPS.index(800)::2]:
         begun = time.process_time()
-        tip, before = _run(motion, Setting("linear", "midpoint4", mesh, steps), COMMON)[0], limit
+        tip, before = Setting("linear", "midpoint4", mesh, steps).run(motion, COMMON, flat=True).tip.position, limit
         limit, now = tip, time.process_time()
         if (before is not None and difference(tip, before) < LEAST) or 3 * now - 2 * begun > end:
             break
@@ -93,16 +97,11 @@ def _time(motion: Motion, methods: Sequence[str], seconds: float) -> dict[str, l
         for fineness in TOLERANCES if method == "adaptive" else STEPS:
             setting = Setting("linear", method, mesh, fineness)
             count, begun = math.gcd(setting.instants(), COMMON), time.process_time()
-            tip, good = _run(motion, setting, count)
+            sol = setting.run(motion, count, flat=True)
+            tip = sol.tip.position
             spent = time.process_time() - begun
-            error = difference(tip, limit[::COMMON // count]) if good else math.inf
-            found[method].append(Of(fineness, error if error == error else math.inf, spent / (mesh + 4)))
+            error = math.inf if sol.status.any() else _error(tip, limit[::COMMON // count])
+            found[method].append(Of(fineness, error, spent / (mesh + 4)))
             if error < LEAST or time.process_time() + 2 * spent > end:
                 break
     return found
-
-
-def _run(motion: Motion, setting: Setting, count: int | None = None) -> tuple[Tensor, bool]:
-    sol = simulate(motion.scene(setting.element, setting.elements, flat=True), motion.instants(count or setting.instants()),
-                   **setting.options(motion))
-    return sol.tip.position, not sol.status.any()

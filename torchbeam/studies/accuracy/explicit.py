@@ -15,7 +15,7 @@ from ...dynamics.simulate import simulate
 from ...state.solution import Solution
 from .measurement import Row, timed
 from .motions import INTERVALS, Motion
-from .references import LOSS, Reference, apart, difference, loss
+from .references import LOSS, Reference, apart, difference, differentiated
 from .settings import EXPLICIT, FORMS, OUTPUTS
 
 RTOL = 1e-5
@@ -98,11 +98,8 @@ def _piece(motion: Motion, row: Row) -> Row:
 
 
 def _gradient(motion: Motion, row: Row, reference: Reference) -> Row:
-    by = torch.ones(3, dtype=torch.float64, requires_grad=True)
-    begun = time.process_time()
-    sol, _ = _run(motion, row, motion.instants(LOSS), by)
-    (gradient,) = torch.autograd.grad(loss(motion, sol.tip.position), by)
-    spent = time.process_time() - begun
+    spent, (_, gradient) = timed(lambda: differentiated(
+        motion, lambda by: _run(motion, row, motion.instants(LOSS), by)[0].tip.position))
     return replace(row, gradient=spent, gradient_median=spent, gradient_error=apart(gradient, reference.gradient))
 
 

@@ -6,6 +6,7 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from statistics import median
 from typing import Any
 
@@ -15,7 +16,7 @@ from ...analysis.trials import repeated
 from ...dynamics.simulate import simulate
 from ...state.solution import Solution
 from .motions import Motion
-from .references import LOSS, Reference, apart, difference, loss
+from .references import LOSS, Reference, apart, difference, differentiated
 from .settings import OUTPUTS, Setting
 
 BATCH = 256  # samples, of stiffness 0.95 to 1.05 times that of the motion
@@ -78,14 +79,12 @@ def warm(motion: Motion, element: str, method: str, many: int) -> None:
 def forward(motion: Motion, setting: Setting, reference: Reference) -> tuple[Row, Solution | None, list[float]]:
     """Error and the first time of a setting; no solution where it failed."""
     row = Row(motion.name, setting.element, setting.method, setting.elements, setting.fineness)
-    count = setting.instants()
     with torch.no_grad():
-        seconds, sol = timed(lambda: simulate(motion.scene(setting.element, setting.elements), motion.instants(count),
-                                              **setting.options(motion)))
+        seconds, sol = timed(lambda: setting.run(motion))
     steps = int(sol.stats.steps)
     if sol.status.any():
         return replace(row, steps=steps, seconds=seconds, note=next(iter(sol.stats.reason.values()), "failed")), None, []
-    every = (len(reference.tip) - 1) // count
+    every = (len(reference.tip) - 1) // setting.instants()
     error = difference(sol.tip.position, reference.tip[::every])
     return replace(row, steps=steps, error=error), sol, [seconds]
 
@@ -100,8 +99,7 @@ def costs(motion: Motion, setting: Setting, reference: Reference, row: Row, sol:
 
     def run() -> None:
         with torch.no_grad():
-            _ = simulate(motion.scene(setting.element, setting.elements), motion.instants(setting.instants()),
-                         **setting.options(motion)).tip.position
+            _ = setting.run(motion).tip.position
 
     seconds = seconds[:] if 2 * seconds[0] > left() else again(run, 0.3 * left())
     row = replace(row, seconds=min(seconds), seconds_median=median(seconds), repeats=len(seconds))
@@ -134,9 +132,7 @@ def _gradient(motion: Motion, setting: Setting, reference: Reference, row: Row, 
     gradients = []
 
     def run() -> None:
-        by = torch.ones(3, dtype=torch.float64, requires_grad=True)
-        sol = simulate(motion.scene(setting.element, setting.elements, by), motion.instants(LOSS), **setting.options(motion))
-        gradients.append(*torch.autograd.grad(loss(motion, sol.tip.position), by))
+        gradients.append(differentiated(motion, lambda by: setting.run(motion, LOSS, by).tip.position)[1])
 
     found = again(run, allowed)
     return replace(row, gradient=min(found), gradient_median=median(found),
@@ -171,10 +167,10 @@ def _batch(motion: Motion, setting: Setting, row: Row, sol: Solution, allowed: f
         end = time.process_time() + 0.4 * allowed
         if gradient and whole and 10 * found["batch_seconds"] * many > allowed:
             break
-        timed(lambda steps=steps, gradient=gradient: run(steps, gradient))
-        pilot, _ = timed(lambda steps=steps, gradient=gradient: run(steps, gradient))
+        timed(partial(run, steps, gradient))
+        pilot, _ = timed(partial(run, steps, gradient))
         steps = max(1, min(most, int(steps * ENOUGH / pilot)))
-        times = again(lambda steps=steps, gradient=gradient: run(steps, gradient), end - time.process_time())
+        times = again(partial(run, steps, gradient), end - time.process_time())
         share = (1.0 if whole else setting.fineness / steps) / many
         found |= {name: share * min(times), f"{name}_median": share * median(times)}
     return replace(row, **found)

@@ -5,7 +5,7 @@ order is lost (see docs/accuracy.md) they share the method, for a second-order o
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
@@ -69,6 +69,14 @@ def loss(motion: Motion, tip: Tensor) -> Tensor:
     return ((tip[every::every] - tip[0].detach()) / motion.length).square().sum(-1).mean(0)
 
 
+def differentiated(motion: Motion, run: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:
+    """The tip, without its graph, that run(by) gives, and the gradient (3,) of its loss by the multipliers `by`, at 1."""
+    by = torch.ones(3, dtype=torch.float64, requires_grad=True)
+    tip = run(by)
+    (gradient,) = torch.autograd.grad(loss(motion, tip), by)
+    return tip.detach(), gradient
+
+
 def difference(tip: Tensor, reference: Tensor) -> float:
     """RMS |tip - reference| / RMS |reference - its start|, (time, 3) each."""
     return ((tip - reference).square().sum() / (reference - reference[0]).square().sum()).sqrt().item()
@@ -117,8 +125,6 @@ def _extrapolated(values: list[Tensor], order: int) -> Tensor:
 
 
 def _motion(motion: Motion, element: str, elements: int, method: str, steps: int) -> tuple[Tensor, Tensor]:
-    by = torch.ones(3, dtype=torch.float64, requires_grad=True)
-    sol = simulate(motion.scene(element, elements, by, flat=True), motion.instants(), method=method,
-                   step=motion.duration / steps, checkpoint=True, throw=True)
-    (gradient,) = torch.autograd.grad(loss(motion, sol.tip.position), by)
-    return sol.tip.position.detach(), gradient
+    return differentiated(motion, lambda by: simulate(
+        motion.scene(element, elements, by, flat=True), motion.instants(), method=method, step=motion.duration / steps,
+        checkpoint=True, throw=True).tip.position)

@@ -1,23 +1,17 @@
-"""Report of work and precision: tables and pictures."""
+"""Report of work and precision: its tables."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from ...core.results import table
-from ...plot.canvas import grid, save
 from ..common_case import KINDS
-from .errors import Errors
 from .measurement import Row
 from .motions import MOTIONS, Motion
 from .references import Reference
 from .settings import BASE, FORMS, METHODS, TARGETS, Setting
 
-LOOKS = {"midpoint": "-", "midpoint4": "--", "generalized_alpha": ":", "adaptive": "-."}  # of lines, by method
-MARKS = {"linear": ("o", "C0"), "linked": ("s", "C1"), "order 2": ("^", "C2")}
 ABOUT = (
     "Motions: {motions}. Error: RMS distance of the tip from a reference over its RMS displacement. Times are CPU time of "
     "one thread, of a call of `simulate`, least of the repeats (medians are in the CSV). Base: linear elements and equal "
@@ -34,7 +28,6 @@ EXPLICIT = (
 )
 PEERS = "Other programs in the common dynamic case, beside the cheapest setting here of no larger error, 3D and plane."
 REFERENCES = "The references are known to: {said}. Errors below twice that are not looked for."
-ORDERS = "sudden", "coupled", "silicone"  # motions of the picture of orders
 
 
 def best(rows: Iterable[Row], target: float, cost: Callable[[Row], float | None] = lambda row: row.seconds) -> Row | None:
@@ -166,68 +159,3 @@ def _peers(rows: Sequence[Row], others: Sequence[Mapping[str, Any]]) -> str:
         lines.append((f"{one['peer']}, {one['space']}", f"{one['elements']}", f"{one['step_ms']:g}", _percent(one["error"]),
                       _ms(one["best_cpu_s"]), *said))
     return table(("program", "elements", "step, ms", "error", "ms", "here, 3D: ms", "here, plane: ms"), lines, words=1)
-
-
-def pictures(rows: Sequence[Row], curves: Mapping[str, Errors], known: Mapping[str, Reference],
-             others: Sequence[Mapping[str, Any]], folder: Path) -> None:
-    """accuracy.png: error over CPU time, a panel a motion; orders.png: errors of meshes and steps. None without matplotlib."""
-    try:
-        _work(rows, known, others, folder / "accuracy.png")
-        _orders(curves, folder / "orders.png")
-    except ImportError:
-        print("matplotlib is not installed (extra 'plot'): no pictures", file=sys.stderr)
-
-
-def _work(rows: Sequence[Row], known: Mapping[str, Reference], others: Sequence[Mapping[str, Any]], path: Path) -> None:
-    motions = [motion for motion in MOTIONS if any(row.motion == motion.name for row in rows)]
-    columns = min(3, len(motions))
-    panels = grid(-(-len(motions) // columns), columns, (5.2 * columns, 4.2 * -(-len(motions) // columns)))
-    for axis in panels[len(motions):]:
-        axis.set_visible(False)
-    for axis, motion in zip(panels, motions, strict=False):
-        own = [row for row in rows if row.motion == motion.name and row.error is not None]
-        for element, (mark, colour) in MARKS.items():
-            for method, line in LOOKS.items():
-                points = sorted((row.seconds, row.error) for row in own
-                                if (row.element, row.method) == (element, method) and row.seconds is not None)
-                if points:
-                    axis.plot(*zip(*points, strict=True), line, marker=mark, color=colour, ms=4, lw=1.2, mfc="white")
-        points = [(row.seconds, row.error) for row in own if row.element in FORMS]
-        axis.plot(*(zip(*points, strict=True) if points else ((), ())), "x", color="0.4", ms=5)
-        for k, one in enumerate(dict.fromkeys(one["peer"] for one in others if motion.name.startswith("sudden"))):
-            points = sorted((row["best_cpu_s"], row["error"]) for row in others if row["peer"] == one and row["error"] < 1)
-            axis.plot(*zip(*points, strict=True), marker="*Pd"[k % 3], color="k", ms=7, lw=0.8, label=one)
-        limit = known[motion.reference].agreement
-        if own and limit > 0.1 * min(row.error for row in own):  # what the reference is known to
-            axis.axhline(limit, color="0.7", lw=0.8, ls=":")
-        axis.set(xscale="log", yscale="log", title=f"{motion.name} ({motion.kind})", xlabel="CPU time / s",
-                 ylabel="relative error of the tip")
-        if axis.get_legend_handles_labels()[0]:
-            axis.legend(fontsize=7, frameon=False, loc="lower left")
-    for element, (mark, colour) in MARKS.items():
-        panels[0].plot([], [], marker=mark, color=colour, ms=4, lw=1.2, mfc="white", label=element)
-    for method, line in LOOKS.items():
-        panels[0].plot([], [], line, color="0.3", lw=1.2, label=method)
-    panels[0].plot([], [], "x", color="0.4", ms=5, label="explicit")
-    panels[0].legend(fontsize=7, frameon=False, ncols=2, loc="lower left")
-    save(panels[0], path)
-
-
-def _orders(curves: Mapping[str, Errors], path: Path) -> None:
-    shown = [name for name in ORDERS if name in curves] or list(curves)[:1]
-    panels = grid(2, len(shown), (4.6 * len(shown), 7.2))
-    for k, name in enumerate(shown):
-        space, steps = panels[k], panels[len(shown) + k]
-        for element, of in curves[name].space.items():
-            mark, colour = MARKS[element]
-            points = [(one.cost, one.error) for one in of]
-            space.plot(*zip(*points, strict=True), marker=mark, color=colour, ms=4, lw=1.2, mfc="white", label=element)
-        for method, of in curves[name].time.items():
-            points = [(one.cost * 20, one.error) for one in of if one.error < 1]
-            if points:
-                steps.plot(*zip(*points, strict=True), LOOKS[method], marker=".", lw=1.2, label=method)
-        space.set(xscale="log", yscale="log", title=name, xlabel="nodes", ylabel="error of the mesh")
-        steps.set(xscale="log", yscale="log", xlabel="CPU s, 16 elements", ylabel="error of the steps")
-        space.legend(fontsize=7, frameon=False)
-        steps.legend(fontsize=7, frameon=False)
-    save(panels[0], path)

@@ -6,6 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from torch import Tensor
+
+from ...dynamics.simulate import simulate
+from ...state.solution import Solution
 from .motions import INTERVALS, Motion
 
 METHODS = "midpoint", "midpoint4", "generalized_alpha", "adaptive"
@@ -43,6 +47,11 @@ class Setting:
         if self.method == "adaptive":
             return OUTPUTS
         return max(d for d in range(1, OUTPUTS + 1) if math.gcd(int(self.fineness), INTERVALS) % d == 0)
+
+    def run(self, motion: Motion, count: int | None = None, by: Tensor | None = None, flat: bool = False) -> Solution:
+        """The motion, with so many output intervals (None = `instants`); by, flat: see `Motion.scene`."""
+        return simulate(motion.scene(self.element, self.elements, by, flat), motion.instants(count or self.instants()),
+                        **self.options(motion))
 
     def fineness_text(self) -> str:
         return f"rtol {self.fineness:.0e}".replace("e-0", "e-") if self.method == "adaptive" else f"{self.fineness:g} steps"

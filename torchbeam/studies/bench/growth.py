@@ -29,8 +29,9 @@ def rows(quick: bool) -> Iterator[Row]:
                                 elements=now["elements"], step_ms=1e3 * STEP, batch=now["batch"])
                 seconds.append(row.best)
                 yield row
-            yield Row.of(PART, f"exponent of {what}", exponent(sizes, seconds), "", engine="compiled", space=space)
-            progress(f"{space}: time grows with {what} to the power {exponent(sizes, seconds):.2f}")
+            power = exponent(sizes, seconds)
+            yield Row.of(PART, f"exponent of {what}", power, "", engine="compiled", space=space)
+            progress(f"{space}: time grows with {what} to the power {power:.2f}")
 
 
 def _run(case: Case, space: str, elements: int, batch: int, steps: int) -> Callable[[], None]:

@@ -14,7 +14,7 @@ from ...state.state import rest
 from ..common_case import KINDS, SPACES, Case, motion
 from .measurement import CPU, WALL, Row, progress, thread_counts, timed
 
-PART, DURATION = "throughput", 2.0  # s
+PART = "throughput"
 BOUNDS = {"3D": 0.01, "plane": 0.007}  # errors that a setting may have
 BATCHES = {"3D": (1, 256), "plane": (1, 256, 1024)}
 SHARES = {"compiled": 1, "eager": 20}  # one part in so many of the case is timed
