@@ -1,7 +1,7 @@
 """The batched model `theta (N, p) -> y (N, T)` with another library's least squares: `scipy.optimize.least_squares`.
 
 Whatever `tb.identify` takes, others take too. scipy asks for residuals of one theta and for their Jacobian: the first is a
-batch of one, the second a batch of 2 p + 1 central differences, in one call of the compiled engine. EI and mass per length of
+batch of one, the second a batch of 2 p for central differences, in one call of the compiled engine. EI and mass per length of
 a strip are found from its tip's motion after a sudden load, with noise of 0.2 mm, by both, to the same minimum; scipy's
 Jacobian there gives the same covariance. `pip install torchbeam[control]` has scipy.
 """

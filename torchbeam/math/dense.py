@@ -31,6 +31,17 @@ def inverse_unchecked(A: Tensor) -> Tensor:
     return _by_sample(lambda A: torch.linalg.inv_ex(A)[0], A)
 
 
+def positive_inverse(A: Tensor) -> tuple[Tensor, Tensor]:
+    """A^-1 (..., n, n) and ln det A (...) of symmetric matrices without negative eigenvalues, by eigenvalues with the diagonal
+    scaled to one; of one that is singular to rounding, the largest meaningful inverse.
+    """
+    size = A.diagonal(dim1=-2, dim2=-1).clamp(min=torch.finfo(A.dtype).tiny).rsqrt()
+    values, vectors = torch.linalg.eigh(size[..., :, None] * A * size[..., None, :])
+    values = values.clamp(min=torch.finfo(A.dtype).eps * values.amax(-1, keepdim=True))
+    inverse = size[..., :, None] * (vectors / values[..., None, :] @ vectors.mT) * size[..., None, :]
+    return inverse, values.log().sum(-1) - 2 * size.log().sum(-1)
+
+
 def _by_sample(function: Callable[..., Tensor], *matrices: Tensor) -> Tensor:
     batch = broadcast_shapes(*(x.shape[:-2] for x in matrices))
     if matrices[0].shape[-1] < LARGE or batch.numel() < 2 or matrices[0].device.type != "cpu":

@@ -9,6 +9,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from ..math.dense import solve_unchecked
 from .region import Region
 
 CONVERGED, UNFINISHED, STUCK = 0, 1, 2
@@ -72,7 +73,9 @@ def search(problem: LeastSquares, x: Tensor, region: Region, iterations: int, to
 
 
 class _Search:
-    """State of a search: x, r, J of all starts, damping, status; which J are those of x (`fresh`), and not rough (`exact`)."""
+    """State of a search: x, r, J of all starts, damping, status; which J were found at x (`fresh`), and not roughly
+    (`exact`); of these, which were not finite, and are those of a place before (`lacking`).
+    """
 
     def __init__(self, problem: LeastSquares, x: Tensor, region: Region, tolerance: float,
                  known: tuple[Tensor, Tensor] | None, follow: int | None, negligible: float) -> None:
@@ -81,7 +84,7 @@ class _Search:
         S = len(x)
         self.status = torch.full((S,), UNFINISHED, device=x.device)
         self.fresh = torch.ones(S, dtype=torch.bool, device=x.device)
-        self.exact = self.fresh.clone()
+        self.exact, self.lacking = self.fresh.clone(), ~self.fresh
         if known is None:
             self.r, self.J = self._at_starts(len(x) if follow is None else min(follow, len(x)))
         else:
@@ -149,7 +152,7 @@ class _Search:
         self.exact[active] = exact | at_once
         done, again = done & sure, (done | ~lower) & ~sure
         more = torch.where(lower, damping / 10, torch.where(again, damping, damping * 10))
-        stuck = (done & blocked) | (~done & (more > LARGEST))
+        stuck = (done & (blocked | self.lacking[active])) | (~done & (more > LARGEST))
         self.damping[active], self.blocked[active] = more, blocked
         self.status[active] = torch.where(stuck, STUCK, torch.where(done, CONVERGED, UNFINISHED))
         if self.carry:
@@ -167,7 +170,7 @@ class _Search:
         A = A * (free[:, None] & free[..., None]) + torch.diag_embed(held.to(A))
         eps, tiny = torch.finfo(x.dtype).eps, torch.finfo(x.dtype).tiny
         damped = A + torch.diag_embed(damping + eps * A.diagonal(dim1=-2, dim2=-1) + tiny)
-        return -torch.linalg.solve_ex(damped, (gradient * free)[..., None])[0][..., 0]
+        return -solve_unchecked(damped, (gradient * free)[..., None])[..., 0]
 
     def _settled(self, x: Tensor, moved: Tensor, before: Tensor, after: Tensor, lower: Tensor) -> Tensor:
         """Whether the step is small, or what it gains."""
@@ -176,7 +179,7 @@ class _Search:
         return small | ((before - after <= self.tolerance**2 * before) & lower)
 
     def _refresh(self, which: Tensor, rough: bool = False) -> None:
-        """Derivatives anew."""
+        """Derivatives anew. Where they are not finite the old ones stay, by which no start converges."""
         if not len(which):
             return
         _, J = self._tried(lambda a, b: self.problem.linearised(a, b, self.r[b], rough), self.x[which], which,
@@ -184,6 +187,7 @@ class _Search:
         good = torch.isfinite(J).flatten(1).all(-1)
         self.J[which] = torch.where(good[:, None, None], J, self.J[which])
         self.fresh[which], self.exact[which] = True, not rough
+        self.lacking[which] = ~good if self.carry or not rough else False
 
     def _at_starts(self, follow: int) -> tuple[Tensor, Tensor]:
         """r and J at the starts that are followed; of those that fail infinite misfits, with the status FAILED. Where all fail,
@@ -192,61 +196,48 @@ class _Search:
         S, (x, p) = len(self.x), (self.x, self.x.shape[1])
         every, phi = torch.arange(S, device=x.device), self.problem.prior(x)[0]
         if follow < S:
-            (r,) = self._some_starts(lambda a, b: (self.problem.residuals(a, b),), every)
+            (r,) = self._tried(lambda a, b: (self.problem.residuals(a, b),), x, every)
             total = torch.where(torch.isfinite(r).all(-1), r.square().sum(-1) + 2 * phi, torch.inf).nan_to_num(nan=torch.inf)
             some = total.argsort()[:follow].sort().values
             self.status = torch.where(torch.isin(every, some), UNFINISHED, LEFT)
             J = torch.zeros(S, r.shape[1], p, dtype=r.dtype, device=r.device)
-            J[some] = self._some_starts(lambda a, b: self.problem.linearised(a, b, r[b])[1:], some)[0]
+            J[some] = self._tried(lambda a, b: self.problem.linearised(a, b, r[b])[1:], x[some], some)[0]
         else:
-            r, J = self._some_starts(self.problem.linearised, every)
+            r, J = self._tried(self.problem.linearised, x, every)
         good = torch.isfinite(r).all(-1) & torch.isfinite(J).flatten(1).all(-1) & torch.isfinite(phi)
         if not good.any():
             raise ValueError(f"a start (0 of {S}) at which the model is not finite was given; another is wanted")
         self.status = torch.where(good, self.status, FAILED)
         return torch.where(good[:, None], r, torch.inf), torch.where(good[:, None, None], J, 0)
 
-    def _some_starts(self, evaluate: Callable, which: Tensor) -> tuple[Tensor, ...]:
-        """What the starts give; NaN of those at which the model raises; the error where it does at all."""
-        found: dict[int, tuple[Tensor, ...]] = {}
+    def _tried(self, evaluate: Callable, x: Tensor, which: Tensor, like: tuple[Tensor, ...] | None = None
+               ) -> tuple[Tensor, ...]:
+        """What the model gives; NaN of a start at which it raises, and what it said goes into `raised`. Where it raises at all
+        starts, NaN `like` these or, without them, the first error.
+        """
         errors: list[Exception] = []
-
-        def look(some: Tensor) -> None:
-            try:
-                given = evaluate(self.x[some], some)
-            except OtherShape:
-                raise
-            except Exception as error:  # whatever a user's model raises
-                if len(which) == 1:
-                    raise
-                if len(some) == 1:
-                    errors.append(error)
-                    return
-                for half in some.tensor_split(2):
-                    look(half)
-            else:
-                found.update({k: tuple(part[i] for part in given) for i, k in enumerate(some.tolist())})
-
-        look(which)
-        if not found:
+        parts = _parts(evaluate, x, which, errors)
+        like = next((part for part in parts if part is not None), like)
+        if like is None:
             raise errors[0]
         self.raised += [str(error) or type(error).__name__ for error in errors]
-        none = tuple(torch.full_like(v, torch.nan) for v in next(iter(found.values())))
-        rows = [found.get(k, none) for k in which.tolist()]
-        return tuple(torch.stack(part) for part in zip(*rows, strict=True))
+        errors.clear()  # they hold the model's tensors, by the frames that they came through
+        none = tuple(torch.full_like(v[:1], torch.nan) for v in like)
+        return tuple(torch.cat(some) for some in zip(*(none if part is None else part for part in parts), strict=True))
 
-    def _tried(self, evaluate: Callable, x: Tensor, which: Tensor, like: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
-        """What a trial gives; NaN of a start at which the model raises, and what it said goes into `raised`."""
-        try:
-            return evaluate(x, which)
-        except OtherShape:
-            raise
-        except Exception as error:  # whatever a user's model raises
-            if len(x) == 1:
-                self.raised.append(str(error) or type(error).__name__)
-                return tuple(torch.full_like(k[:1], torch.nan) for k in like)
-        parts = [self._tried(evaluate, a, b, like) for a, b in zip(x.tensor_split(2), which.tensor_split(2), strict=True)]
-        return tuple(torch.cat(some) for some in zip(*parts, strict=True))
+
+def _parts(evaluate: Callable, x: Tensor, which: Tensor, errors: list[Exception]) -> list[tuple[Tensor, ...] | None]:
+    """What the model gives at all starts, or at parts of them, halved until one start is left of those that raise: None."""
+    try:
+        return [evaluate(x, which)]
+    except OtherShape:
+        raise
+    except Exception as error:  # whatever a user's model raises
+        if len(x) == 1:
+            errors.append(error)
+            return [None]
+    return [part for half in zip(x.tensor_split(2), which.tensor_split(2), strict=True)
+            for part in _parts(evaluate, *half, errors)]
 
 
 def _carried(J: Tensor, r: Tensor, r_trial: Tensor, step: Tensor, region: Region) -> Tensor:

@@ -30,7 +30,6 @@ from ..scene.scene import Scene
 from ..scene.section import Section
 from ..sensors.observe import observe
 from ..solvers.least_squares import Found, search
-from ..solvers.region import Region
 from ..state.solution import Solution
 from ..statics.equilibrium import equilibrium
 
@@ -167,11 +166,10 @@ def identified(case: Case, records: Sequence[dict[str, Measurement]], random: to
     one = identify(models, records[0], log, absolute_sigma=case.absolute_sigma).problem
     problems = [one.with_data([m.values for m in record.values()]) for record in records]
     together = one.with_targets(torch.cat([p.target for p in problems]))
-    parameters = one.parameters
     factor = 1.5 ** (2 * torch.rand(len(records), len(TRUE), generator=random, dtype=torch.float64) - 1)
-    x = parameters.x.repeat(len(records), 1)
+    x = one.parameters.x.repeat(len(records), 1)
     x[:, :len(TRUE)] += factor.log()
-    region = Region(x, parameters.size, parameters.transform.additive, *parameters.bounds(x), together.target)
+    region = together.region(x)
     with torch.no_grad():
         found = search(together, x, region, 50, 1e-6)
         if case.refined:

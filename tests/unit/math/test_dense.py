@@ -7,7 +7,7 @@ import sys
 import pytest
 import torch
 
-from torchbeam.math.dense import LARGE, inverse_unchecked, solve, solve_unchecked
+from torchbeam.math.dense import LARGE, inverse_unchecked, positive_inverse, solve, solve_unchecked
 
 ON_TWO_THREADS = """
 import torch
@@ -46,3 +46,16 @@ def test_a_singular_sample_harms_no_neighbour():
         assert (found[[0, 2]] == 1).all() and not torch.isfinite(found[1]).all()
     with pytest.raises(torch.linalg.LinAlgError):
         solve(A, torch.ones(LARGE, 1))
+
+
+def test_inverses_of_positive_matrices():
+    """A batch whose rows differ in size by 1e8, and its determinants; a singular matrix has a huge inverse."""
+    torch.manual_seed(2)
+    B, size = torch.randn(3, 4, 4), torch.tensor([1.0, 1e-4, 1e4, 1.0])
+    A = size[:, None] * (B @ B.mT + torch.eye(4)) * size
+    inverse, log_det = positive_inverse(A)
+    unit = size[:, None] * inverse * size
+    torch.testing.assert_close(unit, torch.linalg.inv(B @ B.mT + torch.eye(4)), rtol=1e-10, atol=1e-12)
+    torch.testing.assert_close(log_det, torch.linalg.slogdet(A)[1], rtol=1e-10, atol=1e-12)
+    singular, _ = positive_inverse(torch.ones(2, 2))
+    assert torch.isfinite(singular).all() and (singular.diagonal() > 1e14).all()

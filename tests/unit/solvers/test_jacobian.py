@@ -48,8 +48,8 @@ def test_at_bounds_and_beside_what_is_not_finite():
         assert (x[:, 0] <= 1.5).all()
         return torch.where((x[:, 1] > 2)[:, None], torch.nan, f(x))
 
+    _, J = difference(walled, X[:1], SIZE[:1], torch.full((1, 2), -math.inf), largest[:1])
+    assert_close(J, EXACT[:1], rtol=0, atol=5e-4)
     for central in (True, False):
-        _, J = difference(walled, X[:1], SIZE[:1], torch.full((1, 2), -math.inf), largest[:1], central=True)
-        assert_close(J, EXACT[:1], rtol=0, atol=5e-4)
         _, J = difference(walled, X[1:], SIZE[1:], torch.full((1, 2), -math.inf), largest[1:], central=central)
         assert_close(J, EXACT[1:], rtol=0, atol=5e-4)

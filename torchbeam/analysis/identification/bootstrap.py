@@ -9,7 +9,6 @@ from torch import Tensor
 
 from ...core.arguments import count
 from ...solvers.least_squares import CONVERGED, search
-from ...solvers.region import Region
 from . import student
 from .problem import Problem
 from .transform import Transform
@@ -56,10 +55,9 @@ def bootstrap(problem: Problem, x: Tensor, scale: float, repeats: int, seed: int
         random = torch.Generator(device=x.device).manual_seed(seed)
         noise = scale * torch.randn(repeats, r.shape[1], generator=random, dtype=x.dtype, device=x.device)
         repeated = problem.with_targets(exact + noise)
-        parameters = problem.parameters
-        region = Region(starts, parameters.size, parameters.transform.additive, *parameters.bounds(starts), repeated.target)
-        found = search(repeated, starts, region, ITERATIONS, TOLERANCE, known=(-noise, J.expand(repeats, -1, -1)),
-                       negligible=NEGLIGIBLE * scale**2)
+        found = search(repeated, starts, repeated.region(starts), ITERATIONS, TOLERANCE,
+                       known=(-noise, J.expand(repeats, -1, -1)), negligible=NEGLIGIBLE * scale**2)
         squares = found.r.square().sum(-1) / max(r.shape[1] - len(x), 1)
         own = torch.ones_like(squares) if problem.sigma_given else squares.sqrt() / scale
-    return Bootstrap(parameters.transform.theta(found.x), found.status, found.x, x, own, parameters.transform)
+    transform = problem.parameters.transform
+    return Bootstrap(transform.theta(found.x), found.status, found.x, x, own, transform)

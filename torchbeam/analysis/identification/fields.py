@@ -13,7 +13,7 @@ from ...core.arguments import choice, count, instance, number
 from ...core.validation import as_tensor
 from .fit import Fit
 from .identify import identify
-from .measurement import Measurement
+from .measurement import Measurement, each, several, sigma_given
 from .parameter import Parameter
 from .regularization import CRITERIA, Linearised, Weighing, weigh
 from .smoothness import Smoothness
@@ -130,12 +130,10 @@ class _Task:
                              "sigma are wanted, whose noise is found")
         single = not isinstance(data, Mapping)
         measured = {SINGLE: data} if single else dict(data)
-        measured = {name: [Measurement.of(one, None) for one in given] if _several(given) else Measurement.of(given, None)
+        measured = {name: [Measurement.of(one, None) for one in given] if several(given) else Measurement.of(given, None)
                     for name, given in measured.items()}
         models = dict(model) if isinstance(model, Mapping) else dict.fromkeys(measured, model)
-        known = {m.sigma is not None for given in measured.values() for m in _each(given)}
-        if len(known) > 1:
-            raise ValueError("measurements with sigma and without were given; all or none are wanted")
+        known = sigma_given(m for given in measured.values() for m in each(given))
         L, target, logs = {}, {}, {}
         for name, one in smoothness.items():
             if name not in start:
@@ -150,12 +148,12 @@ class _Task:
             target[name] = L[name] @ value if one.order == 0 else L[name].new_zeros(len(L[name]))
         factor = {name: rows.new_ones(len(rows)) for name, rows in L.items()}
         sharp = tuple(name for name, one in smoothness.items() if one.sharp)
-        return cls(models, measured, start, L, target, factor, sharp, logs, known == {True}, single, {**options, "log": log})
+        return cls(models, measured, start, L, target, factor, sharp, logs, known, single, {**options, "log": log})
 
     @property
     def noise(self) -> float:
         """First deviation of the data; 1 where theirs are given."""
-        values = torch.cat([m.values.flatten() for given in self.measured.values() for m in _each(given)])
+        values = torch.cat([m.values.flatten() for given in self.measured.values() for m in each(given)])
         return 1.0 if self.known else NOISE * values[~values.isnan()].square().mean().sqrt().item() or 1.0
 
     def checked(self, weight: Mapping[str, float]) -> Tensor:
@@ -238,11 +236,3 @@ class _Task:
 
 def _rows_of(name: str, L: Tensor, log: bool) -> Any:
     return lambda theta: (theta[name].log() if log else theta[name]) @ L.mT
-
-
-def _several(given: Any) -> bool:
-    return isinstance(given, (list, tuple)) and any(isinstance(one, Measurement) for one in given)
-
-
-def _each(given: Any) -> list[Measurement]:
-    return given if isinstance(given, list) else [given]

@@ -17,7 +17,7 @@ from ...solvers.lbfgs import descend
 from ...solvers.least_squares import Found, search
 from ...solvers.region import Region
 from .fit import Fit
-from .measurement import Measurement
+from .measurement import Measurement, each
 from .parameters import Parameters
 from .problem import Model, Problem, experiments_of
 
@@ -75,18 +75,17 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     limit = count("iterations", iterations)
     step = STEP if relative_step is None else check_tolerance("relative_step", relative_step)
     experiments = experiments_of(model, data, sigma)
-    like = [m.values for e in experiments for m in e.measurements]
-    if not isinstance(start, Mapping) and not any(isinstance(d, Measurement) for d in _each(data)):
-        like = _each(data)
+    like = [d for given in (data.values() if isinstance(data, Mapping) else [data]) for d in each(given)]
+    if isinstance(start, Mapping) or any(isinstance(d, Measurement) for d in like):
+        like = [m.values for e in experiments for m in e.measurements]
     parameters = Parameters.of(start, log, bounds, names, [e.name for e in experiments if e.name is not None], like)
     if derivatives == "adjoint" and any(torch.isfinite(end).any() for end in parameters.bounds(parameters.x)):
         raise ValueError("bounds were given with derivatives = 'adjoint', which takes none but by the transform 'logit'; "
                          "'difference' and 'forward' do")
     parameters = parameters.more_starts(starts, spread, seed)
     problem = replace(Problem.of(experiments, parameters, boolean("absolute_sigma", absolute_sigma)), relative_step=step)
-    parameters = problem.parameters
-    x = parameters.x
-    region = Region(x, parameters.size, parameters.transform.additive, *parameters.bounds(x), problem.target)
+    x = problem.parameters.x
+    region = problem.region(x)
     with torch.no_grad():
         way = derivatives if derivatives in ("forward", "difference") else _chosen(problem, x)
         problem = replace(problem, method=way)
@@ -97,12 +96,6 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
                 most = count("follow", follow) if starts > 1 else None
                 found = search(problem, x, region, limit, tolerance, follow=most, progress=report)
         return Fit.of(problem, found, region, derivatives if derivatives == "adjoint" else way, tolerance)
-
-
-def _each(data: Any) -> list[Any]:
-    parts = list(data.values()) if isinstance(data, Mapping) else [data]
-    return [d for part in parts for d in (part if isinstance(part, (list, tuple)) and any(
-        isinstance(one, Measurement) for one in part) else [part])]
 
 
 def _chosen(problem: Problem, x: Tensor) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -138,3 +138,21 @@ class Measurement:
                 basis.append(one.reshape(values.shape))
                 names.append(f"{name} of {label}" if label else name)
         return tuple(names), torch.stack(basis) if basis else values.new_zeros(0, *values.shape)
+
+
+def several(data: Any) -> bool:
+    """Whether data of one experiment are a list of several, one of them a `Measurement` at least."""
+    return isinstance(data, (list, tuple)) and any(isinstance(one, Measurement) for one in data)
+
+
+def each(data: Any) -> list[Any]:
+    """Data of one experiment, one by one."""
+    return list(data) if several(data) else [data]
+
+
+def sigma_given(measurements: Iterable[Measurement]) -> bool:
+    """Whether they have sigma. Raises ValueError where some have and others have not."""
+    given = {m.sigma is not None for m in measurements}
+    if len(given) > 1:
+        raise ValueError("measurements with sigma and without were given; all or none are wanted")
+    return given == {True}

@@ -12,8 +12,9 @@ from torch import Tensor
 from ...core.validation import concrete
 from ...solvers.jacobian import difference, forward
 from ...solvers.least_squares import OtherShape
+from ...solvers.region import Region
 from ...state.solution import Solution
-from .measurement import Measurement
+from .measurement import Measurement, each, several, sigma_given
 from .parameters import Parameters
 
 Model = Callable[[Any], Any]  # theta -> y (N, ...), Solution, (y, status (N,)); or a tuple of y, one for each measurement
@@ -80,9 +81,7 @@ class Problem:
     def of(cls, experiments: Sequence[Experiment], parameters: Parameters, absolute_sigma: bool = True) -> Problem:
         """From experiments and the parameters of their models; those of their measurements are added."""
         every = [(e, m) for e in experiments for m in e.measurements]
-        given = {m.sigma is not None for _, m in every}
-        if len(given) > 1:
-            raise ValueError("measurements with sigma and without were given; all or none are wanted")
+        scaled = sigma_given(m for _, m in every) and absolute_sigma
         values = torch.cat([m.values.flatten() for _, m in every])
         known = ~values.isnan()
         weight = torch.cat([(torch.ones_like(m.values) if m.sigma is None else 1 / m.sigma).flatten() for _, m in every])
@@ -97,7 +96,6 @@ class Problem:
         numbers, p = int(known.sum()), len(parameters.names)
         if numbers + sum(e.size for e in parameters.priors) < p:
             raise ValueError(f"{numbers} data were given for {p} parameters; at least as many are wanted, or priors")
-        scaled = given == {True} and absolute_sigma
         if parameters.priors and not scaled:
             raise ValueError("priors were given with data without an absolute sigma, against which they are weighed; one is "
                              "wanted")
@@ -137,6 +135,11 @@ class Problem:
         if len(self.basis):
             J = torch.cat((J, self.basis.mT.expand(len(x), -1, -1)), -1)
         return y + besides, J
+
+    def region(self, x: Tensor) -> Region:
+        """Where a search may move from coordinates (S, p)."""
+        parameters = self.parameters
+        return Region(x, parameters.size, parameters.transform.additive, *parameters.bounds(x), self.target)
 
     def steps(self, x: Tensor) -> Tensor:
         """Changes (N, p) by which derivatives are found."""
@@ -242,6 +245,4 @@ def experiments_of(model: Any, data: Any, sigma: Any) -> tuple[Experiment, ...]:
 def _experiment(name: str | None, model: Any, data: Any, sigma: Any) -> Experiment:
     if not callable(model):
         raise ValueError(f"a model of type {type(model).__name__} was given; a function of theta is wanted")
-    several = isinstance(data, (list, tuple)) and any(isinstance(d, Measurement) for d in data)
-    measurements = [Measurement.of(d, sigma) for d in (data if several else [data])]
-    return Experiment(name, model, tuple(measurements), not several)
+    return Experiment(name, model, tuple(Measurement.of(d, sigma) for d in each(data)), not several(data))

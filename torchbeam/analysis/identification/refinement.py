@@ -26,12 +26,11 @@ def refined(problem: Problem, model: Any, x: Tensor, J: Tensor, scale: float) ->
                          f"{', '.join(str(e.name) for e in problem.experiments)} are wanted")
     finer = replace(problem, experiments=tuple(
         replace(e, model=model[e.name] if isinstance(model, Mapping) else model) for e in problem.experiments))
-    parameters, every, way = problem.parameters, torch.arange(len(x), device=x.device), [x]
+    every, way = torch.arange(len(x), device=x.device), [x]
     last, done = torch.full_like(x[:, 0], torch.inf), torch.zeros_like(every, dtype=torch.bool)
     failed = done.clone()
     with torch.no_grad():
-        least, largest = parameters.bounds(x)
-        region = Region(x, parameters.size, parameters.transform.additive, least, largest, problem.target)
+        region = problem.region(x)
         for k in range(STEPS):
             r, (_, slope, bend) = finer.residuals(way[-1], every), finer.prior(way[-1])
             if k == AGAIN:  # derivatives from where the finer model is going: deviations follow them
@@ -47,8 +46,6 @@ def refined(problem: Problem, model: Any, x: Tensor, J: Tensor, scale: float) ->
                 break
             last = length
             way.append(torch.where((done | failed)[:, None], way[-1],
-                                   torch.maximum(torch.minimum(way[-1] + step, largest), least)))
-    at = way[-1]
-    region = Region(at, parameters.size, parameters.transform.additive, *parameters.bounds(at), problem.target)
+                                   torch.maximum(torch.minimum(way[-1] + step, region.largest), region.least)))
     status = torch.where(done & ~failed, CONVERGED, FAILED)
-    return finer, Found(at, r, J, status, torch.stack(way)), region
+    return finer, Found(way[-1], r, J, status, torch.stack(way)), problem.region(way[-1])

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ...math.dense import positive_inverse
+
 CRITERIA = ("evidence", "gcv", "lcurve")
 DECADES = (-12.0, 4.0)  # of a weight, about that at which smoothness counts as much as the data
 EACH = 8  # weights a decade
@@ -40,10 +42,7 @@ class Linearised:
             weight.unbind(-1), self.L, strict=True))
         towards = -(self.J.mT @ self.r) - self.pull - sum(w[..., None] * (L.mT @ (L @ self.x - c)) for w, L, c in zip(
             weight.unbind(-1), self.L, self.target, strict=True))
-        size = A.diagonal(dim1=-2, dim2=-1).clamp(min=torch.finfo(A.dtype).tiny).rsqrt()
-        values, vectors = torch.linalg.eigh(size[..., :, None] * A * size[..., None, :])
-        values = values.clamp(min=torch.finfo(A.dtype).eps * values.amax(-1, keepdim=True))
-        inverse = size[..., :, None] * (vectors / values[..., None, :] @ vectors.mT) * size[..., None, :]
+        inverse, log_det = positive_inverse(A)
         step = (inverse @ towards[..., None])[..., 0]
         misfit = (self.r + step @ self.J.mT).square().sum(-1)
         rough = torch.stack([((self.x + step) @ L.mT - c).square().sum(-1) for L, c in zip(self.L, self.target, strict=True)],
@@ -52,7 +51,7 @@ class Linearised:
         normal = self.other > 0
         over = torch.where(normal, self.other, 1)
         apart = torch.where(normal, self.other * (step + self.pull / over).square(), 2 * self.pull * step).sum(-1)
-        return Solved(misfit, rough, apart, told, values.log().sum(-1) - 2 * size.log().sum(-1))
+        return Solved(misfit, rough, apart, told, log_det)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...math.dense import positive_inverse
 from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED, Found
 from ...solvers.region import Region
 from .hints import bound_hints, fit_hints, unit_hints
@@ -48,7 +49,7 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
     best = int(total.argmin())
     freedom = torch.inf if problem.sigma_given else float(max(numbers - p, 1))
     scale = 1.0 if problem.sigma_given else squares[best] / freedom
-    x_covariance = scale * _inverse(J[best].mT @ J[best] + torch.diag(bend[best]))
+    x_covariance = scale * positive_inverse(J[best].mT @ J[best] + torch.diag(bend[best]))[0]
     slope = T.slope(x[best])
     told = ~open_[best]
     seen = J[best][:, told]
@@ -115,10 +116,3 @@ def _as_given(readings: tuple[Readings, ...], problem: Problem) -> Any:
         own = tuple(next(rest).y for _ in e.measurements)
         parts[e.name] = own[0] if e.single else own
     return parts[None] if None in parts else parts
-
-
-def _inverse(A: Tensor) -> Tensor:
-    """Of a symmetric matrix without negative eigenvalues; where it is singular to rounding, its largest meaningful one."""
-    size = A.diagonal().clamp(min=torch.finfo(A.dtype).tiny).rsqrt()
-    values, vectors = torch.linalg.eigh(size[:, None] * A * size)
-    return size[:, None] * (vectors / values.clamp(min=torch.finfo(A.dtype).eps * values.amax()) @ vectors.mT) * size

@@ -1,0 +1,120 @@
+"""Intervals: Student's quantiles, covariance, profile likelihood, bootstrap."""
+
+import math
+
+import pytest
+import torch
+from torch.distributions import Normal
+from torch.testing import assert_close
+from wave_cases import CLEAN, NOISE, T, wave
+
+import torchbeam as tb
+from torchbeam.analysis.identification import profile, student
+
+
+@pytest.mark.parametrize("freedom, wanted", [(1, 12.7062047), (5, 2.57058184), (30, 2.04227246), (math.inf, 1.95996398)])
+def test_quantiles_of_student(freedom, wanted):
+    """Those of tables, to their last digit."""
+    assert_close(student.quantile(0.975, freedom), wanted, rtol=1e-8, atol=0)
+    assert_close(student.quantile(0.025, freedom), -wanted, rtol=1e-8, atol=0)
+
+
+def test_intervals_of_a_linear_model():
+    """All three are theta +- t deviation; the bootstrap's to what 4,000 repeats know (a quantile to 3 %)."""
+    X = torch.stack((torch.ones_like(T[:8]), T[:8]), -1)
+    data = X @ torch.tensor([1.0, -0.5]) + NOISE[:8]
+    fit = tb.identify(lambda theta: theta @ X.T, data, (0.5, 0.5))
+    t = student.quantile(0.95, 6)
+    exact = torch.stack((fit.theta - t * fit.deviation, fit.theta + t * fit.deviation), -1)
+    assert fit.freedom == 6
+    assert_close(fit.interval(0.9), exact, rtol=1e-6, atol=0)
+    assert_close(fit.interval(0.9, "profile"), exact, rtol=1e-3, atol=1e-4)
+    off = (fit.interval(0.9, "bootstrap", repeats=4000) - exact).abs() / fit.deviation[:, None]
+    assert off.max() < 0.15
+
+
+def test_profile_of_a_nonlinear_model():
+    """sigma known: the ends are where the least chi^2 rises by z^2, which a search by hand over b finds."""
+    data = CLEAN + 10 * NOISE
+    fit = tb.identify(wave, data, {"a": tb.Parameter(1.0, "log"), "b": tb.Parameter(1.0, "log")}, sigma=0.5)
+
+    def least(b):
+        shape = torch.exp(-b * T)
+        return ((shape * (shape @ data) / (shape @ shape) - data) / 0.5).square().sum().item()
+
+    bottom, ends = least(fit["b"]), []
+    for side in (-1, 1):
+        near, far = fit["b"].item(), fit["b"].item() * 4.0**side
+        for _ in range(60):
+            middle = (near + far) / 2
+            near, far = (middle, far) if least(torch.tensor(middle)) - bottom < 1.959964**2 else (near, middle)
+        ends.append(near)
+    found = fit.interval(0.95, "profile")[1]
+    assert_close(found, torch.tensor(ends), rtol=5e-3, atol=0)
+    (one,) = fit.profile("b")
+    assert_close(one.interval, found)
+    middle = (one.values - fit["b"]).abs().argmin()
+    assert one.rise[middle] == 0 and (one.rise[1:middle + 1] < one.rise[:middle]).all() and (one.values.diff() > 0).all()
+    assert_close(one.rise, torch.tensor([least(b) - bottom for b in one.values]), rtol=1e-3, atol=1e-6)
+
+
+def test_a_profile_of_fits_that_are_cut_short(monkeypatch):
+    """Held fits of one iteration, from the ridge that the covariance says, are a little high; the interval stays to 10 %."""
+    fit = tb.identify(wave, CLEAN + NOISE, {"a": 1.0, "b": tb.Parameter(1.0, "log")})
+    whole = fit.interval(method="profile")
+    monkeypatch.setattr(profile, "ITERATIONS", 1)
+    width = (whole[:, 1] - whole[:, 0])[:, None]
+    assert ((fit.interval(method="profile") - whole).abs() < 0.1 * width).all()
+
+
+def test_what_is_not_told_has_no_interval():
+    """The whole of what a parameter can be; others keep theirs."""
+    def model(theta):
+        return (theta["a"] * theta["b"])[:, None] * T + theta["c"][:, None]
+
+    log = tb.Parameter(1.0, "log")
+    start = {"a": log, "b": tb.Parameter(1.5, "log", bounds=(0.1, 9.0)), "c": 0.0}
+    fit = tb.identify(model, 2 * T + 1 + 0.01 * NOISE, start)
+    assert fit.status == 3 and fit.open.tolist() == [True, True, False]
+    low, high = fit.interval().unbind(-1)
+    assert low[0] == 0 and high[0] == math.inf
+    assert_close(torch.stack((low[1], high[1])), torch.tensor([0.1, 9.0]))
+    assert low[2] < 1 < high[2] and high[2] - low[2] < 0.01
+    assert "not told by the data" in fit.summary()
+
+
+def test_the_bootstrap_scatters_as_the_covariance():
+    """One batch of repeats, few evaluations each; deviations those of the covariance to 10 %."""
+    sizes = []
+
+    def model(theta):
+        sizes.append(len(theta["a"]))
+        return wave(theta)
+
+    fit = tb.identify(model, CLEAN + NOISE, {"a": 1.0, "b": 1.0}, sigma=0.05)
+    sizes.clear()
+    found = fit.bootstrap(800)
+    assert (found.status == 0).all() and sum(sizes) < 800 * 15
+    assert_close(found.theta.std(0), fit.deviation, rtol=0.1, atol=0)
+    again = fit.bootstrap(800)
+    assert_close(found.theta, again.theta)
+
+
+def test_as_many_parameters_as_data():
+    """No sigma, and nothing left to know it by: a hint says so, and profile and bootstrap are refused."""
+    fit = tb.identify(lambda theta: wave(theta)[:, :2], CLEAN[:2], {"a": 1.0, "b": 1.0})
+    assert any("as many parameters as data" in hint for hint in fit.hints)
+    assert not tb.identify(lambda theta: wave(theta)[:, :2], CLEAN[:2], {"a": 1.0, "b": 1.0}, sigma=0.1).hints
+    for method in ("profile", "bootstrap"):
+        with pytest.raises(ValueError, match=f"a {method} of as many parameters as data"):
+            fit.interval(method=method)
+
+
+def test_bootstraps_that_are_refused():
+    """Of priors, whose spread repeated data would lack; levels that are none."""
+    with pytest.raises(ValueError, match="of a fit with priors"):
+        tb.identify(wave, CLEAN, {"a": 1.0, "b": tb.Parameter(1.0, prior=Normal(1.0, 0.1))}, sigma=0.1).bootstrap(50)
+    found = tb.identify(wave, CLEAN + NOISE, {"a": 1.0, "b": 1.0}).bootstrap(50)
+    for level in (0.0, 1.0):
+        with pytest.raises(ValueError, match="between 0 and 1 is wanted"):
+            found.interval(level)

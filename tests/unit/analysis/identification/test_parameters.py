@@ -1,0 +1,68 @@
+"""Parameters: by name, of any shape, their coordinates and bounds, drawn starts."""
+
+import math
+
+import torch
+from torch.testing import assert_close
+from wave_cases import CLEAN, T, wave
+
+import torchbeam as tb
+
+
+def test_parameters_by_name():
+    """Numbers and tensors of any shape, each with its own coordinate; `fit[name]` has its shape."""
+    def model(theta):
+        assert theta["c"].shape[1:] == (2, 3) and theta["a"].ndim == 1
+        return torch.cat((theta["c"].flatten(1), theta["a"][:, None] * theta["b"][:, None], theta["b"][:, None]), -1)
+
+    data = torch.tensor([1.0, -2, 3, -4, 5, 6, 2.0, 0.25])
+    start = {"a": tb.Parameter(1.0, "log"), "c": torch.zeros(2, 3), "b": tb.Parameter(0.5, "logit", bounds=(0, 1))}
+    fit = tb.identify(model, data, start)
+    assert fit.names == ("a", *(f"c[{i}]" for i in range(6)), "b") and fit.status == 0
+    assert_close(fit["c"], data[:6].reshape(2, 3), rtol=1e-6, atol=1e-9)
+    assert_close(torch.stack((fit["a"], fit["b"])), torch.tensor([8.0, 0.25]), rtol=1e-6, atol=0)
+    assert fit["c[1]"] == fit["c"][0, 1]
+
+
+def test_logit_stays_inside():
+    """Data that pull a parameter to its bound: it ran away to it, and nothing on the way is beyond."""
+    fit = tb.identify(wave, CLEAN, {"a": 1.0, "b": tb.Parameter(0.2, "logit", bounds=(0.0, 0.5))})
+    assert (fit.history[..., 1] < 0.5).all() and fit["b"] > 0.499
+    plain = tb.identify(wave, CLEAN, {"a": 1.0, "b": tb.Parameter(0.2, bounds=(0.0, 0.5))})
+    logarithm = tb.identify(wave, CLEAN, {"a": 1.0, "b": tb.Parameter(0.2, "log", bounds=(0.01, 0.5))})
+    for one in (plain, logarithm):
+        assert_close(one["b"].item(), 0.5, rtol=1e-12, atol=0)
+        assert "b is at its bound, 0.5" in one.message
+    assert_close(plain["a"], fit["a"], rtol=1e-2, atol=0)
+
+
+def test_a_bound_is_gone_along():
+    """With b held at its bound, a is the best for that b: linear least squares."""
+    fit = tb.identify(wave, CLEAN, {"a": 5.0, "b": tb.Parameter(0.2, bounds=(0.0, 0.5))})
+    shape = torch.exp(-0.5 * T)
+    assert_close(fit["a"], (shape @ CLEAN) / (shape @ shape), rtol=1e-6, atol=0)
+
+
+def test_starts_are_drawn():
+    """Within the factor, the first as given; of many, those that fit best are followed, and the others looked at once; finished
+    starts are not evaluated again.
+    """
+    sizes = []
+
+    def model(theta):
+        sizes.append(len(theta["b"]))
+        return wave(theta)
+
+    start = {"a": tb.Parameter(1.0, "log"), "b": tb.Parameter(1.0, "log")}
+    fit = tb.identify(model, CLEAN, start, starts=100, spread=5.0, follow=10)
+    first = fit.history[0]
+    assert first.shape == (100, 2) and (first[0] == 1).all() and first.min() >= 0.2 and first.max() <= 5.0
+    assert first.log().std(0).min() > 0.8 * math.log(5) / math.sqrt(3)  # evenly spread, in logarithms
+    assert (fit.statuses == 5).sum() == 90 and (fit.statuses == 0).sum() == 10
+    assert sum(sizes) < 100 + 10 * 5 * 20 and fit.misfits[fit.statuses == 5].min() >= fit.misfits[fit.statuses == 0].max()
+    assert_close(fit.starts[fit.statuses == 0], torch.tensor([2.0, 0.7]).expand(10, 2), rtol=1e-5, atol=0)
+
+
+def test_a_model_that_ignores_a_parameter():
+    fit = tb.identify(wave, CLEAN, {"a": 1.0, "b": 1.0, "c": tb.Parameter(2.0, "log")})
+    assert fit.status == 3 and fit.unidentifiable == ("the misfit does not change with c (here 2)",)
