@@ -231,7 +231,7 @@ class Stepper:
         if found is None:
             return None
         if not found.well:
-            count = [*(found.status == SUCCESS).reshape(count, -1).all(1).tolist(), False].index(False)
+            count = found.leading
             if not count:
                 return None
         each = dt[:count].reshape(-1, *(1,) * len(shape)).expand(-1, *shape)
