@@ -90,7 +90,7 @@ def march(stepper: Stepper, state: State, dt: Tensor, t: Tensor | None, held: Ca
         if made is None:
             now = inputs[0] if isinstance(inputs, list) else first_of(inputs)
             last = stepper.advance(state, now, dt=dt[done], t=None if t is None else t[done])
-            states = stepper._reduced(last).map(lambda x, asked=int(wanted[done]): x[None][:asked])
+            states = stepper.reduced(last).map(lambda x, asked=int(wanted[done]): x[None][:asked])
             made = Ahead(states, lambda last=last: last, stepper.iterations[None])
         done += len(made.iterations)
         yield made

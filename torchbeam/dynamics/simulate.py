@@ -181,7 +181,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     if checkpoint:
         _ = stepper.compiled  # made here, and not within the first part, which would save more than when it is made again
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
-    parts, state, iterations = [stepper._reduced(start).map(lambda x: x[None])], start, []
+    parts, state, iterations = [stepper.reduced(start).map(lambda x: x[None])], start, []
     for done in range(0, len(plan), length):
         span = done, min(done + length, len(plan))
         if checkpoint:

@@ -48,7 +48,7 @@ def _natively(stepper: Stepper, state: State, dt: Tensor, t: Tensor, inputs: Inp
     """
     if stepper.compiled is None:
         return None
-    start = stepper._reduced(state)
+    start = stepper.reduced(state)
     moving, K, shape = active & (start.status == SUCCESS), len(dt), active.shape
     alone = stepper.method.alone(stepper.model, dt)
     if alone is None:
