@@ -13,6 +13,7 @@ from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import at_time, taken
 from ..core.status import SUCCESS
 from ..scene.effects import Inputs, PerInterval
+from ..state.reduced import whole_of
 from ..state.state import State
 from .composed import natively
 from .failure import Failures
@@ -39,7 +40,7 @@ def series(stepper: Stepper, state: State, dt: Tensor, t: Tensor, inputs: Inputs
             part = replace(part, t=torch.where(kept, state.t, t[done] + dt[done])).map(lambda x: x[None])
         made.append(part)
         state = part[-1]
-    return made[0] if len(made) == 1 else made[0].map(lambda *x: torch.cat(x), *made[1:])
+    return whole_of(made)
 
 
 def _natively(stepper: Stepper, state: State, dt: Tensor, t: Tensor, inputs: Inputs, active: Tensor) -> State | None:
