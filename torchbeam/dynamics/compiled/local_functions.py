@@ -175,11 +175,10 @@ class LocalFunctions(LocalProblems):
         asked, U, L = total("asked") + fields["own.balance"], fields["right.U"], fields["left.L"]
         found, left = {}, balance
         if held:
-            before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
+            free = fields["free_here"]
             found = {"rows": torch.cat((L, D, U), -1), "asked": asked}
             left, asked = balance * free, asked * free
-            D = D * free[:, None] * free + torch.diag_embed(1 - free)
-            L, U = L * free[:, None] * before, U * free[:, None] * after
+            D, L, U = _masked_row(D, L, U, fields)
         ahead, y = eliminated(D, U, -asked[:, None], L, fields["ahead"], fields["y"][:, None])
         sizes = self._sizes(fields.get("own.load"), total("inertia"), left)
         return found | self.pivot(D - L @ fields["ahead"]) | {"ahead": ahead, "y": y[:, 0]} | sizes
@@ -251,12 +250,10 @@ class LocalFunctions(LocalProblems):
         D = fields["own.D"] + fields["left.D"] + fields["right.D"]
         below, above = fields["left.U"].mT, fields["right.L"].mT
         if held:
-            before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
             pushes = (fields[f"push_{name}"] for name in ("before", "here", "after"))
             right = right + sum((block @ push[:, None])[:, 0] for block, push in zip((below, D.mT, above), pushes, strict=True))
-            right = right * free
-            D = D * free[:, None] * free + torch.diag_embed(1 - free)
-            below, above = below * free[:, None] * before, above * free[:, None] * after
+            right = right * fields["free_here"]
+            D, below, above = _masked_row(D, below, above, fields)
         ahead, y = eliminated(D.mT, above, right[:, None], below, fields["ahead"], fields["y"][:, None])
         return {"ahead": ahead, "y": y[:, 0]}
 
@@ -302,3 +299,9 @@ def _total(*parts: Tensor | None) -> Tensor | None:
 def _between_free(free: Tensor) -> Tensor:
     """(3, w) of an element's nodes, whose ends are free."""
     return torch.stack((torch.ones_like(free), free, torch.ones_like(free)))
+
+
+def _masked_row(D: Tensor, L: Tensor, U: Tensor, fields: Fields) -> tuple[Tensor, Tensor, Tensor]:
+    """A row of the chain's matrix, see `masked`."""
+    before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
+    return D * free[:, None] * free + torch.diag_embed(1 - free), L * free[:, None] * before, U * free[:, None] * after
