@@ -133,7 +133,7 @@ class LocalFunctions(LocalProblems):
         (`held`): with what is free (w, 1 or 0) of it; and its whole rows (w, 3 w) and balance, for a reaction.
         """
         element = {name.removeprefix("element."): x for name, x in fields.items() if name.startswith("element.")}
-        (D, L, U, *far), balance = self._blocks(element, fields["own.D"]), fields["own.balance"]
+        (D, L, U, *far), balance = self._blocks(fields), fields["own.balance"]
         asked = torch.stack((element["i.asked"], element["m.asked"] + balance, element["j.asked"]))
         left, rows = balance + element["m.balance"], torch.cat((L[0], D[1], U[1]), -1)
         found = {"rows": rows, "asked": asked[1]} if held else {}
@@ -145,16 +145,16 @@ class LocalFunctions(LocalProblems):
         found |= self.pivot(D[1]) | sizes
         D, L, U, middle = condensed(D, L, U, *far)
         ends, own = middle.condense(-asked)
-        for k, side in enumerate("ij"):
+        for k, (side, by) in enumerate(zip("ij", (middle.by_i, middle.by_j), strict=True)):
             same = f"{side}.balance", f"{side}.inertia"
             found |= {name: element[name] for name in same if name in element}
-            found |= {f"{side}.D": D[k], f"{side}.asked": -ends[k], f"by_{side}": (middle.by_i, middle.by_j)[k][0]}
+            found |= {f"{side}.D": D[k], f"{side}.asked": -ends[k], f"by_{side}": by[0]}
         return found | {"U": U[0], "L": L[0], "own": own[0]}
 
-    def _blocks(self, element: Fields, own: Tensor) -> tuple[Tensor, ...]:
+    def _blocks(self, fields: Fields) -> tuple[Tensor, ...]:
         """(D, L, U, far upper, far lower) of a chain of one element, with D of its midside node's own."""
-        D = torch.stack((element["i.D"], element["m.D"] + own, element["j.D"]))
-        return D, element["L"], element["U"], element["far_U"][None], element["far_L"][None]
+        D = torch.stack((fields["element.i.D"], fields["element.m.D"] + fields["own.D"], fields["element.j.D"]))
+        return D, fields["element.L"], fields["element.U"], fields["element.far_U"][None], fields["element.far_L"][None]
 
     def restore(self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor) -> Fields:
         """The move (w) of a midside node from those of its element's ends."""
@@ -224,8 +224,7 @@ class LocalFunctions(LocalProblems):
         as they are, not transposed, and what is added to what is asked of them; where a support holds it, also for what its
         balance is (`push`).
         """
-        element = {name.removeprefix("element."): x for name, x in fields.items() if name.startswith("element.")}
-        D, L, U, *far = self._blocks(element, fields["own.D"])
+        D, L, U, *far = self._blocks(fields)
         sides = torch.zeros_like(D[:2, 0])
         if held:
             free, push = _between_free(fields["free"]), fields["push"][:, None]
@@ -235,8 +234,8 @@ class LocalFunctions(LocalProblems):
         D, U, L, middle = condensed(D.mT, U.mT, L.mT, *(x.mT for x in reversed(far)))
         ends, own = middle.condense(torch.stack((torch.zeros_like(right), right, torch.zeros_like(right))))
         found = {"U": U[0].mT, "L": L[0].mT, "own": own[0]}
-        for k, side in enumerate("ij"):
-            found |= {f"{side}.D": D[k].mT, f"by_{side}": (middle.by_i, middle.by_j)[k][0], f"right_{side}": ends[k] + sides[k]}
+        for k, (side, by) in enumerate(zip("ij", (middle.by_i, middle.by_j), strict=True)):
+            found |= {f"{side}.D": D[k].mT, f"by_{side}": by[0], f"right_{side}": ends[k] + sides[k]}
         return found
 
     def transposed_restore(self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor) -> Fields:
