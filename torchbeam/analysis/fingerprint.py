@@ -21,6 +21,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.surroundings import codes
+
 INSTALLED = {"site-packages", "dist-packages"}  # folders that installed packages lie in
 HERE = __name__.split(".")[0]
 PYTHON = "{}.{}".format(*sys.version_info)  # bytecode is a minor version's own
@@ -183,9 +185,9 @@ class _Walk:
                 yield name, cell.cell_contents
             except ValueError:  # not set yet
                 yield name, None
-        codes = list(_codes(function.__code__))
-        names = sorted({name for code in codes for name in code.co_names})
-        steps = [step for code in codes for step in dis.get_instructions(code)]
+        every = list(codes(function.__code__))
+        names = sorted({name for code in every for name in code.co_names})
+        steps = [step for code in every for step in dis.get_instructions(code)]
         for name in sorted({step.argval for step in steps if step.opname in ("LOAD_GLOBAL", "LOAD_NAME")}):
             if name in function.__globals__:
                 yield from self.named(name, function.__globals__[name], names)
@@ -246,14 +248,6 @@ def _unwrapped(value: Any) -> Any:
 def _loaded(code: types.CodeType) -> set[int]:
     """Indices of the constants that the code loads."""
     return {step.arg for step in dis.get_instructions(code) if step.opcode in dis.hasconst}
-
-
-def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
-    """Code, and the code of functions within it."""
-    yield code
-    for constant in code.co_consts:
-        if isinstance(constant, types.CodeType):
-            yield from _codes(constant)
 
 
 def _kept_for_later(kind: type, name: str) -> bool:

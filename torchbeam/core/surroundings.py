@@ -130,7 +130,7 @@ class Surroundings:
             self._hold(f"{name}.{own}", lambda own=own: vars(function).get(own, ABSENT))
         for variable, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
             self._hold(variable, lambda cell=cell: cell.cell_contents)
-        for code in _codes(function.__code__):
+        for code in codes(function.__code__):
             for step in dis.get_instructions(code):
                 self._step(name, function, step)
 
@@ -192,9 +192,9 @@ def _of_package(value: Any) -> bool:
     return name.split(".")[0] in PACKAGES or name == builtins.__name__
 
 
-def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
+def codes(code: types.CodeType) -> Iterator[types.CodeType]:
     """Code, and the code of functions within it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
-            yield from _codes(constant)
+            yield from codes(constant)

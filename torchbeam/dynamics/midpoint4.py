@@ -102,8 +102,8 @@ def _undamped(spring: Spring | RootSpring, model: Model, h: Tensor) -> Tensor:
     """Whether samples (...) have a spring that is faster than steps h (...) resolve, by the mass of its node, and undamped."""
     k = concrete(spring.stiffness.detach())
     c = torch.zeros_like(k) if spring.damping is None else concrete(spring.damping.detach())
-    inertia = concrete((model.section_mass * model.tributary_length[..., None]).detach())[..., spring.node, :, :]
-    own = inertia.diagonal(dim1=-2, dim2=-1)
+    per_length = model.section_mass[..., spring.node, :, :].diagonal(dim1=-2, dim2=-1)
+    own = concrete((per_length * model.tributary_length[..., spring.node, :]).detach())
     if isinstance(spring, Spring):
         return (k * h**2 > RESOLVED**2 * own[..., 0]) & (c < SLOW * h * k)
     h, moving = h[..., None], torch.tensor([True] * 3 + [model.inertia.rotary.present] * 3, device=own.device)

@@ -16,7 +16,7 @@ from ..core.memory import SMALL, check_memory
 from ..math.shapes import broadcast_shapes
 from ..scene.effects import Inputs, changing, first_of, inputs_at, inputs_over
 from ..scene.scene import merge_inputs
-from ..state.reduced import joined
+from ..state.reduced import whole_of
 from ..state.state import State
 from .held_inputs import GivenInputs, changes_within, given_from
 from .stepper import Ahead, Stepper
@@ -49,7 +49,7 @@ def rollout(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] |
     lengths = stepper.dt.expand(steps)
     begins = t + torch.arange(steps, dtype=t.dtype, device=t.device) * stepper.dt if t.ndim == 0 else None
     made = [few.states for few in march(stepper, state, lengths, begins, held, [True] * steps)]
-    return stepper.model.space.to_public(made[0].map(joined, *made[1:]))
+    return stepper.model.space.to_public(whole_of(made))
 
 
 def check_room(stepper: Stepper, state: State, inputs: Inputs, steps: int, wanted: int, checkpoint: bool | None = None) -> None:
@@ -90,7 +90,7 @@ def march(stepper: Stepper, state: State, dt: Tensor, t: Tensor | None, held: Ca
         if made is None:
             now = inputs[0] if isinstance(inputs, list) else first_of(inputs)
             last = stepper.advance(state, now, dt=dt[done], t=None if t is None else t[done])
-            states = stepper._reduced(last).map(lambda x, asked=int(wanted[done]): x[None][:asked])
+            states = stepper.reduced(last).map(lambda x, asked=int(wanted[done]): x[None][:asked])
             made = Ahead(states, lambda last=last: last, stepper.iterations[None])
         done += len(made.iterations)
         yield made

@@ -25,7 +25,7 @@ from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene.effects import PerInterval, changing, inputs_at, inputs_over
 from ..scene.scene import Scene, merge_inputs
-from ..state.reduced import ReducedStates, joined
+from ..state.reduced import ReducedStates, joined, whole_of
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
 from ..state.state import State, check_state, rest, with_optional_fields
@@ -175,13 +175,13 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     def flat(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
         """The same, from tensors to tensors."""
         states, last, iterations = carry_out(begin, end, kind(*fields))
-        return *vars(states[0].map(joined, *states[1:])).values(), *vars(last).values(), iterations
+        return *vars(whole_of(states)).values(), *vars(last).values(), iterations
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     if checkpoint:
         _ = stepper.compiled  # made here, and not within the first part, which would save more than when it is made again
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
-    parts, state, iterations = [stepper._reduced(start).map(lambda x: x[None])], start, []
+    parts, state, iterations = [stepper.reduced(start).map(lambda x: x[None])], start, []
     for done in range(0, len(plan), length):
         span = done, min(done + length, len(plan))
         if checkpoint:

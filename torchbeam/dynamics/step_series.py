@@ -13,6 +13,7 @@ from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import at_time, taken
 from ..core.status import SUCCESS
 from ..scene.effects import Inputs, PerInterval
+from ..state.reduced import whole_of
 from ..state.state import State
 from .composed import natively
 from .failure import Failures
@@ -39,7 +40,7 @@ def series(stepper: Stepper, state: State, dt: Tensor, t: Tensor, inputs: Inputs
             part = replace(part, t=torch.where(kept, state.t, t[done] + dt[done])).map(lambda x: x[None])
         made.append(part)
         state = part[-1]
-    return made[0] if len(made) == 1 else made[0].map(lambda *x: torch.cat(x), *made[1:])
+    return whole_of(made)
 
 
 def _natively(stepper: Stepper, state: State, dt: Tensor, t: Tensor, inputs: Inputs, active: Tensor) -> State | None:
@@ -48,26 +49,23 @@ def _natively(stepper: Stepper, state: State, dt: Tensor, t: Tensor, inputs: Inp
     """
     if stepper.compiled is None:
         return None
-    start = stepper._reduced(state)
+    start = stepper.reduced(state)
     moving, K, shape = active & (start.status == SUCCESS), len(dt), active.shape
     alone = stepper.method.alone(stepper.model, dt)
     if alone is None:
         return None
-    if len(alone.shares) == 1:
-        middle = t + stepper.method.INSTANT * dt if stepper.compiled.takes_time else None
-        found = stepper.solver.natively(start, dt, middle, inputs, moving, last=not stepper.halvings, K=K)
-    else:
-        held = {name: x.repeat_interleave(len(alone.shares), 0) if x.ndim == dt.ndim + 1 else x for name, x in inputs.items()}
-        found = natively(alone, stepper.solver, start, dt, t, held, moving, last=not stepper.halvings, K=K)
+    n = len(alone.shares)
+    if n > 1:
+        inputs = {name: x.repeat_interleave(n, 0) if x.ndim == dt.ndim + 1 else x for name, x in inputs.items()}
+    found = natively(alone, stepper.solver, start, dt, t, inputs, moving, last=not stepper.halvings, K=K)
     if found is None:
         return None
-    good = (found.status == SUCCESS).reshape(K, *shape)
     count = K
     if stepper.halvings and not found.well:
-        count = [*good.reshape(K, -1).all(1).tolist(), False].index(False)
+        count = found.leading
         if not count:
             return None
-    good = good[:count] & moving
+    good = (found.status[:count] == SUCCESS).reshape(count, *shape) & moving
     reached = torch.where(good, t[:count] + dt[:count], start.t).cummax(0).values
     after = replace(start, **{name: x[:count] for name, x in found.fields.items()}, t=reached,
                     defect=start.defect.expand(count, *shape), status=torch.where(moving, found.status[:count], start.status))

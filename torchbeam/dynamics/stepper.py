@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
@@ -19,7 +18,6 @@ from ..core.functions_of_time import shared
 from ..core.leaves import with_values
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import broadcast, concrete, positive, real
-from ..nodal.coordinates.planar import Plane
 from ..nodal.discretise import discretise
 from ..scene.effects import PerInterval, first_of
 from ..scene.scene import Scene
@@ -31,19 +29,9 @@ from .compiled.step import CompiledStep
 from .composed import in_parts, natively, step
 from .failure import Failures
 from .held_inputs import GivenInputs, HeldInputs, together
+from .known_state import KnownState
 from .methods import METHODS
 from .step_solver import StepSolver
-
-
-class Known(NamedTuple):
-    """The last state that native code has made: itself, how often its fields had been written to, itself in the space's
-    coordinates, None = it is; whether it is known that no sample of it has failed.
-    """
-
-    state: Callable[[], State | None]
-    versions: tuple[int, ...]
-    reduced: State | None
-    well: bool
 
 
 class Ahead(NamedTuple):
@@ -105,7 +93,7 @@ class Stepper:
         self.halvings = count("halvings", halvings, least=0)
         self.solver = StepSolver(self.model, self.method, engine, tolerance, count("iterations", iterations))
         self.iterations: Tensor | None = None  # (...) of the last step
-        self._last: Known | None = None
+        self._last: KnownState | None = None
         self.failures = Failures()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -208,7 +196,7 @@ class Stepper:
         steps = [HeldInputs(one).map(self.scene.tensors) for one in inputs] if varying else []
         given = steps[0](self.method.INSTANT) if varying else self.scene.tensors(first_of(inputs))
         of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
-        start = self._reduced(self._begin(state, dt[0], inputs=given))
+        start = self.reduced(self._begin(state, dt[0], inputs=given))
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                           *(value.shape[:-1] for value in given.values()))
         n, size = len(alone.shares), shape.numel() * (self.scene.beam.count + 1)
@@ -231,7 +219,7 @@ class Stepper:
         if found is None:
             return None
         if not found.well:
-            count = [*(found.status == SUCCESS).reshape(count, -1).all(1).tolist(), False].index(False)
+            count = found.leading
             if not count:
                 return None
         each = dt[:count].reshape(-1, *(1,) * len(shape)).expand(-1, *shape)
@@ -263,16 +251,14 @@ class Stepper:
         broadcast("a scene, a state and inputs", self.scene.batch_shape, shape, *[value.shape[:-1] for value in now.values()])
         if known is not None:
             return given, known.reduced, known.well
-        return given, self._reduced(self._begin(state, dt, inputs=now)), False
+        return given, self.reduced(self._begin(state, dt, inputs=now)), False
 
-    def _known(self, state: State) -> Known | None:
+    def _known(self, state: State) -> KnownState | None:
         """The last state that native code has made, if it is this one, as it was."""
         last = self._last  # taken once: other threads may step too
-        if last is None or last.state() is not state or last.versions != _versions(state):
-            return None
-        return last if last.reduced is not None else last._replace(reduced=state)
+        return None if last is None else last.if_same(state)
 
-    def _reduced(self, state: State) -> State:
+    def reduced(self, state: State) -> State:
         """A state in the space's coordinates, with all that the scene has, and the batch's axes on every field."""
         known = self._known(state)
         if known is not None:
@@ -281,12 +267,9 @@ class Stepper:
         return self.model.space.to_reduced(with_optional_fields(state, self.scene))
 
     def _public(self, reduced: State, well: bool) -> State:
-        """A state that native code has made, to be `Known` again."""
-        after, space = self.model.space.to_public(reduced), self.model.space
-        same = after is reduced
-        kept = same or (isinstance(space, Plane) and space.reversible and not after.position.requires_grad)
-        versions = _versions(after) if kept else None
-        self._last = None if versions is None else Known(weakref.ref(after), versions, None if same else reduced, well)
+        """A state that native code has made, to be known again."""
+        after = self.model.space.to_public(reduced)
+        self._last = KnownState.of(after, reduced, self.model.space, well)
         return after
 
     def _length(self, dt: float | Tensor | None) -> Tensor:
@@ -340,8 +323,3 @@ def _rows(places: list[int], count: int) -> slice | list[int]:
         return places
     step = min(gaps, default=1)
     return slice(0, count) if len(places) == count else slice(places[0], places[-1] + 1, step)
-
-
-def _versions(state: State) -> tuple[int, ...] | None:
-    """How often each field was written to in place; None = not known, in inference mode."""
-    return None if state.position.is_inference() else tuple([x._version for x in vars(state).values() if x is not None])

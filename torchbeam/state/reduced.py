@@ -25,7 +25,7 @@ class ReducedStates:
 
     def whole(self) -> Any:
         """All of them, in these coordinates."""
-        whole = _whole(self.parts)
+        whole = whole_of(self.parts)
         recorded = torch.is_grad_enabled() and torch._C._is_fwd_grad_enabled()
         if recorded or not any(part.position.requires_grad for part in self.parts):
             self.parts = (whole,)  # the memory of the others is free
@@ -63,10 +63,11 @@ class ReducedStates:
         names = (*AT_NODES, "stress", "reaction")
         cut = [with_values(part, **{name: getattr(part, name)[..., rows.get(name, slice(0)), :] for name in names})
                for part in self.parts]
-        return self.space.of_nodes(nodes).to_public(_whole(cut))
+        return self.space.of_nodes(nodes).to_public(whole_of(cut))
 
 
-def _whole(parts: Sequence[Any]) -> Any:
+def whole_of(parts: Sequence[Any]) -> Any:
+    """Parts of a trajectory as one."""
     return parts[0].map(joined, *parts[1:])
 
 

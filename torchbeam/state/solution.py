@@ -94,10 +94,10 @@ class Solution:
     def __repr__(self) -> str:
         done = [counted(self.stats.steps, "step")] if self.stats.steps is not None else []
         done += [counted(self.stats.evaluations, "evaluation")] if self.stats.evaluations is not None else []
-        last = self.nodes[-1, ..., -1, :]
+        nodes = self.nodes
         return lines("Solution", f"{counted(len(self.t), 'instant')}, t = {span(self.t)} s" + "".join(f", {x}" for x in done),
-                     f"{self._form} of {self.nodes.shape[-2]} nodes, tip at {point(last)} m in the end",
-                     statuses(self.status), kind(self.nodes.shape[1:-2], self.nodes))
+                     f"{self._form} of {nodes.shape[-2]} nodes, tip at {point(nodes[-1, ..., -1, :])} m in the end",
+                     statuses(self.status), kind(nodes.shape[1:-2], nodes))
 
     @property
     def _form(self) -> str:

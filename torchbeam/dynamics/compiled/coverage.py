@@ -34,19 +34,25 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
 
 def why_eager(model: Model, method: str, **options: Any) -> str | None:
     """Why "auto" steps a model eagerly, in words that `describe` shows; None where it takes native code."""
+    return _decision(model, method, **options)[0]
+
+
+def _decision(model: Model, method: str, **options: Any) -> tuple[str | None, Surroundings | None]:
+    """See `why_eager`; where it is None, what users' functions read (None = that is not known)."""
     reason = refusal(model, method, **options)
     if reason is None and find_spec("llvmlite") is None:
         reason = MISSING
     if reason is not None:
-        return reason
+        return reason, None
     if meaning() == "eager":
-        return f"{VARIABLE} is 'eager'{TAKES}"
-    own = by_function(model) if meaning() == "auto" else []
+        return f"{VARIABLE} is 'eager'{TAKES}", None
+    own = by_function(model)
     try:
-        surroundings(own)
+        return None, surroundings(own)
     except Unsteady as reason:
-        return f"{own[0].called} by a function of the motion that reads {reason}, which may change{TAKES}, as it is"
-    return None
+        if meaning() == "compiled":
+            return None, None
+        return f"{own[0].called} by a function of the motion that reads {reason}, which may change{TAKES}, as it is", None
 
 
 def why_not_traced(model: Model, method: str, **options: Any) -> str | None:
@@ -109,10 +115,11 @@ def compiled_step(model: Model, method: str, **options: Any) -> CompiledStep:
 
 def automatic_step(model: Model, method: str, **options: Any) -> CompiledStep | None:
     """Steps of a model by native code where "auto" takes it. What fails in the compiler is warned of, and made eagerly."""
-    if why_eager(model, method, **options) is not None:
+    reason, around = _decision(model, method, **options)
+    if reason is not None:
         return None
     try:
-        return CompiledStep(model, method, around=surroundings(by_function(model)), **options)
+        return CompiledStep(model, method, around=around, **options)
     except NotTraceable:
         return None
     except Exception as error:

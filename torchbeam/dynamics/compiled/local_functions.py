@@ -133,7 +133,7 @@ class LocalFunctions(LocalProblems):
         (`held`): with what is free (w, 1 or 0) of it; and its whole rows (w, 3 w) and balance, for a reaction.
         """
         element = {name.removeprefix("element."): x for name, x in fields.items() if name.startswith("element.")}
-        (D, L, U, *far), balance = self._blocks(element, fields["own.D"]), fields["own.balance"]
+        (D, L, U, *far), balance = self._blocks(fields), fields["own.balance"]
         asked = torch.stack((element["i.asked"], element["m.asked"] + balance, element["j.asked"]))
         left, rows = balance + element["m.balance"], torch.cat((L[0], D[1], U[1]), -1)
         found = {"rows": rows, "asked": asked[1]} if held else {}
@@ -145,16 +145,16 @@ class LocalFunctions(LocalProblems):
         found |= self.pivot(D[1]) | sizes
         D, L, U, middle = condensed(D, L, U, *far)
         ends, own = middle.condense(-asked)
-        for k, side in enumerate("ij"):
+        for k, (side, by) in enumerate(zip("ij", (middle.by_i, middle.by_j), strict=True)):
             same = f"{side}.balance", f"{side}.inertia"
             found |= {name: element[name] for name in same if name in element}
-            found |= {f"{side}.D": D[k], f"{side}.asked": -ends[k], f"by_{side}": (middle.by_i, middle.by_j)[k][0]}
+            found |= {f"{side}.D": D[k], f"{side}.asked": -ends[k], f"by_{side}": by[0]}
         return found | {"U": U[0], "L": L[0], "own": own[0]}
 
-    def _blocks(self, element: Fields, own: Tensor) -> tuple[Tensor, ...]:
+    def _blocks(self, fields: Fields) -> tuple[Tensor, ...]:
         """(D, L, U, far upper, far lower) of a chain of one element, with D of its midside node's own."""
-        D = torch.stack((element["i.D"], element["m.D"] + own, element["j.D"]))
-        return D, element["L"], element["U"], element["far_U"][None], element["far_L"][None]
+        D = torch.stack((fields["element.i.D"], fields["element.m.D"] + fields["own.D"], fields["element.j.D"]))
+        return D, fields["element.L"], fields["element.U"], fields["element.far_U"][None], fields["element.far_L"][None]
 
     def restore(self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor) -> Fields:
         """The move (w) of a midside node from those of its element's ends."""
@@ -175,11 +175,10 @@ class LocalFunctions(LocalProblems):
         asked, U, L = total("asked") + fields["own.balance"], fields["right.U"], fields["left.L"]
         found, left = {}, balance
         if held:
-            before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
+            free = fields["free_here"]
             found = {"rows": torch.cat((L, D, U), -1), "asked": asked}
             left, asked = balance * free, asked * free
-            D = D * free[:, None] * free + torch.diag_embed(1 - free)
-            L, U = L * free[:, None] * before, U * free[:, None] * after
+            D, L, U = _masked_row(D, L, U, fields)
         ahead, y = eliminated(D, U, -asked[:, None], L, fields["ahead"], fields["y"][:, None])
         sizes = self._sizes(fields.get("own.load"), total("inertia"), left)
         return found | self.pivot(D - L @ fields["ahead"]) | {"ahead": ahead, "y": y[:, 0]} | sizes
@@ -225,8 +224,7 @@ class LocalFunctions(LocalProblems):
         as they are, not transposed, and what is added to what is asked of them; where a support holds it, also for what its
         balance is (`push`).
         """
-        element = {name.removeprefix("element."): x for name, x in fields.items() if name.startswith("element.")}
-        D, L, U, *far = self._blocks(element, fields["own.D"])
+        D, L, U, *far = self._blocks(fields)
         sides = torch.zeros_like(D[:2, 0])
         if held:
             free, push = _between_free(fields["free"]), fields["push"][:, None]
@@ -236,8 +234,8 @@ class LocalFunctions(LocalProblems):
         D, U, L, middle = condensed(D.mT, U.mT, L.mT, *(x.mT for x in reversed(far)))
         ends, own = middle.condense(torch.stack((torch.zeros_like(right), right, torch.zeros_like(right))))
         found = {"U": U[0].mT, "L": L[0].mT, "own": own[0]}
-        for k, side in enumerate("ij"):
-            found |= {f"{side}.D": D[k].mT, f"by_{side}": (middle.by_i, middle.by_j)[k][0], f"right_{side}": ends[k] + sides[k]}
+        for k, (side, by) in enumerate(zip("ij", (middle.by_i, middle.by_j), strict=True)):
+            found |= {f"{side}.D": D[k].mT, f"by_{side}": by[0], f"right_{side}": ends[k] + sides[k]}
         return found
 
     def transposed_restore(self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor) -> Fields:
@@ -251,12 +249,10 @@ class LocalFunctions(LocalProblems):
         D = fields["own.D"] + fields["left.D"] + fields["right.D"]
         below, above = fields["left.U"].mT, fields["right.L"].mT
         if held:
-            before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
             pushes = (fields[f"push_{name}"] for name in ("before", "here", "after"))
             right = right + sum((block @ push[:, None])[:, 0] for block, push in zip((below, D.mT, above), pushes, strict=True))
-            right = right * free
-            D = D * free[:, None] * free + torch.diag_embed(1 - free)
-            below, above = below * free[:, None] * before, above * free[:, None] * after
+            right = right * fields["free_here"]
+            D, below, above = _masked_row(D, below, above, fields)
         ahead, y = eliminated(D.mT, above, right[:, None], below, fields["ahead"], fields["y"][:, None])
         return {"ahead": ahead, "y": y[:, 0]}
 
@@ -302,3 +298,9 @@ def _total(*parts: Tensor | None) -> Tensor | None:
 def _between_free(free: Tensor) -> Tensor:
     """(3, w) of an element's nodes, whose ends are free."""
     return torch.stack((torch.ones_like(free), free, torch.ones_like(free)))
+
+
+def _masked_row(D: Tensor, L: Tensor, U: Tensor, fields: Fields) -> tuple[Tensor, Tensor, Tensor]:
+    """A row of the chain's matrix, see `masked`."""
+    before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
+    return D * free[:, None] * free + torch.diag_embed(1 - free), L * free[:, None] * before, U * free[:, None] * after

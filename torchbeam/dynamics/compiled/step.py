@@ -11,6 +11,7 @@ from torch._C import _functorch as functorch
 from torch.autograd import forward_ad
 
 from ...core.leaves import functions, wants_gradient
+from ...core.status import SUCCESS
 from ...core.surroundings import Surroundings
 from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
@@ -43,6 +44,11 @@ class Steps(NamedTuple):
     iterations: Tensor
     well: bool
     every: int = 1
+
+    @property
+    def leading(self) -> int:
+        """How many of the first of K steps no sample has failed in."""
+        return [*(self.status == SUCCESS).reshape(len(self.status), -1).all(1).tolist(), False].index(False)
 
 
 class Form(NamedTuple):
