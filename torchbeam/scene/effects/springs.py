@@ -217,8 +217,8 @@ def _six(name: str, value: Value) -> Value:
         parts = [as_tensor(p, dtype) for p in value]
         for p in parts:
             if p.ndim and p.shape[-1] not in (1, 3):
-                raise ValueError(f"RootSpring's {name} with a part of shape {tuple(p.shape)} was given; one number, (..., 1) of "
-                                 "a batch, or (..., 3) is wanted")
+                raise ValueError(f"RootSpring's {name} with a part of shape {tuple(p.shape)} was given; one number, (..., 1) "
+                                 "of a batch, or (..., 3) is wanted")
         lead = broadcast_shapes(*(p.shape[:-1] for p in parts))
         both = torch.cat([p.expand(*lead, 3) for p in parts], -1)
         return both if own else numbers(both.numpy())
