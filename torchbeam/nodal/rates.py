@@ -38,7 +38,7 @@ class Rates:
     @classmethod
     def of(cls, scene: Scene, inputs: Inputs) -> Rates:
         """Raises ValueError where a block of the mass is singular or a stiffness infinite (both need the implicit form), and
-        for supports that move other than a clamp at node 0.
+        for supports that move, by themselves or with frame a, other than a clamp at node 0.
         """
         model = discretise(scene, lumped=True)
         rotary = cls(model, inputs).free.rotary
@@ -48,9 +48,9 @@ class Rates:
         if any(scene.beam.rigid):
             raise ValueError("an infinite stiffness was given; an explicit method wants finite ones (the implicit method "
                              "'midpoint' takes it)")
-        if any(s.moves and not (s.clamp and s.node == 0) for s in scene.supports):
-            raise ValueError("a support that moves, other than a clamp at node 0, was given; the implicit method 'midpoint' "
-                             "takes it")
+        if any((s.moves or scene.frame is not None) and not (s.clamp and s.node == 0) for s in scene.supports):
+            raise ValueError("a support that moves, or whose frame does, other than a clamp at node 0, was given; the implicit "
+                             "method 'midpoint' takes it")
         return cls(model, inputs)
 
     @cached
@@ -134,24 +134,32 @@ class Rates:
         model, inertia, space, first = self.model, self.free, self.free.space, self.model.constraints.first
         frame, p = model.frame(t), space.position
         q, v, spin, net = (x[..., first:, :] for x in (nodes.rotation, nodes.velocity, spin, net))
-        gyroscopic = inertia.rotary.gyroscopic(spin)
         if not inertia.offset.present and model.constraints.free is None and not model.adds_mass:
-            torque = space.to_section(q, net[..., p:]) - gyroscopic
+            torque = space.to_section(q, net[..., p:]) - inertia.rotary.gyroscopic(spin)
             return (frame.rate(net[..., :p] / inertia.mass, lambda: -v),
                     torch.linalg.solve(inertia.rotary.J, torque[..., None])[..., 0])
+        found, _ = self._solved(t, nodes, spin, net)
+        return found[..., :p], space.to_section(q, found[..., p:])
+
+    def _solved(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
+        """[v'; R Omega'] (..., n, w) of the nodes with unknowns, frame a, zero where supports hold them, and what is left of
+        their balance, (..., n, w): zero but there.
+        """
+        model, inertia, space, first = self.model, self.free, self.free.space, self.model.constraints.first
+        frame, p, free = model.frame(t), space.position, model.constraints.free
+        q, v, spin, net = (x[..., first:, :] for x in (nodes.rotation, nodes.velocity, spin, net))
         lever, transport = inertia.offset.turned(q), frame.rate(torch.zeros_like(v), lambda: v)
         bias = lever.acceleration(transport, lambda: space.to_frame(q, spin))
-        known, (block,) = lever.wrench(inertia.mass * bias, space.to_frame(q, gyroscopic)), inertia.matrix(q, lever)
+        known = lever.wrench(inertia.mass * bias, space.to_frame(q, inertia.rotary.gyroscopic(spin)))
+        block, = inertia.matrix(q, lever)
         if model.adds_mass:
             fluid = added_mass(model, nodes, t, self.inputs)[..., first:, :, :]
             block, known = block + fluid, known + (fluid[..., :p] @ transport[..., None])[..., 0]
-        right = net - known
-        free = model.constraints.free
+        right, whole = net - known, block
         if free is not None:
             block = block * free[..., None] * free[..., None, :] + torch.diag_embed(1 - free)
-            right = right * free
-        found = torch.linalg.solve(block, right[..., None])[..., 0]
-        return found[..., :p], space.to_section(q, found[..., p:])
+        found = torch.linalg.solve(block, (right if free is None else right * free)[..., None])[..., 0]
+        return found, (whole @ found[..., None])[..., 0] - right
 
     def __call__(self, t: Tensor, y: Tensor) -> Tensor:
         model, space, first = self.model, self.free.space, self.model.constraints.first
