@@ -104,7 +104,7 @@ def test_the_bootstrap_scatters_as_the_covariance():
 def test_repeats_say_the_same_of_any_function(sigma):
     """Deflections of a strip in a clamp of compliance c, which linear least squares find with their normal law, or Student's t:
     whether c is searched, or the stiffness 1/c, or its logarithm, the interval is that of c, which 4,000 repeats know to 5 % of
-    its width, and the same to a thousandth. (A deviation of 10 %.)
+    its width, and the same to a hundredth: a fit ends by a step of a hundredth of a deviation. (That of c is 10 %.)
     """
     s = torch.linspace(0.125, 1, 8)
     data = s**2 * (3 - s) / 6 + s * 0.05 + 0.002 * torch.tensor([1.0, -1.0, -0.5, 0.5, 1.0, -1.0, -1.0, 1.0])
@@ -121,7 +121,7 @@ def test_repeats_say_the_same_of_any_function(sigma):
         if "c" in one:
             assert ((ends - fit.interval()[1]).abs() < 0.05 * (ends[1] - ends[0])).all()
     for other in found[1:]:
-        assert_close(other, found[0], rtol=0, atol=1e-3 * (found[0][1] - found[0][0]).item())
+        assert_close(other, found[0], rtol=0, atol=1e-2 * (found[0][1] - found[0][0]).item())
 
 
 def test_as_many_parameters_as_data():
