@@ -174,17 +174,21 @@ class _Task:
         values = torch.cat([m.values.flatten() for given in self.measured.values() for m in each(given)])
         return values[~values.isnan()].square().mean().sqrt().item()
 
+    @property
+    def _like(self) -> Tensor:
+        return next(iter(self.L.values()))
+
     def checked(self, weight: Mapping[str, float]) -> Tensor:
         if set(weight) != set(self.L):
             raise ValueError(f"weights of {', '.join(map(str, weight))} were given; of {', '.join(self.L)} are wanted")
-        found = torch.tensor([number(f"the weight of {name!r}", weight[name]) for name in self.L], dtype=torch.float64)
+        found = self._like.new_tensor([number(f"the weight of {name!r}", weight[name]) for name in self.L])
         if not (found > 0).all():
             raise ValueError(f"a weight of {found.min().item():g} was given; positive ones are wanted")
         return found
 
     def first(self) -> tuple[Tensor, float]:
         """Weights that leave the data all they can say, from the derivatives at the start."""
-        tiny = torch.full((len(self.L),), torch.finfo(torch.float64).eps, dtype=torch.float64)
+        tiny = self._like.new_full((len(self.L),), torch.finfo(self._like.dtype).eps)
         fit = identify(*self._with_rows(tiny, self.noise), self.start, **{**self.options, "iterations": 1})
         linear = self._linearised(fit, fit.problem.parameters.x[:1], self.noise)
         return FIRST * linear.balance / self.noise**2, self.noise
