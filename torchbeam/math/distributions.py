@@ -21,6 +21,24 @@ def normal_probability(z: Tensor) -> Tensor:
     return torch.special.ndtr(z)
 
 
+def log_normal_probability(z: Tensor) -> Tensor:
+    """Logarithm of the standard normal distribution function, any shape: exact where that itself is 1 or 0 in rounding."""
+    return torch.special.log_ndtr(z)
+
+
+def score_of_tails(below: Tensor, above: Tensor) -> Tensor:
+    """Standard normal quantile of a probability and of what it is short of 1, any shape: the smaller of the two tells it."""
+    size = -normal_score(torch.minimum(below, above))
+    return torch.where(below < above, -size, size)
+
+
+def probability_between(low: Tensor, high: Tensor) -> Tensor:
+    """Standard normal probability of the range from low to high, any shapes that broadcast; exact in both tails."""
+    right = low > 0
+    a, b = torch.where(right, -high, low), torch.where(right, -low, high)
+    return normal_probability(b) - normal_probability(a)
+
+
 def beta_probability(x: float, a: float, b: float) -> float:
     """Regularised incomplete beta function I_x(a, b), the distribution function of the beta law: its continued fraction
     (DLMF 8.17.22), by Lentz's method, on the side of the mean where it converges fast. Good to 1e-13

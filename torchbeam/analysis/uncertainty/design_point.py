@@ -22,6 +22,11 @@ class DesignPoints:
     z: Tensor
     beta: Tensor
 
+    @property
+    def usual(self) -> bool:
+        """Whether the medians lie within the event: it is more likely than not."""
+        return self.beta[0].item() < 0
+
 
 def design_points(limit: LimitState, starts: int, seed: int, steps: int = 60) -> DesignPoints:
     """Design points from several starts at once: the medians, and random ones.

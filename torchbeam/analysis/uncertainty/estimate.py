@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import torch
@@ -57,6 +58,13 @@ class Estimate:
         else:
             found = f"{tuple(self.estimate.shape)}"
         return f"Estimate({found} at {100 * self.level:g} % by {self.method}; {self.samples} samples{lost})"
+
+
+def replicated_well(groups: int, samples: int) -> bool:
+    """Whether the scatter of so many replicates with good samples tells the error: of one it does not, and of one sample in each
+    the samples themselves do, which are independent.
+    """
+    return groups > 1 and samples >= 2 * groups
 
 
 def level_of(name: str, level: float) -> float:
@@ -132,12 +140,13 @@ def probability(groups: Sequence[Tensor], level: float, reasons: Mapping[str, in
     return Estimate(centre, low, high, level, n, method, reasons)
 
 
-def replicated(groups: Sequence[Tensor], statistic: Statistic, level: float, reasons: Mapping[str, int]) -> Estimate:
-    """Any statistic of all samples, with Student's interval from its scatter among the replicates."""
+def replicated(groups: Sequence[Tensor], statistic: Statistic, level: float, reasons: Mapping[str, int], fewest: int = 1
+               ) -> Estimate:
+    """Any statistic of all samples, with Student's interval from its scatter among the replicates of `fewest` samples or more."""
     pooled = torch.cat(list(groups))
-    centre, each = statistic(pooled), torch.stack([statistic(y) for y in groups])
+    centre, each = _values(statistic, [pooled, *(y for y in groups if len(y) >= fewest)]).tensor_split([1])
     half = student_half(each, level)
-    return Estimate(centre, centre - half, centre + half, level, len(pooled), f"{len(groups)} replicates", reasons)
+    return Estimate(centre[0], centre[0] - half, centre[0] + half, level, len(pooled), f"{len(each)} replicates", reasons)
 
 
 def bootstrap(y: Tensor, statistic: Statistic, level: float, reasons: Mapping[str, int]) -> Estimate:
@@ -145,9 +154,24 @@ def bootstrap(y: Tensor, statistic: Statistic, level: float, reasons: Mapping[st
     them. (Efron 1979.)
     """
     draw = torch.Generator().manual_seed(0)
-    each = torch.stack([statistic(y[torch.randint(len(y), (len(y),), generator=draw)]) for _ in range(RESAMPLES)])
+    drawn = (y[torch.randint(len(y), (len(y),), generator=draw)] for _ in range(RESAMPLES))
+    centre, each = _values(statistic, chain((y,), drawn)).tensor_split([1])
     low, high = quantile_of_sorted(each.sort(0).values, each.new_tensor([(1 - level) / 2, (1 + level) / 2]))
-    return Estimate(statistic(y), low, high, level, len(y), "bootstrap", reasons)
+    return Estimate(centre[0], low, high, level, len(y), "bootstrap", reasons)
+
+
+def _values(statistic: Statistic, samples: Iterable[Tensor]) -> Tensor:
+    """Values (K, ...) of a statistic of K sets of samples; ValueError where they are no tensors of one shape."""
+    values: list[Tensor] = []
+    for y in samples:
+        value = statistic(y)
+        if not isinstance(value, Tensor) or value.is_complex():
+            raise ValueError(f"a statistic that gave a {type(value).__name__} was given; a tensor of real numbers is wanted")
+        if values and value.shape != values[0].shape:
+            raise ValueError(f"a statistic that gave {tuple(values[0].shape)} of all samples and {tuple(value.shape)} of some of "
+                             "them was given; one shape is wanted")
+        values.append(value.detach().double())
+    return torch.stack(values)
 
 
 def student_half(each: Tensor, level: float) -> Tensor:

@@ -18,6 +18,7 @@ from torch import Tensor
 from ...core.arguments import count
 from ...core.arguments import function as checked_function
 from ...core.files import NotWritten
+from ...core.repetition import one_of
 from ...core.validation import precision
 from .chunks import Chunk, ChunkFolder
 from .designs import SOBOL_POINTS
@@ -46,6 +47,7 @@ class Job:
     folder: ChunkFolder | None
     caller: tuple[str, int]
     default: torch.dtype
+    total: int
     reduce: Callable[[Chunk], Any] | None = None
 
     def __call__(self) -> tuple[Any, bool]:
@@ -53,7 +55,8 @@ class Job:
             torch.set_num_threads(1)
             torch.set_default_dtype(self.default)
         theta = self.design.theta(self.joint, self.first, self.last).detach().to(self.dtype)
-        chunk = theta, *evaluated(self.function, self.joint, theta.clone(), self.by_name)
+        with one_of(self.total / (self.last - self.first)):
+            chunk = theta, *evaluated(self.function, self.joint, theta.clone(), self.by_name)
         written = self.folder is not None and self.folder.reachable
         if written:
             self.folder.put(self.first, chunk)
@@ -64,6 +67,7 @@ class Job:
 class Evaluation:
     """A function, the laws and design of its parameters, and how it is evaluated.
 
+    total   samples of the run, as far as that is known: what is worth compiling depends on them all
     reduce  what becomes of a chunk where it was computed, without a folder: something with `failed`, the number of samples
     """
 
@@ -75,6 +79,7 @@ class Evaluation:
     by_name: bool = False
     executor: Executor | None = None
     folder: ChunkFolder | None = None
+    total: int = 1
     reduce: Callable[[Chunk], Any] | None = None
 
     def chunks(self, first: int, last: int, progress: Progress | None = None) -> Generator[Any, None, None]:
@@ -85,7 +90,7 @@ class Evaluation:
         if self.folder is not None and todo:
             self.folder.writable()
         jobs = (Job(self.function, self.joint, self.design.part(a, b), a, b, self.dtype, self.by_name, self.folder, _here(),
-                    torch.get_default_dtype(), self.reduce) for a, b in todo)
+                    torch.get_default_dtype(), self.total, self.reduce) for a, b in todo)
         made = (job() for job in jobs) if self.executor is None else _gathered(self.executor, jobs)
         try:
             for a, b in ends:

@@ -1,4 +1,4 @@
-"""Law as a user gives it: from text, checked, and its values, of a uniform variate or of a normal score."""
+"""Law as a user gives it: from text, checked, and its values of a uniform variate."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...math.distributions import normal_probability
 from .laws import Constant, Empirical, Gumbel, Law, LogNormal, Normal, Triangular, Truncated, Uniform, Weibull
 from .random_field import RandomField
 
@@ -60,15 +59,3 @@ def of_uniform(law: Law, u: Tensor) -> Tensor:
     if isinstance(law, (tuple, list)):
         return law[0] + (law[1] - law[0]) * u
     return law.icdf(u) if hasattr(law, "icdf") else law(u)
-
-
-def of_score(law: Law, z: Tensor) -> Tensor:
-    """Values (N,) of normal scores z (N,); exact in the far tails where the law is normal or lognormal."""
-    if hasattr(law, "of_score"):
-        return law.of_score(z)
-    if type(law) is torch.distributions.Normal:
-        return law.loc + law.scale * z
-    if type(law) is torch.distributions.LogNormal:
-        return (law.loc + law.scale * z).exp()
-    least = torch.finfo(z.dtype).tiny
-    return of_uniform(law, normal_probability(z).clamp(least, 1 - torch.finfo(z.dtype).eps / 2))

@@ -12,7 +12,8 @@ from torch import Tensor
 
 from ...core.validation import as_tensor, finite
 from ...math.distributions import normal_score
-from .given_law import checked, of_score, of_uniform
+from .given_law import checked, of_uniform
+from .law_scores import LARGEST, has_tails, of_score
 from .laws import Constant, Law
 
 Correlation = Any  # (p, p) over the laws in their order, or {("EI", "mass"): 0.5}
@@ -78,14 +79,23 @@ class JointLaw:
 
     def of_score(self, z: Tensor) -> Tensor:
         """theta (N, columns), float64, of independent normal scores z (N, dimension)."""
-        if self.correlation is None:
-            return self._columns(z, of_score, lambda part: part)
+        return self._columns(torch.cat(self._scores(z), -1), of_score, lambda part: part)
+
+    def beyond(self, z: Tensor) -> list[str]:
+        """Names of laws that do not tell their tails where scores z (N, dimension) reach into them."""
+        return [name for (name, law), part in zip(self.laws.items(), self._scores(z), strict=True)
+                if self._mixes(law) and not has_tails(law) and (part.abs() > LARGEST).any()]
+
+    def _scores(self, z: Tensor) -> list[Tensor]:
+        """Normal scores of each law, (N, variates), of independent ones z (N, dimension)."""
         scores = list(z.split(list(self.dimensions.values()), -1))
         mixed = [k for k, law in enumerate(self.laws.values()) if self._mixes(law)]
+        if self.correlation is None or not mixed:
+            return scores
         root = torch.linalg.cholesky(self.correlation[mixed][:, mixed])
         for k, column in zip(mixed, (torch.cat([scores[k] for k in mixed], -1) @ root.mT).split(1, -1), strict=True):
             scores[k] = column
-        return self._columns(torch.cat(scores, -1), of_score, lambda part: part)
+        return scores
 
     def named(self, theta: Tensor) -> dict[str, Tensor]:
         """Columns by the names of laws: (N,), of a field (N, places)."""

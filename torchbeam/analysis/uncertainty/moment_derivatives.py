@@ -9,6 +9,8 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean
+from ...core.arguments import function as checked_function
+from ...core.repetition import one_of
 from ...core.validation import Value, as_tensor, finite, precision
 from .designs import Sobol
 from .estimate import Estimate, level_of, student_half
@@ -52,6 +54,7 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
     gradient.
     """
     level = level_of("interval", interval)
+    checked_function("laws", laws)
     boolean("by_name", by_name)
     q = finite("q", as_tensor(q, q.dtype if isinstance(q, Tensor) and q.is_floating_point() else torch.get_default_dtype()))
     if q.ndim != 1:
@@ -66,7 +69,8 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
         for first in range(k * points, (k + 1) * points, chunk):
             last = min(first + chunk, (k + 1) * points)
             joint = JointLaw.of(laws(q), correlation)  # a graph of its own
-            part, y, status = _sums(function, joint, plan, first, last, q, by_name)
+            with one_of(n / (last - first)):
+                part, y, status = _sums(function, joint, plan, first, last, q, by_name)
             total = part if total is None else tuple(a + b for a, b in zip(total, part, strict=True))
             lost.append((y, status))
         sums.append(total)
@@ -75,8 +79,8 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
     if len(good) < 2:
         raise ValueError(f"nearly all {n} samples failed ({', '.join(reasons)}); there are no moments of so few")
     each = [torch.stack(part) for part in zip(*map(_moments, good), strict=True)]
-    pooled = _moments(tuple(sum(part) for part in zip(*good, strict=True)))
-    samples = int(sum(total[0] for total in good))
+    pooled = _moments(tuple(sum(part) for part in zip(*sums, strict=True)))
+    samples = int(sum(total[0] for total in sums))
     halves = [student_half(scatter, level) for scatter in each]
     method = f"{len(good)} replicates"
     return MomentDerivatives(*(Estimate(centre, centre - half, centre + half, level, samples, method, reasons)

@@ -21,7 +21,7 @@ from .evaluation import Evaluation, Function, one_kind, points_of, progress_of, 
 from .joint_law import Correlation, JointLaw
 from .laws import Law
 from .progress import Report
-from .samples import Samples
+from .samples import Samples, checked_sentences
 
 DESIGNS = {"sobol": Sobol, "plain": Plain}
 FEWEST, MOST = 8, 64  # replicates of a run until an error is reached
@@ -84,14 +84,15 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
         joint = JointLaw.of(laws, correlation)
     choice("design", design, DESIGNS)
     boolean("by_name", by_name)
+    reasons = checked_sentences(sentences)
     auto, chunk = chunk == "auto", 1 if chunk == "auto" else chunk
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     n, points = _shares(n, replicates, until, None if theta is None else "theta")
     plan = Given(theta.to(dtype)) if theta is not None else DESIGNS[design](joint.dimension, seed, points)
     if auto:
-        chunk = chunk_of(out) or chunk_size(Evaluation(function, joint, plan, dtype, 1, by_name, executor), n)
+        chunk = chunk_of(out) or chunk_size(Evaluation(function, joint, plan, dtype, 1, by_name, executor, total=n), n)
     work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor,
-                      folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label))
+                      folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label), n)
     done, chunks, at = 0, [], progress_of(progress, n)
     for end in _stages(n, points, until):
         for part in work.chunks(done, end, at):
@@ -103,7 +104,7 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
         firsts = torch.tensor([0, *(len(c[0]) for c in chunks)]).cumsum(0).tolist()
         one_kind(zip(firsts, chunks, strict=False))
         samples = Samples(joint.names, *(torch.cat(part) for part in zip(*chunks, strict=True)),
-                          1 if plan.independent or points is None else done // points, plan.independent, dict(sentences or {}))
+                          1 if plan.independent or points is None else done // points, plan.independent, reasons)
         if until is not None and _reached(samples, until):
             break
     return samples

@@ -9,8 +9,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...core.arguments import function as checked_function
 from ...core.status import STATUS
-from ...core.validation import Value, as_tensor, broadcast, finite
+from ...core.validation import Value, as_tensor, broadcast, finite, shown
 from . import estimate, output
 from .estimate import Estimate, Statistic, level_of, probabilities
 
@@ -93,9 +94,10 @@ class Samples(output.Summary):
         bootstrap.
         """
         level, groups = level_of("level", level), self._groups()
-        if len(groups) > 1:
-            return estimate.replicated(groups, function, level, self.reasons)
-        return estimate.bootstrap(groups[0], function, level, self.reasons)
+        checked_function("function", function)
+        if sum(len(y) > 1 for y in groups) > 1:
+            return estimate.replicated(groups, function, level, self.reasons, fewest=2)
+        return estimate.bootstrap(torch.cat(groups), function, level, self.reasons)
 
     def exceedance(self, x: Any, interval: float = 0.95, *, failed_exceed: bool | None = None) -> Estimate:
         """Probability that y > x, for thresholds x that broadcast with one sample's y.
@@ -142,13 +144,13 @@ class Samples(output.Summary):
         return output.to_xarray(self, dims, coords)
 
     def _groups(self, y: Tensor | None = None, good: Tensor | None = None) -> list[Tensor]:
-        """Good samples of each replicate that has several; all of them, where none has."""
+        """Good samples of each replicate that has some; all of them together, where replicates do not tell the error."""
         y = self.y.double() if y is None else y
         good = self.status == 0 if good is None else good
         groups = [part[chosen] for part, chosen in zip(y.chunk(self.replicates), good.chunk(self.replicates), strict=True)]
         whole = self._filled(torch.cat(groups))
-        groups = [group for group in groups if len(group) > 1]
-        return groups if groups else [whole]  # of replicates of one sample each, samples are independent
+        groups = [group for group in groups if len(group)]
+        return groups if estimate.replicated_well(len(groups), len(whole)) else [whole]
 
     def _numbers(self) -> Tensor:
         """y of the good samples, at least one, in floating point."""
@@ -165,6 +167,15 @@ class Samples(output.Summary):
             "; 0 failed")
         times = f" in {self.replicates} replicates" if self.replicates > 1 else ""
         return f"Samples({len(self.y)} of {', '.join(self.names)}{times}{lost}; y {tuple(self.y.shape[1:])})"
+
+
+def checked_sentences(given: Any) -> dict[int, str]:
+    """Sentences by status; ValueError for what are none."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping) or not all(isinstance(code, int) and isinstance(text, str) for code, text in given.items()):
+        raise ValueError(f"sentences = {shown(given)} were given; a dict, status -> text, is wanted")
+    return dict(given)
 
 
 def reasons_of(y: Tensor, status: Tensor, sentences: Mapping[int, str]) -> dict[str, int]:

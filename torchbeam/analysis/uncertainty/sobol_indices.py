@@ -67,8 +67,8 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
         first = mean((y_B - mean)(y_i - y_A))/V        (Saltelli et al. 2010)
         total = mean((y_A - y_i)^2)/(2 V)              (Jansen 1999)
 
-    A group of p + 2 in which one failed is left out. Indices of a y that does not vary are NaN. Raises ValueError as
-    `monte_carlo` does, and where all groups failed.
+    A group of p + 2 in which one failed is left out. Indices of a y that does not vary are NaN; intervals are infinite where one
+    replicate alone has good groups. Raises ValueError as `monte_carlo` does, and where all groups failed.
     """
     joint = JointLaw.of(laws)
     boolean("by_name", by_name)
@@ -82,7 +82,7 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
     plan = Exchanged(Sobol(2 * joint.dimension, seed, points), parts)
     size = len(names) + 2
     work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor,
-                      folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label))
+                      folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label), n * size)
     chunks = list(work.chunks(0, n * size, progress_of(progress, n * size)))
     one_kind((k * chunk, part) for k, part in enumerate(chunks))
     _, y, status = (torch.cat(part) for part in zip(*chunks, strict=True))
@@ -91,13 +91,22 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
     if not good.any():
         raise ValueError(f"all {n} groups have samples that failed ({', '.join(reasons)}); there are no indices of none")
     values = y.double().reshape(n, size, *y.shape[1:])
-    groups = [g[ok] for g, ok in zip(values.chunk(replicates), good.chunk(replicates), strict=True)]
+    groups = [g[ok] for g, ok in zip(values.chunk(replicates), good.chunk(replicates), strict=True) if ok.any()]
     found = _indices(torch.cat(groups))  # (2, p, ...)
-    without = torch.stack([_indices(torch.cat(groups[:k] + groups[k + 1:])) for k in range(replicates)])
-    pseudo = replicates * found - (replicates - 1) * without
-    half = student_half(pseudo, level)
+    half = _half(groups, found, level)
     return SobolIndices(names, found[0], found[1], found - half, found + half, level, _variance(values[good]), n * size,
                         int((~good).sum()), reasons)
+
+
+def _half(groups: list[Tensor], found: Tensor, level: float) -> Tensor:
+    """Half the interval (2, p, ...) of the indices found in all groups of replicates, by the jackknife; infinite where groups are
+    good in one replicate alone.
+    """
+    R = len(groups)
+    if R == 1:
+        return found.abs() + torch.inf
+    without = torch.stack([_indices(torch.cat(groups[:k] + groups[k + 1:])) for k in range(R)])
+    return student_half(R * found - (R - 1) * without, level)
 
 
 def _indices(y: Tensor) -> Tensor:

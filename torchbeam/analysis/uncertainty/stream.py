@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ...core.validation import Value, as_tensor, broadcast, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
-from .estimate import FEW, Estimate, level_of, probabilities, share_half, student_half
+from .estimate import FEW, Estimate, level_of, probabilities, replicated_well, share_half, student_half
 from .moments import Moments
 from .output import Summary
 from .samples import reasons_of
@@ -145,21 +145,22 @@ class Stream(Summary):
         if interval is None:
             return self._shaped(centre, given)
         level = level_of("interval", interval)
-        low, high = centre.clone(), centre.clone()
+        ends = []
         groups = self._groups
-        for k, q in enumerate(several.tolist()):
-            few = groups == 1 or n / groups * min(q, 1 - q) < FEW
-            ranks = [rank - 1 for rank in binomial_ranks(q, n, level)] if few else []
-            for j, sketch in enumerate(pooled):
-                if few:
-                    ends = ranks
-                else:
-                    half = self._share_error(j, centre[k, j], level, n) * n
-                    ends = [max(q * (n - 1) - half, 0), min(q * (n - 1) + half, n - 1)]
-                for bound, rank, side in ((low, ends[0], -1), (high, ends[1], 1)):
-                    at = torch.tensor([rank], dtype=torch.float64)  # float32 tells ranks apart up to 2^24
-                    value = sketch.at_ranks(at)[0].item() if 0 <= rank <= n - 1 else side * math.inf
-                    bound[k, j] = value if math.isinf(value) else value + side * abs(value) * sketch.error
+        few = (n / groups * torch.minimum(several, 1 - several) < FEW) | (groups == 1)
+        counted = [[rank - 1 for rank in binomial_ranks(q, n, level)] for q in several[few].tolist()]
+        counted = torch.tensor(counted, dtype=torch.float64).reshape(-1, 2)
+        for j, sketch in enumerate(pooled):
+            ranks = torch.stack((several, several), -1) * (n - 1)
+            if not few.all():
+                half = self._share_error(j, centre[:, j], level, n)[:, None] * n
+                ranks = (ranks + torch.cat((-half, half), -1)).clamp(0, n - 1)
+            ranks[few] = counted
+            values = sketch.at_ranks(ranks.flatten().clamp(0, n - 1)).reshape(-1, 2)
+            values = values + values.abs() * sketch.error * torch.tensor([-1.0, 1.0], dtype=torch.float64)
+            values = torch.where(ranks < 0, -torch.inf, torch.where(ranks > n - 1, torch.inf, values))
+            ends.append(values)
+        low, high = torch.stack(ends, -2).unbind(-1)
         return self._estimate(*(self._shaped(x, given) for x in (centre, low, high)), level)
 
     def exceedance(self, x: Value, interval: float = 0.95) -> Estimate:
@@ -177,7 +178,7 @@ class Stream(Summary):
             if few:
                 low, high = binomial_interval(least, n, level)[0], binomial_interval(most, n, level)[1]
             else:
-                half = self._share_error(j, at, level, n)
+                half = self._share_error(j, at, level, n).item()
                 low, high = max(least / n - half, 0.0), min(most / n + half, 1.0)
             rows.append(((least + most) / 2 / n, low, high))
         return self._estimate(*(part.reshape(shape) for part in torch.tensor(rows, dtype=torch.float64).unbind(-1)), level)
@@ -192,11 +193,11 @@ class Stream(Summary):
         above = torch.stack([sum(sketch.above(edges)) / 2 for sketch in self._pooled()])
         return (-above.diff(dim=-1) / self.all.n).reshape(*self.shape, -1)
 
-    def _share_error(self, j: int, x: Tensor, level: float, n: int) -> float:
-        """Half the interval of P(y > x) from its shares in the replicates; at least the rule of three."""
+    def _share_error(self, j: int, x: Tensor, level: float, n: int) -> Tensor:
+        """Half the intervals (...) of P(y > x) from its shares in the replicates, x (...); at least the rule of three."""
         known = [(sketches[j], one.n) for sketches, one in zip(self.sketches, self.moments, strict=True) if one is not None]
         shares = torch.stack([sum(sketch.above(x)) / 2 / size for sketch, size in known])
-        return share_half(shares, level, n).item()
+        return share_half(shares, level, n)
 
     def _known(self) -> list[Moments]:
         known = [one for one in self.moments if one is not None]
@@ -207,7 +208,8 @@ class Stream(Summary):
     @property
     def _groups(self) -> int:
         """Groups whose scatter tells the error; 1 = samples do."""
-        return 1 if self.independent else len(self._known())
+        groups = 1 if self.independent else len(self._known())
+        return groups if replicated_well(groups, self.all.n) else 1
 
     def _pooled(self) -> list[Sketch]:
         """Sketches of all replicates together, one for each number of y."""

@@ -7,7 +7,8 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.analysis.uncertainty.given_law import of_score, of_uniform
+from torchbeam.analysis.uncertainty.given_law import of_uniform
+from torchbeam.analysis.uncertainty.law_scores import of_score
 
 U = (torch.arange(20000) + 0.5) / 20000
 WEIBULL = math.gamma(1.5)
