@@ -17,8 +17,8 @@ def normal_score(u: Tensor) -> Tensor:
 
 
 def normal_probability(z: Tensor) -> Tensor:
-    """Standard normal distribution function, any shape."""
-    return torch.special.ndtr(z)
+    """Standard normal distribution function, any shape, exact in the lower tail (torch.special.ndtr has no digits below -8)."""
+    return torch.erfc(-z / math.sqrt(2)) / 2
 
 
 def log_normal_probability(z: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import number
-from ...core.validation import as_tensor
+from ...core.validation import as_tensor, shown
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
 
 FEW = 5  # samples of a replicate beyond a quantile or threshold, below which replicates do not tell the error
@@ -79,7 +79,7 @@ def probabilities(levels: Any) -> Tensor:
     """Levels of quantiles, () or (K,), float64; ValueError for what are no probabilities."""
     given = as_tensor(levels, torch.float64)
     if given.ndim > 1 or not ((given >= 0) & (given <= 1)).all():
-        raise ValueError(f"levels = {levels!r} were given; probabilities, one or a sequence, are wanted")
+        raise ValueError(f"levels = {shown(levels)} were given; probabilities, one or a sequence, are wanted")
     return given
 
 

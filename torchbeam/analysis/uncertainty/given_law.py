@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...core.validation import shown
 from .laws import Constant, Empirical, Gumbel, Law, LogNormal, Normal, Triangular, Truncated, Uniform, Weibull
 from .random_field import RandomField
 
@@ -43,13 +44,13 @@ def of_text(what: str, given: Any) -> Law:
 def checked(name: Any, law: Law) -> Law:
     """`law` if it is one; ValueError otherwise."""
     if not isinstance(name, str):
-        raise ValueError(f"a law was given for {name!r}; a name is wanted")
+        raise ValueError(f"a law was given for {shown(name)}; a name is wanted")
     if isinstance(law, (tuple, list)):
         numbers = len(law) == 2 and all(isinstance(v, (int, float)) and abs(v) < math.inf for v in law)
         if not numbers or not law[0] < law[1]:
-            raise ValueError(f"the law {law!r} was given for {name!r}; (least, largest) is wanted")
+            raise ValueError(f"the law {shown(law)} was given for {name!r}; (least, largest) is wanted")
     elif not (hasattr(law, "icdf") or hasattr(law, "of_scores") or callable(law)):
-        raise ValueError(f"the law {law!r} was given for {name!r}; a pair, a torchbeam.laws.Constant, a distribution with icdf "
+        raise ValueError(f"the law {shown(law)} was given for {name!r}; a pair, a torchbeam.laws.Constant, a distribution with icdf "
                          "or a function is wanted")
     return law
 

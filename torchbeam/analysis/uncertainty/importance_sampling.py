@@ -38,5 +38,5 @@ def interval(each: Tensor, level: float) -> tuple[float, float, float]:
     mean = each.mean().item()
     if mean in (0.0, 1.0):
         return mean, 0.0, 1.0
-    half = student_half(each, level).item()
+    half = mean * student_half(each / mean, level).item()  # squares of 1e-170 would be 0
     return mean, max(mean - half, 0.0), min(mean + half, 1.0)

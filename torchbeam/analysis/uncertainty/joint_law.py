@@ -10,7 +10,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.validation import as_tensor, finite
+from ...core.arguments import number
+from ...core.validation import as_tensor, finite, shown
 from ...math.distributions import normal_score
 from .given_law import checked, of_uniform
 from .law_scores import LARGEST, has_tails, of_score
@@ -38,7 +39,7 @@ class JointLaw:
     def of(cls, laws: Any, correlation: Correlation = None) -> JointLaw:
         """From what a user gives; ValueError where that is no dict of laws, or no correlation of them."""
         if not isinstance(laws, Mapping):
-            raise ValueError(f"laws = {laws!r} was given; a dict, name -> law, is wanted")
+            raise ValueError(f"laws = {shown(laws)} was given; a dict, name -> law, is wanted")
         if not laws:
             raise ValueError("no laws were given; one for each parameter is wanted")
         laws = {name: checked(name, law) for name, law in laws.items()}
@@ -135,12 +136,12 @@ def _correlation(given: Correlation, laws: dict[str, Law]) -> Tensor:
     if isinstance(given, Mapping):
         matrix = torch.eye(p, dtype=torch.float64)
         for pair, value in given.items():
-            if not isinstance(pair, tuple) or len(pair) != 2 or not set(pair) <= set(names) or pair[0] == pair[1]:
-                raise ValueError(f"a correlation of {pair!r} was given; two of {', '.join(names)} are wanted")
+            if not isinstance(pair, tuple) or len(pair) != 2 or any(one not in names for one in pair) or pair[0] == pair[1]:
+                raise ValueError(f"a correlation of {shown(pair)} was given; two of {', '.join(names)} are wanted")
             if pair[::-1] in given:
                 raise ValueError(f"a correlation of {pair!r} and one of {pair[::-1]!r} were given; one of the two is wanted")
             i, j = map(names.index, pair)
-            matrix[i, j] = matrix[j, i] = as_tensor(value, torch.float64)
+            matrix[i, j] = matrix[j, i] = number(f"the correlation of {pair!r}", value)
     else:
         matrix = as_tensor(given, torch.float64).cpu()
     finite("correlation", matrix)

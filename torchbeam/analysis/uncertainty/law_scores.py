@@ -53,13 +53,14 @@ def has_tails(law: Any) -> bool:
 
 
 def of_score(law: Any, z: Tensor) -> Tensor:
-    """Values (N,) of normal scores z (N,). A law that does not tell scores is asked for the value of a probability, which far up
-    in the tail, from LARGEST on, is 1 but for rounding.
+    """Values (N,) of normal scores z (N,). A law that does not tell scores is asked for the value of a probability, which beyond
+    LARGEST stays at 0 or 1 but for rounding.
     """
     law = as_own(law)
     if hasattr(law, "of_score"):
         return law.of_score(z)
-    u = normal_probability(z).clamp(torch.finfo(z.dtype).tiny, 1 - torch.finfo(z.dtype).eps / 2)
+    least = torch.finfo(z.dtype).eps / 2
+    u = normal_probability(z).clamp(least, 1 - least)
     return law.icdf(u) if hasattr(law, "icdf") else law(u)
 
 

@@ -11,9 +11,10 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean, choice
+from ...core.files import path_of
 from ...core.memory import check_memory
 from ...core.validation import Value, as_tensor, finite, shown
-from .chunk_size import chunk_size
+from .chunk_size import chunk_size, usual_chunk
 from .chunks import ChunkFolder
 from .designs import Given, Plain, Sobol
 from .estimate import Estimate
@@ -31,7 +32,8 @@ Until = float | tuple[float, Callable[[Samples], Estimate]]
 
 def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: int | None = None, *,
                 correlation: Correlation | None = None, theta: Value | None = None, design: str = "sobol",
-                replicates: int | None = None, until: Until | None = None, seed: int = 0, chunk: int | str = 256,
+                replicates: int | None = None, until: Until | None = None, seed: int = 0,
+                chunk: int | str | None = None,
                 executor: Executor | None = None, out: str | Path | None = None, dtype: torch.dtype | None = None,
                 version: str | int | None = None, by_name: bool = False, sentences: Mapping[int, str] | None = None,
                 progress: Report | bool | None = None) -> Samples:
@@ -55,7 +57,8 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
                  another quantity, such as (0.02, lambda samples: samples.quantile(0.99, 0.95)). It is looked at after 8, 12,
                  16, 24 ... replicates; looking often makes the interval a little too short
     chunk     samples a call. Chunk i is a function of (seed, i) alone: who computes it, when, or how often does not matter.
-              "auto": measured, from throughput and memory; a folder keeps its own
+              None: 256, and of more than 32,768 samples up to 1,024. "auto": measured, from throughput and memory. With either
+              a folder keeps its own
     executor  any concurrent.futures.Executor, such as ProcessPoolExecutor, or a Dask cluster's Client.get_executor(); None =
               here, one after the other. Function and laws must then pickle; other processes compute on one thread
     out       a folder: each chunk is a file there, and what is there already is not computed again; a run that was killed
@@ -83,13 +86,17 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
     else:
         joint = JointLaw.of(laws, correlation)
     choice("design", design, DESIGNS)
+    out = None if out is None else path_of("out", out)
     boolean("by_name", by_name)
     reasons = checked_sentences(sentences)
-    auto, chunk = chunk == "auto", 1 if chunk == "auto" else chunk
+    auto, own = isinstance(chunk, str) and chunk == "auto", chunk is None
+    chunk = 1 if auto or own else chunk
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     n, points = _shares(n, replicates, until, None if theta is None else "theta")
     plan = Given(theta.to(dtype)) if theta is not None else DESIGNS[design](joint.dimension, seed, points)
-    if auto:
+    if own:
+        chunk = chunk_of(out) or usual_chunk(n)
+    elif auto:
         chunk = chunk_of(out) or chunk_size(Evaluation(function, joint, plan, dtype, 1, by_name, executor, total=n), n)
     work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor,
                       folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label), n)
@@ -121,7 +128,8 @@ def folder_of(out: str | Path | None, function: Function, joint: JointLaw, versi
 
 def chunk_of(out: str | Path | None) -> int | None:
     """Chunk of the run that is in a folder; None where there is none."""
-    return None if out is None else ChunkFolder.setting(out, "chunk")
+    found = None if out is None else ChunkFolder.setting(out, "chunk")
+    return found if isinstance(found, int) and found > 0 else None
 
 
 def _own(laws: Any, theta: Value, n: int | None, dtype: torch.dtype | None, correlation: Any) -> tuple[JointLaw, Tensor]:

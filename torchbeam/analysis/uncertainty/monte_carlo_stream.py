@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean, choice
-from ...core.files import NotWritten, save
+from ...core.files import NotWritten, path_of, save
 from .chunks import ChunkFolder, loaded
 from .evaluation import Evaluation, Function, points_of, progress_of, settings
 from .joint_law import Correlation, JointLaw
@@ -48,6 +48,7 @@ def monte_carlo_stream(function: Function, laws: Mapping[str, Law], n: int, *, r
     """
     joint = JointLaw.of(laws, correlation)
     choice("design", design, DESIGNS)
+    out = None if out is None else path_of("out", out)
     boolean("by_name", by_name)
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     points = points_of(n, replicates)

@@ -146,7 +146,7 @@ class Triangular:
     def _of_tails(self, p: Tensor, q: Tensor) -> Tensor:
         """Value with the probabilities p below and q above it."""
         width, rise = self.largest - self.least, self.mode - self.least
-        rises = p * width < rise
+        rises = (p * width < rise) | (rise == width)
         below = torch.where(rises, p * width * rise, 1.0).sqrt()
         above = torch.where(rises, 1.0, q * width * (width - rise)).sqrt()
         return torch.where(rises, self.least + below, self.largest - above)

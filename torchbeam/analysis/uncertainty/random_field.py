@@ -51,12 +51,12 @@ class RandomField:
             if isinstance(given, Tensor) and given.requires_grad:
                 raise ValueError(f"RandomField's {name} that carries a gradient was given; a number is wanted")
             object.__setattr__(self, name, number(f"RandomField's {name}", given))
+        choice("RandomField's kernel", self.kernel, KERNELS)
+        choice("RandomField's marginal", self.marginal, MARGINALS)
         positive = ("deviation", "correlation_length", *(("mean",) if self.marginal == "lognormal" else ()))
         for name in positive:
             if not getattr(self, name) > 0:
                 raise ValueError(f"RandomField's {name} = {getattr(self, name):g} was given; a positive number is wanted")
-        choice("RandomField's kernel", self.kernel, KERNELS)
-        choice("RandomField's marginal", self.marginal, MARGINALS)
         object.__setattr__(self, "s", s)
         eigenvalue, shape = self._expansion(None if self.terms is None else count("RandomField's terms", self.terms))
         object.__setattr__(self, "eigenvalue", eigenvalue)

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...core.arguments import boolean
 from ...core.arguments import function as checked_function
 from ...core.status import STATUS
 from ...core.validation import Value, as_tensor, broadcast, finite, shown
@@ -109,6 +110,7 @@ class Samples(output.Summary):
         values = self.y.reshape(len(self), *[1] * max(x.ndim - (self.y.ndim - 1), 0), *self.y.shape[1:])
         above, good = values > x, self.status == 0
         if failed_exceed is not None:
+            boolean("failed_exceed", failed_exceed)
             above, good = torch.where(good.reshape(-1, *[1] * (above.ndim - 1)), above, bool(failed_exceed)), good | True
         return estimate.probability(self._groups(above, good), level_of("interval", interval), self.reasons)
 
@@ -131,7 +133,10 @@ class Samples(output.Summary):
         n = torch.tensor([2**k for k in range(least.bit_length())])
         sums = torch.stack([y[:least].cumsum(0)[n - 1] for y in groups])
         means = sums / n.reshape(-1, *[1] * (sums.ndim - 2))
-        centre = torch.cat(groups).mean(0) if reference is None else as_tensor(reference, torch.float64)
+        centre = torch.cat(groups).mean(0) if reference is None else finite("reference", as_tensor(reference, torch.float64))
+        if broadcast("the reference and y of a sample", centre.shape, self.y.shape[1:]) != self.y.shape[1:]:
+            raise ValueError(f"a reference {tuple(centre.shape)} was given for a y {tuple(self.y.shape[1:])}; one for each number "
+                             "is wanted")
         freedom = len(groups) - (reference is None)
         return n, ((means - centre).square().sum(0) / freedom).sqrt()
 

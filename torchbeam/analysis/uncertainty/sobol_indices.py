@@ -11,12 +11,14 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean
+from ...core.files import path_of
+from .chunk_size import usual_chunk
 from .designs import Exchanged, Sobol
 from .estimate import level_of, student_half
 from .evaluation import Evaluation, Function, one_kind, points_of, progress_of, settings
 from .joint_law import JointLaw
 from .laws import Law
-from .monte_carlo import folder_of
+from .monte_carlo import chunk_of, folder_of
 from .progress import Report
 from .samples import reasons_of
 
@@ -53,9 +55,9 @@ class SobolIndices:
 
 
 def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replicates: int = 16, interval: float = 0.95,
-                  seed: int = 0, chunk: int = 256, executor: Executor | None = None, out: str | Path | None = None,
-                  dtype: torch.dtype | None = None, version: str | int | None = None, by_name: bool = False,
-                  progress: Report | bool | None = None) -> SobolIndices:
+                  seed: int = 0, chunk: int | None = None, executor: Executor | None = None,
+                  out: str | Path | None = None, dtype: torch.dtype | None = None, version: str | int | None = None,
+                  by_name: bool = False, progress: Report | bool | None = None) -> SobolIndices:
     """First and total Sobol indices of a function of independent random parameters.
 
     n           points of each of the two samples A and B, shared out to the replicates: a multiple of them, best by a power of
@@ -73,6 +75,8 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
     joint = JointLaw.of(laws)
     boolean("by_name", by_name)
     level = level_of("interval", interval)
+    out = None if out is None else path_of("out", out)
+    own, chunk = chunk is None, 1 if chunk is None else chunk
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     points = points_of(n, replicates, fewest=2, least=2)
     random = joint.random()
@@ -81,6 +85,7 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
     parts = owner == torch.arange(len(names))[:, None]
     plan = Exchanged(Sobol(2 * joint.dimension, seed, points), parts)
     size = len(names) + 2
+    chunk = (chunk_of(out) or usual_chunk(n * size)) if own else chunk
     work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor,
                       folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label), n * size)
     chunks = list(work.chunks(0, n * size, progress_of(progress, n * size)))

@@ -181,7 +181,7 @@ class Stream(Summary):
                 half = self._share_error(j, at, level, n).item()
                 low, high = max(least / n - half, 0.0), min(most / n + half, 1.0)
             rows.append(((least + most) / 2 / n, low, high))
-        return self._estimate(*(part.reshape(shape) for part in torch.tensor(rows, dtype=torch.float64).unbind(-1)), level)
+        return self._estimate(*(part.reshape(shape) for part in torch.tensor(rows, dtype=torch.float64).reshape(-1, 3).unbind(-1)), level)
 
     def histogram(self, edges: Value) -> Tensor:
         """Shares (..., bins) of the good samples between edges (bins + 1,); a sketch's bins that an edge cuts go half to each
