@@ -107,8 +107,9 @@ def quantile(groups: Sequence[Tensor], levels: Tensor, level: float, reasons: Ma
     for k, q in enumerate(levels.tolist()):
         if len(groups) > 1 and not few[k]:
             half = share_half(torch.stack([(y <= centre[k]).double().mean(0) for y in groups]), level, len(pooled))
-            for bound, place in ((low, q - half), (high, q + half)):
-                bound[k] = at_levels(pooled, place.clamp(0, 1))
+            for bound, place, side in ((low, q - half, -math.inf), (high, q + half, math.inf)):
+                within = (place >= 0) & (place <= 1)
+                bound[k] = torch.where(within, at_levels(pooled, place.clamp(0, 1)), side)
             methods.add(f"{len(groups)} replicates")
             continue
         ranks = binomial_ranks(q, len(pooled), level)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -63,14 +64,14 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
     joint = JointLaw.of(laws(q), correlation)
     n, seed, chunk, _ = settings(function, n, seed, chunk, None, precision(q.dtype), None)
     points = points_of(n, replicates, fewest=2, least=2)
-    plan, sums, lost = Sobol(joint.dimension, seed, points), [], []
+    plan, sums, lost, about = Sobol(joint.dimension, seed, points), [], [], None
     for k in range(replicates):
         total = None
         for first in range(k * points, (k + 1) * points, chunk):
             last = min(first + chunk, (k + 1) * points)
             joint = JointLaw.of(laws(q), correlation)  # a graph of its own
             with one_of(n / (last - first)):
-                part, y, status = _sums(function, joint, plan, first, last, q, by_name)
+                part, y, status, about = _sums(function, joint, plan, first, last, q, by_name, about)
             total = part if total is None else tuple(a + b for a, b in zip(total, part, strict=True))
             lost.append((y, status))
         sums.append(total)
@@ -79,7 +80,8 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
     if len(good) < 2:
         raise ValueError(f"nearly all {n} samples failed ({', '.join(reasons)}); there are no moments of so few")
     each = [torch.stack(part) for part in zip(*map(_moments, good), strict=True)]
-    pooled = _moments(tuple(sum(part) for part in zip(*sums, strict=True)))
+    pooled = list(_moments(tuple(sum(part) for part in zip(*sums, strict=True))))
+    pooled[0] = pooled[0] + about
     samples = int(sum(total[0] for total in sums))
     halves = [student_half(scatter, level) for scatter in each]
     method = f"{len(good)} replicates"
@@ -87,12 +89,16 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
                                for centre, half in zip(pooled, halves, strict=True)))
 
 
-def _sums(function: Function, joint: JointLaw, plan: Sobol, first: int, last: int, q: Tensor, by_name: bool
-          ) -> tuple[tuple[Tensor, ...], Tensor, Tensor]:
-    """Number of good samples; sums of y and y^2 (...), and of their derivatives (m, ...); y and status of all."""
+def _sums(function: Function, joint: JointLaw, plan: Sobol, first: int, last: int, q: Tensor, by_name: bool,
+          about: Tensor | None) -> tuple[tuple[Tensor, ...], Tensor, Tensor, Tensor | None]:
+    """Number of good samples; sums of d = y - about and of d^2 (...), and of their derivatives (m, ...); y and status of all;
+    about (...), the mean of the first chunk that has good samples: squares of y itself cancel where its mean is large.
+    """
     theta = joint.of_uniform(plan.uniform(first, last)).to(q.dtype)
     y, status = called(function, joint, theta, by_name)
-    values = y.reshape(len(y), -1)[status == 0].double()  # squares of float32 cancel where the mean is large
+    good = y[status == 0].double()
+    about = good.detach().mean(0) if about is None and len(good) else about
+    values = (good if about is None else good - about).reshape(len(good), math.prod(y.shape[1:]))
     moments = (values.sum(0), values.square().sum(0))
     by = [[torch.autograd.grad(number, q, retain_graph=True, allow_unused=True)[0] for number in moment.unbind()]
           for moment in moments] if y.requires_grad else [[None]]
@@ -103,11 +109,11 @@ def _sums(function: Function, joint: JointLaw, plan: Sobol, first: int, last: in
     shape = y.shape[1:]
     sums = (torch.tensor(float(len(values)), dtype=torch.float64),
             *(m.detach().reshape(shape) for m in moments), *(b.double().reshape(len(q), *shape) for b in by))
-    return sums, y.detach().cpu(), status.cpu()
+    return sums, y.detach().cpu(), status.cpu(), about
 
 
 def _moments(sums: tuple[Tensor, ...]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Mean, deviation and their derivatives, of sums."""
+    """Mean of d, deviation and their derivatives, of sums."""
     n, total, squares, total_by, squares_by = sums
     mean, mean_by = total / n, total_by / n
     variance = (squares / n - mean.square()) * n / (n - 1)

@@ -83,7 +83,11 @@ class Samples(output.Summary):
         return found if given.ndim else replace(found, estimate=found.estimate[0], low=found.low[0], high=found.high[0])
 
     def mean_interval(self, level: float = 0.95) -> Estimate:
-        """Mean (...), with Student's interval: of the means of replicates, or of the samples."""
+        """Mean (...), with Student's interval: of the means of replicates, or of the samples. Of a y of yes and no that of a
+        probability.
+        """
+        if self.y.dtype == torch.bool:
+            return self.exceedance(0.5, level_of("level", level))
         return estimate.mean(self._groups(), level_of("level", level), self.reasons)
 
     def deviation_interval(self, level: float = 0.95) -> Estimate:
@@ -129,6 +133,8 @@ class Samples(output.Summary):
         if len(groups) == 1 and not self.independent:
             raise ValueError("the convergence of one Sobol sequence was asked for; replicates are wanted")
         groups = groups if len(groups) > 1 else list(groups[0].chunk(16))
+        if len(groups) == 1:
+            raise ValueError("the convergence of one good sample was asked for; several are wanted")
         least = min(map(len, groups))
         n = torch.tensor([2**k for k in range(least.bit_length())])
         sums = torch.stack([y[:least].cumsum(0)[n - 1] for y in groups])

@@ -125,7 +125,9 @@ class Stream(Summary):
         return max(sketch.error for sketch in self._pooled())
 
     def mean_interval(self, level: float = 0.95) -> Estimate:
-        """Mean (...), with Student's interval: of the means of replicates, or of the samples."""
+        """Mean (...), with Student's interval: of the means of replicates, or of the samples. (Of a y of yes and no take the
+        exceedance of 0.5, whose interval is that of a probability.)
+        """
         known, whole, level = self._known(), self.all, level_of("level", level)
         if self._groups > 1:
             half = student_half(torch.stack([one.mean for one in known]), level)
@@ -133,7 +135,7 @@ class Stream(Summary):
             half = student_quantile((1 + level) / 2, whole.n - 1) * whole.deviation / math.sqrt(whole.n)
         else:
             half = whole.mean.abs() + math.inf
-        return self._estimate(whole.mean, whole.mean - half, whole.mean + half, level)
+        return self._estimate(whole.mean, whole.mean - half, whole.mean + half, level, torch.tensor(self._groups == 1))
 
     def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
         """Quantiles, (...) of one level and (levels, ...) of several, to the relative `error`; with `interval` an `Estimate` of
@@ -154,14 +156,14 @@ class Stream(Summary):
             ranks = torch.stack((several, several), -1) * (n - 1)
             if not few.all():
                 half = self._share_error(j, centre[:, j], level, n)[:, None] * n
-                ranks = (ranks + torch.cat((-half, half), -1)).clamp(0, n - 1)
+                ranks = ranks + torch.cat((-half, half), -1)
             ranks[few] = counted
             values = sketch.at_ranks(ranks.flatten().clamp(0, n - 1)).reshape(-1, 2)
             values = values + values.abs() * sketch.error * torch.tensor([-1.0, 1.0], dtype=torch.float64)
             values = torch.where(ranks < 0, -torch.inf, torch.where(ranks > n - 1, torch.inf, values))
             ends.append(values)
         low, high = torch.stack(ends, -2).unbind(-1)
-        return self._estimate(*(self._shaped(x, given) for x in (centre, low, high)), level)
+        return self._estimate(*(self._shaped(x, given) for x in (centre, low, high)), level, few)
 
     def exceedance(self, x: Value, interval: float = 0.95) -> Estimate:
         """Probability that y > x, for thresholds x that broadcast with one y. Samples in the bin that x lies in are taken half:
@@ -171,7 +173,7 @@ class Stream(Summary):
         x = finite("x", as_tensor(x, torch.float64))
         shape = broadcast("the thresholds and y of a sample", x.shape, torch.Size(self.shape))
         numbers = torch.arange(max(math.prod(self.shape), 1)).reshape(self.shape).expand(shape).flatten().tolist()
-        rows = []
+        rows, fews = [], []
         for j, at in zip(numbers, x.expand(shape).flatten(), strict=True):
             least, most = (v.item() for v in pooled[j].above(at))
             few = groups == 1 or min(least, n - most) < FEW * groups
@@ -181,7 +183,9 @@ class Stream(Summary):
                 half = self._share_error(j, at, level, n).item()
                 low, high = max(least / n - half, 0.0), min(most / n + half, 1.0)
             rows.append(((least + most) / 2 / n, low, high))
-        return self._estimate(*(part.reshape(shape) for part in torch.tensor(rows, dtype=torch.float64).reshape(-1, 3).unbind(-1)), level)
+            fews.append(few)
+        return self._estimate(*(part.reshape(shape) for part in torch.tensor(rows, dtype=torch.float64).reshape(-1, 3).unbind(-1)), level,
+                              torch.tensor(fews))
 
     def histogram(self, edges: Value) -> Tensor:
         """Shares (..., bins) of the good samples between edges (bins + 1,); a sketch's bins that an edge cuts go half to each
@@ -224,9 +228,12 @@ class Stream(Summary):
         found = rows.reshape(-1, *self.shape)
         return found if given.ndim else found[0]
 
-    def _estimate(self, centre: Tensor, low: Tensor, high: Tensor, level: float) -> Estimate:
-        return Estimate(centre, low, high, level, self.all.n, f"{self._groups} replicates" if self._groups > 1 else "counts",
-                        dict(sorted(self.reasons.items(), key=lambda item: -item[1])))
+    def _estimate(self, centre: Tensor, low: Tensor, high: Tensor, level: float, counted: Tensor) -> Estimate:
+        """counted: whether samples were counted in place of replicates, number by number."""
+        method = "counts" if counted.all() else f"{self._groups} replicates" + (", or counts where they are few" if counted.any()
+                                                                               else "")
+        reasons = dict(sorted(self.reasons.items(), key=lambda item: -item[1]))
+        return Estimate(centre, low, high, level, self.all.n, method, reasons)
 
     def __repr__(self) -> str:
         lost = f"{self.failed} failed" + "".join(f", {n}: {why}" for why, n in self.reasons.items())
