@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ...core.arguments import number
 from ...core.validation import as_tensor, shown
-from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
+from ...math.distributions import binomial_interval, binomial_ranks, normal_probability, student_quantile
 
 FEW = 5  # samples of a replicate beyond a quantile or threshold, below which replicates do not tell the error
 RESAMPLES = 1000  # of a bootstrap
@@ -152,12 +152,17 @@ def replicated(groups: Sequence[Tensor], statistic: Statistic, level: float, rea
 
 def bootstrap(y: Tensor, statistic: Statistic, level: float, reasons: Mapping[str, int]) -> Estimate:
     """Any statistic of independent samples y (n, ...), with the interval between percentiles of that of samples drawn from
-    them. (Efron 1979.)
+    them (Efron 1979), further out by sqrt(n/(n - 1)) and by Student's law, without which few samples make it too short
+    (Hesterberg 2015, section 5.3); infinite of one sample.
     """
     draw = torch.Generator().manual_seed(0)
     drawn = (y[torch.randint(len(y), (len(y),), generator=draw)] for _ in range(RESAMPLES))
     centre, each = _values(statistic, chain((y,), drawn)).tensor_split([1])
-    low, high = quantile_of_sorted(each.sort(0).values, each.new_tensor([(1 - level) / 2, (1 + level) / 2]))
+    if len(y) == 1:
+        half = torch.full_like(centre[0], math.inf)
+        return Estimate(centre[0], -half, half, level, 1, "bootstrap", reasons)
+    far = each.new_tensor(math.sqrt(len(y) / (len(y) - 1)) * student_quantile((1 + level) / 2, len(y) - 1))
+    low, high = quantile_of_sorted(each.sort(0).values, normal_probability(torch.stack((-far, far))))
     return Estimate(centre[0], low, high, level, len(y), "bootstrap", reasons)
 
 
