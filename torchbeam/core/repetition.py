@@ -1,4 +1,4 @@
-"""Repetition of a call: of how many like it a run consists. What is prepared for all of them, as native code, is weighed by that."""
+"""Repetition of a call: how many like it a run makes, by which what is prepared for them all, as native code, is weighed."""
 
 from __future__ import annotations
 

@@ -61,8 +61,8 @@ class Estimate:
 
 
 def replicated_well(groups: int, samples: int) -> bool:
-    """Whether the scatter of so many replicates with good samples tells the error: of one it does not, and of one sample in each
-    the samples themselves do, which are independent.
+    """Whether the scatter of so many replicates with good samples tells the error: of one it does not, and of one sample in
+    each the samples themselves do, which are independent.
     """
     return groups > 1 and samples >= 2 * groups
 
@@ -143,7 +143,7 @@ def probability(groups: Sequence[Tensor], level: float, reasons: Mapping[str, in
 
 def replicated(groups: Sequence[Tensor], statistic: Statistic, level: float, reasons: Mapping[str, int], fewest: int = 1
                ) -> Estimate:
-    """Any statistic of all samples, with Student's interval from its scatter among the replicates of `fewest` samples or more."""
+    """Any statistic of all samples, with Student's interval from its scatter among replicates of `fewest` samples or more."""
     pooled = torch.cat(list(groups))
     centre, each = _values(statistic, [pooled, *(y for y in groups if len(y) >= fewest)]).tensor_split([1])
     half = student_half(each, level)
@@ -174,8 +174,8 @@ def _values(statistic: Statistic, samples: Iterable[Tensor]) -> Tensor:
         if not isinstance(value, Tensor) or value.is_complex():
             raise ValueError(f"a statistic that gave a {type(value).__name__} was given; a tensor of real numbers is wanted")
         if values and value.shape != values[0].shape:
-            raise ValueError(f"a statistic that gave {tuple(values[0].shape)} of all samples and {tuple(value.shape)} of some of "
-                             "them was given; one shape is wanted")
+            raise ValueError(f"a statistic that gave {tuple(values[0].shape)} of all samples and {tuple(value.shape)} of some "
+                             "was given; one shape is wanted")
         values.append(value.detach().double())
     return torch.stack(values)
 

@@ -127,8 +127,8 @@ def called(function: Function, joint: JointLaw, theta: Tensor, by_name: bool) ->
         if value.shape[:1] != (n,) or (value is status and value.ndim != 1) or not value.numel():
             raise ValueError(f"a function that gave {name} {tuple(value.shape)} was given; {wanted} is wanted")
         if value.layout != torch.strided or value.is_meta:
-            raise ValueError(f"a function that gave {name} in the layout {value.layout} on {value.device} was given; numbers, one "
-                             "beside the other, are wanted")
+            raise ValueError(f"a function that gave {name} in the layout {value.layout} on {value.device} was given; numbers, "
+                             "one beside the other, are wanted")
         if value.is_complex():
             raise ValueError(f"a function that gave a complex {name.split()[-1]} was given; real numbers are wanted")
     if status.is_floating_point() and not (status == status.round()).all():

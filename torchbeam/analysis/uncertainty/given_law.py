@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-import torch
 from torch import Tensor
 
 from ...core.validation import shown
@@ -50,8 +49,8 @@ def checked(name: Any, law: Law) -> Law:
         if not numbers or not law[0] < law[1]:
             raise ValueError(f"the law {shown(law)} was given for {name!r}; (least, largest) is wanted")
     elif not (hasattr(law, "icdf") or hasattr(law, "of_scores") or callable(law)):
-        raise ValueError(f"the law {shown(law)} was given for {name!r}; a pair, a torchbeam.laws.Constant, a distribution with icdf "
-                         "or a function is wanted")
+        raise ValueError(f"the law {shown(law)} was given for {name!r}; a pair, a torchbeam.laws.Constant, a distribution with "
+                         "icdf or a function is wanted")
     return law
 
 

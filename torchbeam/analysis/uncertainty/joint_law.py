@@ -14,7 +14,7 @@ from ...core.arguments import number
 from ...core.validation import as_tensor, finite, shown
 from ...math.distributions import normal_score
 from .given_law import checked, of_uniform
-from .law_scores import LARGEST, has_tails, of_score
+from .law_scores import has_tails, of_score
 from .laws import Constant, Law
 
 Correlation = Any  # (p, p) over the laws in their order, or {("EI", "mass"): 0.5}
@@ -82,10 +82,10 @@ class JointLaw:
         """theta (N, columns), float64, of independent normal scores z (N, dimension)."""
         return self._columns(torch.cat(self._scores(z), -1), of_score, lambda part: part)
 
-    def beyond(self, z: Tensor) -> list[str]:
-        """Names of laws that do not tell their tails where scores z (N, dimension) reach into them."""
-        return [name for (name, law), part in zip(self.laws.items(), self._scores(z), strict=True)
-                if self._mixes(law) and not has_tails(law) and (part.abs() > LARGEST).any()]
+    @property
+    def without_tails(self) -> list[str]:
+        """Names of laws that tell values of probabilities alone, and so not the far upper tail."""
+        return [name for name, law in self.laws.items() if self._mixes(law) and not has_tails(law)]
 
     def _scores(self, z: Tensor) -> list[Tensor]:
         """Normal scores of each law, (N, variates), of independent ones z (N, dimension)."""

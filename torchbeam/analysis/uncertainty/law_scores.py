@@ -12,8 +12,6 @@ from torch import Tensor, distributions
 from ...math.distributions import normal_probability, score_of_tails
 from .parametric_laws import Gumbel, Normal, Uniform, Weibull
 
-LARGEST = 8.0  # normal score at which a probability, 1 - 6e-16, still is another number than 1
-
 
 @dataclass(frozen=True)
 class Exponential:
@@ -53,15 +51,18 @@ def has_tails(law: Any) -> bool:
 
 
 def of_score(law: Any, z: Tensor) -> Tensor:
-    """Values (N,) of normal scores z (N,). A law that does not tell scores is asked for the value of a probability, which beyond
-    LARGEST stays at 0 or 1 but for rounding.
+    """Values (N,) of normal scores z (N,). A law that does not tell scores is asked for the value of a probability, which is 1
+    but for rounding from z = 8 on; where it has none of a small one, it is that of rounding, at z = -8.
     """
     law = as_own(law)
     if hasattr(law, "of_score"):
         return law.of_score(z)
-    least = torch.finfo(z.dtype).eps / 2
-    u = normal_probability(z).clamp(least, 1 - least)
-    return law.icdf(u) if hasattr(law, "icdf") else law(u)
+    value = law.icdf if hasattr(law, "icdf") else law
+    rounding = torch.finfo(z.dtype).eps / 2
+    u = normal_probability(z).clamp(torch.finfo(z.dtype).tiny, 1 - rounding)
+    x = value(u)
+    lost = ~torch.isfinite(x) if isinstance(x, Tensor) and x.shape == u.shape else torch.zeros_like(u, dtype=torch.bool)
+    return value(torch.where(lost, u.clamp_min(rounding), u)) if lost.any() else x
 
 
 def score(law: Any, x: Tensor) -> Tensor:

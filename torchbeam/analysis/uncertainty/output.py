@@ -39,9 +39,10 @@ def to_xarray(samples: Any, dims: Sequence[str] | None = None, coords: dict[str,
     xarray = _imported("xarray")
     _apart(samples, ["y"])
     dims = tuple(f"axis_{k}" for k in range(1, samples.y.ndim)) if dims is None else dims
-    if isinstance(dims, str) or not isinstance(dims, Sequence) or len(dims) != samples.y.ndim - 1 or len({*dims}) < len(dims) or (
-            not all(isinstance(name, str) and name != "sample" for name in dims)):
-        raise ValueError(f"dims = {shown(dims)} were given for a y {tuple(samples.y.shape[1:])}; a name for each axis is wanted")
+    names = isinstance(dims, Sequence) and not isinstance(dims, str) and all(isinstance(name, str) for name in dims)
+    if not names or len(dims) != samples.y.ndim - 1 or len({"sample", *dims}) <= len(dims):
+        raise ValueError(f"dims = {shown(dims)} were given for a y {tuple(samples.y.shape[1:])}; a name for each axis is "
+                         "wanted")
     coords = {} if coords is None else coords
     taken = {*samples.names, "y", "status", "replicate", "sample"}
     if not isinstance(coords, Mapping) or taken & {*coords}:

@@ -1,7 +1,7 @@
 """Laws of one random number by their parameters, which may be tensors (0-dim) with gradients.
 
-Each has `icdf` of a uniform variate u, `of_score` of a normal score z, the standard normal variable of the same probability, and
-undoes them by `cdf` and `score`. Scores tell both tails, u only the lower one: close to 1 it has no digits left.
+Each has `icdf` of a uniform variate u, `of_score` of a normal score z, the standard normal variable of the same probability,
+and undoes them by `cdf` and `score`. Scores tell both tails, u only the lower one: close to 1 it has no digits left.
 """
 
 from __future__ import annotations

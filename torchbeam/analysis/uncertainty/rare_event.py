@@ -17,7 +17,6 @@ from .evaluation import Evaluation, Function, settings
 from .importance_sampling import importance_sampling
 from .importance_sampling import interval as importance_interval
 from .joint_law import Correlation, JointLaw
-from .law_scores import LARGEST
 from .laws import Law
 from .limit_state import LimitState
 from .subset_simulation import SHARE, subset_simulation
@@ -100,9 +99,6 @@ def rare_event(function: Function, laws: Mapping[str, Law], threshold: float, n:
     if n < 2 * runs:
         raise ValueError(f"n = {n} was given for {runs} replicates of importance sampling; at least {2 * runs} are wanted")
     points = design_points(limit, count("starts", starts), seed)
-    if names := joint.beyond(points.z):
-        raise ValueError(f"a threshold was given that {names[0]!r} reaches more than {LARGEST:g} deviations out, where its law "
-                         "does not tell values apart; one of torchbeam.laws is wanted")
     each = importance_sampling(limit, points, n, runs, seed)
     return RareEvent(joint.names, *importance_interval(each, level), level, method, limit.evaluations, dict(limit.failures),
                      points=joint.of_score(points.z), beta=points.beta, form=normal_probability(-points.beta[0]).item())

@@ -141,8 +141,8 @@ class Samples(output.Summary):
         means = sums / n.reshape(-1, *[1] * (sums.ndim - 2))
         centre = torch.cat(groups).mean(0) if reference is None else finite("reference", as_tensor(reference, torch.float64))
         if broadcast("the reference and y of a sample", centre.shape, self.y.shape[1:]) != self.y.shape[1:]:
-            raise ValueError(f"a reference {tuple(centre.shape)} was given for a y {tuple(self.y.shape[1:])}; one for each number "
-                             "is wanted")
+            raise ValueError(f"a reference {tuple(centre.shape)} was given for a y {tuple(self.y.shape[1:])}; one for each "
+                             "number is wanted")
         freedom = len(groups) - (reference is None)
         return n, ((means - centre).square().sum(0) / freedom).sqrt()
 
@@ -184,7 +184,7 @@ def checked_sentences(given: Any) -> dict[int, str]:
     """Sentences by status; ValueError for what are none."""
     if given is None:
         return {}
-    if not isinstance(given, Mapping) or not all(isinstance(code, int) and isinstance(text, str) for code, text in given.items()):
+    if not isinstance(given, Mapping) or not all(isinstance(code, int) and isinstance(given[code], str) for code in given):
         raise ValueError(f"sentences = {shown(given)} were given; a dict, status -> text, is wanted")
     return dict(given)
 

@@ -69,8 +69,8 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
         first = mean((y_B - mean)(y_i - y_A))/V        (Saltelli et al. 2010)
         total = mean((y_A - y_i)^2)/(2 V)              (Jansen 1999)
 
-    A group of p + 2 in which one failed is left out. Indices of a y that does not vary are NaN; intervals are infinite where one
-    replicate alone has good groups. Raises ValueError as `monte_carlo` does, and where all groups failed.
+    A group of p + 2 in which one failed is left out. Indices of a y that does not vary are NaN; intervals are infinite where
+    one replicate alone has good groups. Raises ValueError as `monte_carlo` does, and where all groups failed.
     """
     joint = JointLaw.of(laws)
     boolean("by_name", by_name)
@@ -87,7 +87,8 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
     size = len(names) + 2
     chunk = (chunk_of(out) or usual_chunk(n * size)) if own else chunk
     work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor,
-                      folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label), n * size)
+                      folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label),
+                      n * size)
     chunks = list(work.chunks(0, n * size, progress_of(progress, n * size)))
     one_kind((k * chunk, part) for k, part in enumerate(chunks))
     _, y, status = (torch.cat(part) for part in zip(*chunks, strict=True))
@@ -104,8 +105,8 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
 
 
 def _half(groups: list[Tensor], found: Tensor, level: float) -> Tensor:
-    """Half the interval (2, p, ...) of the indices found in all groups of replicates, by the jackknife; infinite where groups are
-    good in one replicate alone.
+    """Half the interval (2, p, ...) of the indices found in all groups of replicates, by the jackknife; infinite where groups
+    are good in one replicate alone.
     """
     R = len(groups)
     if R == 1:

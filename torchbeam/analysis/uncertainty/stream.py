@@ -184,8 +184,8 @@ class Stream(Summary):
                 low, high = max(least / n - half, 0.0), min(most / n + half, 1.0)
             rows.append(((least + most) / 2 / n, low, high))
             fews.append(few)
-        return self._estimate(*(part.reshape(shape) for part in torch.tensor(rows, dtype=torch.float64).reshape(-1, 3).unbind(-1)), level,
-                              torch.tensor(fews))
+        parts = torch.tensor(rows, dtype=torch.float64).reshape(-1, 3).unbind(-1)
+        return self._estimate(*(part.reshape(shape) for part in parts), level, torch.tensor(fews))
 
     def histogram(self, edges: Value) -> Tensor:
         """Shares (..., bins) of the good samples between edges (bins + 1,); a sketch's bins that an edge cuts go half to each
@@ -230,8 +230,8 @@ class Stream(Summary):
 
     def _estimate(self, centre: Tensor, low: Tensor, high: Tensor, level: float, counted: Tensor) -> Estimate:
         """counted: whether samples were counted in place of replicates, number by number."""
-        method = "counts" if counted.all() else f"{self._groups} replicates" + (", or counts where they are few" if counted.any()
-                                                                               else "")
+        method = "counts" if counted.all() else f"{self._groups} replicates"
+        method += ", or counts where they are few" if counted.any() and not counted.all() else ""
         reasons = dict(sorted(self.reasons.items(), key=lambda item: -item[1]))
         return Estimate(centre, low, high, level, self.all.n, method, reasons)
 

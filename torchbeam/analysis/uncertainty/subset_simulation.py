@@ -29,9 +29,9 @@ class SubsetRuns:
     samples: int
 
     def interval(self, level: float) -> tuple[float, float, float]:
-        """Mean of the runs and its interval: Student's of the logarithm, to first order, since runs differ by factors. Where all
-        ended with the first level, whose samples are independent, Clopper and Pearson's; where none came to the threshold, up to
-        ten times the probability of the last level, which itself is known to a factor.
+        """Mean of the runs and its interval: Student's of the logarithm, to first order, since runs differ by factors. Where
+        all ended with the first level, whose samples are independent, Clopper and Pearson's; where none came to the threshold,
+        up to ten times the probability of the last level, which itself is known to a factor.
         """
         p = self.probability
         mean = p.mean().item()

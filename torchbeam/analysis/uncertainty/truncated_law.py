@@ -12,7 +12,7 @@ from torch import Tensor
 from ...core.arguments import number
 from ...core.validation import shown
 from ...math.distributions import normal_probability, normal_score, probability_between, score_of_tails
-from .law_scores import as_own, has_tails, of_score, score
+from .law_scores import has_tails, of_score, score
 from .parametric_laws import Uniform, set_fields
 
 LEAST = 1e-12  # probability of the range, where a law does not tell its upper tail: fewer digits than four are left of less
