@@ -44,7 +44,7 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
               `RandomField` is a column for each of its places; anything with `icdf`, such as torch.distributions.Normal(1.0,
               0.1); or a function of u (N,), uniform in (0, 1), that gives (N,)
     n         samples: those of one scrambled Sobol sequence (Matousek 1998), best a power of two. The first n of a longer run
-              with the same seed are the same
+              with the same seed are the same (y but for rounding, where so many make native code worth while)
 
     correlation  (p, p) of the laws, or {("EI", "mass"): 0.5}: of their normal scores, by a Gaussian copula
     theta        (n, p) samples of your own in place of a design; `laws` are then names alone, or laws that are not used
@@ -57,8 +57,8 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
                  another quantity, such as (0.02, lambda samples: samples.quantile(0.99, 0.95)). It is looked at after 8, 12,
                  16, 24 ... replicates; looking often makes the interval a little too short
     chunk     samples a call. Chunk i is a function of (seed, i) alone: who computes it, when, or how often does not matter.
-              None: 256, and of more than 32,768 samples up to 1,024. "auto": measured, from throughput and memory. With either
-              a folder keeps its own
+              None: 256; 512 from 32,768 samples on, 1,024 from 65,536 on. "auto": measured, from throughput and memory. With
+              either a folder keeps its own
     executor  any concurrent.futures.Executor, such as ProcessPoolExecutor, or a Dask cluster's Client.get_executor(); None =
               here, one after the other. Function and laws must then pickle; other processes compute on one thread
     out       a folder: each chunk is a file there, and what is there already is not computed again; a run that was killed
