@@ -190,4 +190,8 @@ def _reached(samples: Samples, until: Until) -> bool:
     if not (samples.status == 0).any():
         return False
     error, statistic = until if isinstance(until, (tuple, list)) else (until, lambda given: given.mean_interval(LEVEL))
-    return bool((statistic(samples).relative_error <= error).all())
+    found = statistic(samples)
+    if not isinstance(found, Estimate):
+        raise ValueError(f"until with a function that gave a {type(found).__name__} was given; a torchbeam.Estimate, with its "
+                         "interval, is wanted")
+    return bool((found.relative_error <= error).all())

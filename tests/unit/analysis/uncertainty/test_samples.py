@@ -258,6 +258,7 @@ REFUSED = {
     "interval": (lambda s: s.quantile(0.5, interval=0.0), "interval = 0 was given"),
     "threshold": (lambda s: s.exceedance(math.nan), "x holds nan"),
     "until": (lambda s: tb.monte_carlo(total, LAWS, 256, until=2.0), "until = 2.0 was given; a relative error"),
+    "until of a number": (lambda s: tb.monte_carlo(total, LAWS, 256, until=(0.1, lambda s: s.mean)), "gave a Tensor was given"),
     "until with few": (lambda s: tb.monte_carlo(total, LAWS, 4, until=0.1), "for 4 replicates; at least 8"),
     "progress": (lambda s: tb.monte_carlo(total, LAWS, 4, progress=3), "progress = 3 was given; a function or True"),
     "chunk": (lambda s: tb.monte_carlo(total, LAWS, 4, chunk="big"), "chunk = 'big' was given"),
