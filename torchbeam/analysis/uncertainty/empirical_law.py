@@ -30,7 +30,8 @@ class Empirical:
             raise ValueError(f"values {tuple(values.shape)} and weights {tuple(weights.shape)} were given to Empirical; (K,) "
                              "finite values, and positive weights of as many, are wanted")
         values, order = values.sort()
-        set_fields(self, values=values, weights=weights[order] / weights.sum())
+        weights = weights[order] / weights.max()
+        set_fields(self, values=values, weights=weights / weights.sum())
 
     def icdf(self, u: Tensor) -> Tensor:
         place = torch.searchsorted(self._below[1:], u.double().contiguous())

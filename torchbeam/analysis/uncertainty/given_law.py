@@ -10,6 +10,7 @@ from typing import Any
 from torch import Tensor
 
 from ...core.validation import shown
+from .law_scores import why_none
 from .laws import Constant, Empirical, Gumbel, Law, LogNormal, Normal, Triangular, Truncated, Uniform, Weibull
 from .random_field import RandomField
 
@@ -51,6 +52,8 @@ def checked(name: Any, law: Law) -> Law:
     elif not (hasattr(law, "icdf") or hasattr(law, "of_scores") or callable(law)):
         raise ValueError(f"the law {shown(law)} was given for {name!r}; a pair, a torchbeam.laws.Constant, a distribution with "
                          "icdf or a function is wanted")
+    elif why := why_none(law):
+        raise ValueError(f"the law {shown(law)} was given for {name!r}, which {why}; another is wanted, or a function of u")
     return law
 
 

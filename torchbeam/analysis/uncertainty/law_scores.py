@@ -44,6 +44,19 @@ def as_own(law: Any) -> Any:
     return law if make is None or law.batch_shape else make(law)
 
 
+def why_none(law: Any) -> str | None:
+    """Why a law with `icdf` is none of one number, as a distribution of torch may be; None where it is one."""
+    if not isinstance(law, distributions.Distribution):
+        return None
+    if law.event_shape or law.batch_shape.numel() != 1:
+        return f"has {tuple(law.batch_shape + law.event_shape)} numbers, not one"
+    try:
+        law.icdf(torch.full((1,), 0.5, dtype=torch.float64))
+    except NotImplementedError:
+        return "has no quantiles (icdf)"
+    return None
+
+
 def has_tails(law: Any) -> bool:
     """Whether a law tells values of scores, and so both tails; a `Truncated` or `Exponential` one does as its own law does."""
     own = as_own(law)

@@ -12,7 +12,7 @@ from torch import Tensor
 from ...core.arguments import number
 from ...core.validation import shown
 from ...math.distributions import normal_probability, normal_score, probability_between, score_of_tails
-from .law_scores import has_tails, of_score, score
+from .law_scores import has_tails, of_score, score, why_none
 from .parametric_laws import Uniform, set_fields
 
 LEAST = 1e-12  # probability of the range, where a law does not tell its upper tail: fewer digits than four are left of less
@@ -34,10 +34,9 @@ class Truncated:
                    largest=number("Truncated's largest", self.largest, infinite=True))
         if not self.least < self.largest:
             raise ValueError(f"Truncated from {self.least:g} to {self.largest:g} was given; least below largest is wanted")
+        if why := why_none(law):
+            raise ValueError(f"the law {shown(law)} was given to Truncated, which {why}; another is wanted")
         within = probability_between(*self._ends(torch.ones(1, dtype=torch.float64)))
-        if within.shape != (1,):
-            raise ValueError(f"the law {shown(self.law)} of {tuple(within.shape)} numbers was given to Truncated; one of one "
-                             "number is wanted")
         if not within > (0.0 if has_tails(law) else LEAST):
             raise ValueError(f"Truncated from {self.least:g} to {self.largest:g} was given, where {shown(law)} lies with the "
                              f"probability {within.item():.1g}; a wider range is wanted")

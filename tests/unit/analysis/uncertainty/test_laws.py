@@ -114,7 +114,8 @@ def test_slopes_at_the_ends():
 
 REFUSED = {
     "of several numbers": (lambda: tb.laws.Truncated(torch.distributions.Normal(torch.zeros(3), torch.ones(3)), 0.0),
-                           r"of \(3,\) numbers was given to Truncated"),
+                           r"was given to Truncated, which has \(3,\) numbers, not one"),
+    "truncated without quantiles": (lambda: tb.laws.Truncated(torch.distributions.Beta(1.0, 2.0), 0.0), "has no quantiles"),
     "beyond what a law tells": (lambda: tb.laws.Truncated(torch.distributions.Laplace(0.0, 1.0), 30.0), "a wider range"),
     "a marginal": (lambda: tb.laws.RandomField([0.0, 1.0], 1.0, 0.1, 1.0, marginal=torch.ones(2)), "'lognormal', 'normal' are"),
     "constant": (lambda: tb.laws.Constant(math.nan), "Constant's value = nan was given"),

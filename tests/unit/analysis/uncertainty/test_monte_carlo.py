@@ -201,6 +201,8 @@ CASES = {
     "a sparse y": (dict(function=lambda theta: theta.to_sparse()), "in the layout torch.sparse_coo"),
     "half a status": (dict(function=lambda theta: (theta, theta[:, 0] * 0 + 0.5)), "a status between whole numbers"),
     "a complex status": (dict(function=lambda theta: (theta, theta[:, 0] * 1j)), "a complex status was given"),
+    "law without quantiles": (dict(laws={"a": torch.distributions.Gamma(1.0, 2.0)}), r"which has no quantiles \(icdf\); an"),
+    "law of as many numbers": (dict(laws={"a": torch.distributions.Normal(torch.zeros(8), 1.0)}), r"which has \(8,\) numbers"),
     "y of two kinds": (dict(function=lambda theta: theta.new_zeros(len(theta), len(theta)), chunk=5), "from sample 5 on"),
     "another y": (dict(function=lambda theta: theta[:2]), r"y \(2, 3\) was given; \(8, ...\) is wanted"),
 }
