@@ -63,9 +63,9 @@ def store(folder: Path = Path("out")) -> None:
     heading = measured_on()
     columns = ("answer", "estimate", "low", "high")
     about = (
-        f"The demo's policy over {SAMPLES} episodes, stiffness and mass lognormal with 15 % each, targets random. Success: within "
-        f"{100 * CLOSE:g} % of the length over the last {WINDOW:g} s; {samples.failed} episodes failed, which count as no "
-        "success. Intervals at 95 %: Clopper and Pearson's of the success, order statistics of the distance.")
+        f"The demo's policy over {SAMPLES} episodes, stiffness and mass lognormal with 15 % each, targets random. Success: "
+        f"within {100 * CLOSE:g} % of the length over the last {WINDOW:g} s; {samples.failed} episodes failed, which count as "
+        "no success. Intervals at 95 %: Clopper and Pearson's of the success, order statistics of the distance.")
     rows = [[answer, *(f"{x:.3g}" for x in numbers)] for answer, numbers in ANSWERS.items()]
     write(folder, "controller", "\n\n".join((about, table(columns, rows, 1), sentence(heading))),
           {**heading, "samples": SAMPLES, "seed": SEED, "failed": samples.failed, "reasons": samples.reasons,
