@@ -54,8 +54,9 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
                what is far from where it starts and hardly stiff on the way, as a slack cable or a hinged beam that swings down
     engine     "eager": torch operations. "compiled": the load is raised by native code, many samples at once on the CPU
                (llvmlite, the extra `fast`), the same answers up to rounding; what follows (gradients, `branch`) is eager.
-               "auto": compiled for many samples (32,768 and more, times elements) where llvmlite is installed and the scene is
-               taken, but for functions of the motion; else eager (TORCHBEAM_ENGINE in the environment says otherwise)
+               "auto": compiled for many samples (32,768 and more, times elements; all those of a run of `monte_carlo` count)
+               where llvmlite is installed and the scene is taken, but for functions of the motion; else eager
+               (TORCHBEAM_ENGINE in the environment says otherwise)
     inputs     by name, (..., size): by keyword, or all in a dictionary inputs={...}
 
     The load is raised in steps, per sample, where Newton's method needs it: a step in which it fails, or a node turns by more
