@@ -127,7 +127,8 @@ def _direction(d: Tensor) -> tuple[Tensor, Tensor]:
 class RootSpring(Load):
     """An elastic, damped clamp: node 0 hangs in its support by six springs, from the energy 1/2 d^T k d + 1/2 phi^T k phi.
 
-    stiffness  (..., 6) N/m and N m/rad along and about the support's axes, or a pair (forces, moments) of values or triples
+    stiffness  (..., 6) N/m and N m/rad along and about the support's axes, or a pair (forces, moments) of numbers,
+               (..., 1) or triples (..., 3)
     damping    the same, N s/m and N m s/rad, on the motion against the support; None = none
 
     d is the displacement and phi the rotation vector (|phi| < pi) of node 0 from its support, in the support's axes, which are
@@ -237,12 +238,15 @@ def _turned(R: Tensor, matrix: Tensor) -> Tensor:
 
 
 def _six(name: str, value: Value) -> Value:
-    """Six values (..., 6) from six, or from a pair of numbers or triples."""
+    """Six values (..., 6) from six, or from a pair of numbers, of (..., 1) or of triples (..., 3)."""
     if isinstance(value, (list, tuple)) and len(value) == 2:
         own = has_dtype(value)
         dtype = common_dtype(value)[0] if own else torch.float64
         parts = [as_tensor(p, dtype) for p in value]
-        parts = [p.expand(3) if p.ndim == 0 else axis_last(f"RootSpring's {name}", p, 3) for p in parts]
+        for p in parts:
+            if p.ndim and p.shape[-1] not in (1, 3):
+                raise ValueError(f"RootSpring's {name} with a part of shape {tuple(p.shape)} was given; one number, (..., 1) "
+                                 "of a batch, or (..., 3) is wanted")
         lead = broadcast_shapes(*(p.shape[:-1] for p in parts))
         both = torch.cat([p.expand(*lead, 3) for p in parts], -1)
         return both if own else numbers(both.numpy())
