@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,8 +15,10 @@ import numpy as np
 import torch
 
 from torchbeam.cli import results_folder, threads
-from torchbeam.core.results import measured_on, sentence, table, write
+from torchbeam.core.results import measured_on, sentence, table, versions, write
 from torchbeam.studies.bench import measurement
+
+from .plant import Plant
 
 BATCHES = (1, 64, 256, 1024, 4096)
 FINER = dict(elements=16, substeps=8)  # what the tip is compared with
@@ -39,34 +41,39 @@ FIELDS = ("task", "batch", "env steps a second", "simulated s per s", "stepping 
           "error of the tip")
 
 
-class Timed:
-    """A stepper that adds up the time it takes."""
+@contextmanager
+def clocked() -> Iterator[Callable[[], float]]:
+    """A function for the seconds that beams have been simulated for since."""
+    advance, spent = Plant.advance, 0.0
 
-    def __init__(self, stepper: Any) -> None:
-        self.stepper, self.scene, self.seconds = stepper, stepper.scene, 0.0
-
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+    def timed(*args: Any) -> Any:
+        nonlocal spent
         start = time.perf_counter()
-        after = self.stepper(*args, **kwargs)
-        self.seconds += time.perf_counter() - start
+        after = advance(*args)
+        spent += time.perf_counter() - start
         return after
+
+    Plant.advance = timed
+    try:
+        yield lambda: spent
+    finally:
+        Plant.advance = advance
 
 
 def overhead(id: str, batch: int, **arguments: Any) -> float:
-    """Time of step() outside the stepper over the time inside, median over steps with actions drawn beforehand."""
+    """Time of step() beside the simulation over that of the simulation, median over steps with actions drawn beforehand."""
     env = gymnasium.make_vec(id, num_envs=batch, **arguments)
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(STEPS + 2)]
     env.reset(seed=0)
-    timed = Timed(env.state.plant.stepper)
-    env.set_state(replace(env.state, plant=replace(env.state.plant, stepper=timed)))
     shares = []
-    for action in actions:
-        timed.seconds, start = 0.0, time.perf_counter()
-        env.step(action)
-        whole = time.perf_counter() - start
-        if timed.seconds:  # not a reset
-            shares.append(whole / timed.seconds - 1)
+    with clocked() as simulated:
+        for action in actions:
+            before, start = simulated(), time.perf_counter()
+            env.step(action)
+            whole = time.perf_counter() - start
+            if spent := simulated() - before:  # not a reset of all
+                shares.append(whole / spent - 1)
     return float(np.median(shares[2:]))
 
 
@@ -144,6 +151,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         rows = [row for plane in ("", "Planar")
                 for row in measure(f"torchbeam/{given.task}{plane}-v0", given.batches, given.seconds)]
         heading = measured_on()
+    heading["versions"] |= versions("llvmlite")
     text = f"{markdown(rows)}\n\n{sentence(heading)}"
     print(text)
     write(out, "envs", text, {**heading, "reference": FINER, "rows": [row._asdict() for row in rows]}, FIELDS, rows)

@@ -10,6 +10,8 @@ from gymnasium import wrappers as single
 from gymnasium.wrappers import vector as many
 from torchbeam_envs import benchmark
 
+import torchbeam as tb
+
 ID = "torchbeam/TipReachPlanar-v0"
 SMALL = dict(elements=2, substeps=1, max_episode_steps=4)
 MODES = ["NextStep", "SameStep"]
@@ -99,6 +101,14 @@ def test_sync_and_gymnasium_vector_envs():
 def test_error_of_the_mesh():
     """Two elements in a plane, in steps of 20 ms, against sixteen in steps of 2.5 ms, for four intervals."""
     assert 1e-3 < benchmark.error(ID, **SMALL) < 0.5
+
+
+def test_overhead_is_beside_the_simulation_as_it_is_made(monkeypatch):
+    """By the call that makes all substeps of an interval at once, which the env steps by."""
+    made, repeat = [], tb.Stepper.repeat
+    monkeypatch.setattr(tb.Stepper, "repeat", lambda self, *args: made.append(1) or repeat(self, *args))
+    assert benchmark.overhead(ID, 2, **{**SMALL, "max_episode_steps": 50}) > 0
+    assert len(made) == benchmark.STEPS + 2
 
 
 def test_the_command_that_measures(tmp_path, capsys, monkeypatch):

@@ -58,7 +58,7 @@ class Progress:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Which setting is cheapest for an error: elements, methods and forms over five motions, beside other programs."""
-    given, out = study(argv, "accuracy", ABOUT, QUICK_ABOUT, _options)
+    given, out = study(argv, "accuracy", ABOUT, QUICK_ABOUT, _options, instead="references")
     with threads(1):
         if given.references is not None:
             for line in references.write(given.references):
