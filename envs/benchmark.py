@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +21,7 @@ from torchbeam.studies.bench import measurement
 
 from .plant import Plant
 
+TASKS = ("TipReach", "TipTrack", "FlutterHold", "Slew", "Payload")  # in space and in a plane
 BATCHES = (1, 64, 256, 1024, 4096)
 FINER = dict(elements=16, substeps=8)  # what the tip is compared with
 SWINGS, HELD = 4, 10  # episodes compared, and the intervals for which they hold an action
@@ -140,12 +142,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         "Env steps a second by gymnasium's benchmark_vector_step, in space and in the plane; beside them the time that is not "
         "simulation and the error of the task's mesh and step. Writes envs.csv, envs.md and envs.json (with machine and "
         "versions)."))
-    parser.add_argument("--task", default="TipReach", help="its name, without torchbeam/ and version (default: %(default)s)")
-    parser.add_argument("--batches", type=int, nargs="+", default=BATCHES, help="sub-envs (default: %(default)s)")
+    parser.add_argument("--task", choices=TASKS, default=TASKS[0], help="default: %(default)s")
+    parser.add_argument("--batches", type=int, nargs="+", default=BATCHES, metavar="N",
+                        help=f"sub-envs (default: {' '.join(map(str, BATCHES))})")
     parser.add_argument("--seconds", type=float, default=2.0, help="for each measurement (default: %(default)s)")
     parser.add_argument("--threads", type=int, default=1, help="of torch (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("out/envs"), help="folder for the results (default: %(default)s)")
     given = parser.parse_args(argv)
+    for name, least in (("batches", min(given.batches)), ("threads", given.threads)):
+        if least < 1:
+            parser.error(f"--{name} {least} was given; at least 1 is wanted")
+    if not 0 < given.seconds < math.inf:
+        parser.error(f"--seconds {given.seconds:g} was given; a positive number is wanted")
     out = results_folder(parser, given.out)
     with threads(given.threads):
         rows = [row for plane in ("", "Planar")

@@ -198,6 +198,9 @@ def test_windows_and_states():
     torch.testing.assert_close(env.step(action)[0], one, rtol=0, atol=0)
     with torch.no_grad():
         assert not env.step(action)[0].requires_grad
+        env.reset(options={"params": {"mass": 1.1}})
+        env.set_state(kept)  # of a time at which no parameter varied
+        assert env.step(action)[4]["params"]["mass"].tolist() == [1.0, 1.0]
 
 
 def test_sections_by_sub_env():

@@ -124,6 +124,15 @@ def test_the_command_that_measures(tmp_path, capsys, monkeypatch):
     assert len((tmp_path / "envs.csv").read_text().splitlines()) == 3
 
 
+@pytest.mark.parametrize(("given", "said"), [
+    (["--task", "TipReachBlockRate"], "invalid choice"), (["--batches", "4", "0"], "--batches 0 was given"),
+    (["--seconds", "0"], "--seconds 0 was given"), (["--threads", "0"], "--threads 0 was given")])
+def test_the_command_refuses_first(given, said, capsys):
+    with pytest.raises(SystemExit):
+        benchmark.main(given)
+    assert said in capsys.readouterr().err
+
+
 def test_rows_for_the_benchmark_of_the_engine(monkeypatch):
     """One env in space, a batch in the plane, by the entry point that `python -m torchbeam bench` asks."""
     monkeypatch.setattr(benchmark, "STEPS", 2)

@@ -79,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--motions", nargs="+", metavar="MOTION", choices=[motion.name for motion in MOTIONS],
-                        help=f"of {', '.join(motion.name for motion in MOTIONS)} (default: all)")
+                        help=f"of {', '.join(repr(motion.name) for motion in MOTIONS)} (default: all)")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="CPU time, about (default: %(default)g)")
     peers.options(parser)
     parser.add_argument("--references", type=Path, metavar="FILE",
