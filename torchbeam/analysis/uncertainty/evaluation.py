@@ -25,6 +25,7 @@ from .designs import SOBOL_POINTS
 from .joint_law import JointLaw
 from .progress import Progress, Report
 from .samples import FAILED
+from .transfer import packed, unpacked
 
 Function = Callable[..., Any]  # theta (N, p) -> y (N, ...), or (y, status (N,))
 AHEAD = 1024  # chunks that an executor is given before the first of them is back
@@ -34,7 +35,7 @@ AHEAD = 1024  # chunks that an executor is given before the first of them is bac
 class Job:
     """One chunk of work: samples first to last - 1 of a design. Calling it gives theta, y and status, and whether they are
     written: into the folder, where there is one and this machine sees it. Another process computes on one thread, with the
-    caller's default dtype.
+    caller's default dtype, and gives its result packed.
     """
 
     function: Function
@@ -51,7 +52,8 @@ class Job:
     reduce: Callable[[Chunk], Any] | None = None
 
     def __call__(self) -> tuple[Any, bool]:
-        if _here() != self.caller:
+        elsewhere = _here() != self.caller
+        if elsewhere:
             torch.set_num_threads(1)
             torch.set_default_dtype(self.default)
         theta = self.design.theta(self.joint, self.first, self.last).detach().to(self.dtype)
@@ -60,7 +62,8 @@ class Job:
         written = self.folder is not None and self.folder.reachable
         if written:
             self.folder.put(self.first, chunk)
-        return chunk if self.reduce is None else self.reduce(chunk), written
+        result = chunk if self.reduce is None else self.reduce(chunk)
+        return packed(result) if elsewhere else result, written
 
 
 @dataclass(frozen=True)
@@ -195,12 +198,18 @@ def _gathered(executor: Executor, jobs: Iterable[Callable[[], Any]]) -> Generato
         for job in jobs:
             waiting.append(executor.submit(job))
             if len(waiting) >= AHEAD:
-                yield waiting.popleft().result()
+                yield _result(waiting.popleft())
         while waiting:
-            yield waiting.popleft().result()
+            yield _result(waiting.popleft())
     finally:
         for future in waiting:
             future.cancel()
+
+
+def _result(future: Any) -> tuple[Any, bool]:
+    """What a job gave, once it is there."""
+    result, written = future.result()
+    return unpacked(result), written
 
 
 def progress_of(report: Report | bool | None, total: int) -> Progress | None:

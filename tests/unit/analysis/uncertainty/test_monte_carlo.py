@@ -59,10 +59,16 @@ def test_the_default_dtype_does_not_matter():
 
 
 def test_other_processes():
-    """Two spawned workers: what this process gets, to the bit."""
+    """Two spawned workers: what this process gets, to the bit; and no open file stays behind a chunk."""
+    before, opened = _open_files(), []
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        there = tb.monte_carlo(torch.sin, LAWS, 64, chunk=16, executor=pool)
-    assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64).y).all()
+        there = tb.monte_carlo(torch.sin, LAWS, 64, chunk=1, executor=pool, progress=lambda _: opened.append(_open_files()))
+    assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64, chunk=1).y).all()
+    assert max(opened) < before + 32  # pipes of two processes, and nothing that is left of each chunk
+
+
+def _open_files():
+    return len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else 0
 
 
 def _doze(theta):
