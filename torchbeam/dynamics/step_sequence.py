@@ -34,7 +34,8 @@ class StepSequence(Tree):
         return self.instants.gather(0, self.counts[None])[0]
 
     def steps(self, first: int, last: int, level: int) -> tuple[Tensor, Tensor]:
-        """Begins and lengths (last - first, ...) s of steps in 2^level parts; a second past its end, where a sample makes none.
+        """Begins and lengths (last - first, ...) s of steps in 2^level parts; past its end, where a sample makes none, as long
+        as the shortest of the others.
         """
         parts = 2**level
         k = torch.arange(first, last, device=self.instants.device)
@@ -43,7 +44,7 @@ class StepSequence(Tree):
         own = (...,) + (None,) * (low.ndim - 1)
         length = whole / parts
         begin = low + (k % parts)[own] * length
-        return begin, torch.where(length > 0, length, torch.ones_like(length))
+        return begin, torch.where(length > 0, length, torch.where(length > 0, length, torch.inf).amin())
 
     def bracket(self, t: Tensor, level: int) -> Tensor:
         """Number (n, ...) of the part of a step, of 2^level of each, that the times t (n, ...) fall into."""
