@@ -9,8 +9,7 @@ once; those behind one that is refused are thrown away. A sample's steps do not 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -35,8 +34,7 @@ AT_ONCE = 16  # steps, at most
 LEAST = {torch.float64: 1e-10, torch.float32: 1e-5}  # a step, of the time from begin to end
 
 
-@dataclass
-class Controlled:
+class Controlled(NamedTuple):
     """Steps that were found: sequence, status (...) and rejected steps (...); which event ended a sample (...), -1 = none, and
     in which step (...). The sequence goes one step further, where there is time left.
     """

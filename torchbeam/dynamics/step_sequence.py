@@ -56,6 +56,14 @@ class StepSequence(Tree):
         share = (t - low) / torch.where(high > low, high - low, torch.ones_like(low))
         return at * parts + (share * parts).long().clamp(0, parts - 1)
 
+    def between(self, stops: Tensor) -> StepSequence:
+        """The same, with the derivatives of instants that keep their shares of the way from one of the stops (n) s to the next."""
+        known = stops.detach()
+        k = torch.bucketize(self.instants, known, right=True).sub(1).clamp(0, len(known) - 2)
+        share = (self.instants - known[k]) / (known[k + 1] - known[k])
+        moved = (stops[k] - known[k]) * (1 - share) + (stops[k + 1] - known[k + 1]) * share  # zero, but for its derivatives
+        return StepSequence(self.instants + moved, self.counts, self.stops)
+
     def only(self, mask: Tensor) -> StepSequence:
         """The steps of the samples (...) of the mask alone."""
         return StepSequence(self.instants, torch.where(mask, self.counts, 0), self.stops)
