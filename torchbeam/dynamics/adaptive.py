@@ -9,7 +9,7 @@
    can become unstable: that of each step would raise an undamped mode far above the steps by 5/3 a step), and the next pair
    tells what that was worth. Modes of large amplitude come to lie within the steps as these shrink; of small ones it is seen
    that they do not matter.
-3. A gradient is that of the last two runs, their steps as they are (frozen: at the same shares of the time, should that change).
+3. A gradient is that of the last two runs, their steps as they are (frozen: shares of the time, should that change).
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ class StepSequence(Tree):
         return at * parts + (share * parts).long().clamp(0, parts - 1)
 
     def between(self, stops: Tensor) -> StepSequence:
-        """The same, with the derivatives of instants that keep their shares of the way from one of the stops (n) s to the next."""
+        """The same, with the derivatives of instants that keep their shares of the way from one stop (n) s to the next."""
         known = stops.detach()
         k = torch.bucketize(self.instants, known, right=True).sub(1).clamp(0, len(known) - 2)
         share = (self.instants - known[k]) / (known[k + 1] - known[k])
