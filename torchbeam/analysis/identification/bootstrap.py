@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
+from torch.special import ndtr, ndtri
 
 from ...core.arguments import count
-from ...solvers.least_squares import CONVERGED, search
+from ...solvers.least_squares import search
 from . import student
 from .problem import Problem
 from .transform import Transform
@@ -21,43 +23,58 @@ NEGLIGIBLE = 1e-4  # decrease of the squares over the noise's: a step of a hundr
 @dataclass(frozen=True)
 class Bootstrap:
     """theta (repeats, p) and status (repeats,) of the repeats, 0 = converged; x (repeats, p) their coordinates, x_fit (p,) the
-    fit's; scale (repeats,) noise that each repeat found, over that of the fit.
+    fit's.
     """
 
     theta: Tensor
     status: Tensor
     x: Tensor
     x_fit: Tensor
-    scale: Tensor
     transform: Transform
 
     def interval(self, level: float = 0.95) -> Tensor:
-        """(p, 2): the fit less the quantiles of the errors that repeats make, in coordinates (the pivotal interval; Efron and
-        Tibshirani 1993, 13.3), each error in units of the noise that its repeat found (bootstrap-t, 12.5).
+        """(p, 2): bias-corrected percentiles of the repeats (Efron and Tibshirani 1993, 14.3, without acceleration: normal
+        noise of a known size has none), the same by whatever function of the parameters. A share of R repeats is at place
+        (R + 1) times it in their order (Davison and Hinkley 1997, 5.2). One that has not converged counts where it is: those
+        that ran away are the outermost.
         """
-        tail = student.tail(level)
-        good = self.status == CONVERGED
-        if good.sum() < 2 / tail:
-            raise ValueError(f"{int(good.sum())} repeats that converged are too few for a level of {level:g}; "
-                             f"{int(2 / tail) + 1} or more are wanted")
-        error = (self.x - self.x_fit)[good] / self.scale[good, None]
-        low, high = error.quantile(torch.tensor([tail, 1 - tail], dtype=error.dtype, device=error.device), dim=0)
-        return torch.stack([self.transform.theta(end) for end in (self.x_fit - high, self.x_fit - low)], -1)
+        x, tail = self.x, student.tail(level)
+        if len(x) < 2 / tail:
+            raise ValueError(f"{len(x)} repeats are too few for a level of {level:g}; {int(2 / tail) + 1} or more are wanted")
+        least = 1 / (len(x) + 1)
+        bias = ndtri((x < self.x_fit).to(x).mean(0).clamp(least, 1 - least))
+        ends = [_at(x.sort(0).values, ndtr(2 * bias + student.quantile(share, torch.inf))) for share in (tail, 1 - tail)]
+        return torch.stack([self.transform.theta(end) for end in ends], -1)
 
 
-def bootstrap(problem: Problem, x: Tensor, scale: float, repeats: int, seed: int) -> Bootstrap:
-    """Fits of `repeats` sets of data, from the fit's coordinates x (p,), with noise of `scale` on weighted data."""
+def bootstrap(problem: Problem, x: Tensor, held: Tensor, scale: float, redundancy: Tensor, repeats: int, seed: int
+              ) -> Bootstrap:
+    """Fits of `repeats` sets of data, from the fit's coordinates x (p,); those that are `held` (p,) bool stay. The noise on
+    weighted data is of `scale`; where its size was found, of one that is drawn for each repeat as the fit knows it, by
+    `redundancy` (channels,): scale sqrt(n / chi^2 of n degrees), so that the repeats of a linear model have Student's t.
+    """
     repeats = count("repeats", repeats, least=2)
     with torch.no_grad():
         starts, every = x.expand(repeats, -1).clone(), torch.zeros(1, dtype=torch.long, device=x.device)
         r, J = problem.linearised(x[None], every)
-        exact = r + problem.target
         random = torch.Generator(device=x.device).manual_seed(seed)
         noise = scale * torch.randn(repeats, r.shape[1], generator=random, dtype=x.dtype, device=x.device)
-        repeated = problem.with_targets(exact + noise)
-        found = search(repeated, starts, repeated.region(starts), ITERATIONS, TOLERANCE,
-                       known=(-noise, J.expand(repeats, -1, -1)), negligible=NEGLIGIBLE * scale**2)
-        squares = found.r.square().sum(-1) / max(r.shape[1] - len(x), 1)
-        own = torch.ones_like(squares) if problem.sigma_given else squares.sqrt() / scale
+        if len(redundancy):
+            n = redundancy.numpy(force=True)
+            size = np.sqrt(n / np.random.default_rng(seed).chisquare(n, (repeats, len(n))))
+            noise = noise * problem.noise.each(torch.as_tensor(size).to(x))[:, problem.known]
+        repeated = problem.with_targets(r + problem.target + noise)
+        region = repeated.region(starts)
+        region.least, region.largest = (torch.where(held, x, end) for end in (region.least, region.largest))
+        found = search(repeated, starts, region, ITERATIONS, TOLERANCE, known=(-noise, J.expand(repeats, -1, -1)),
+                       negligible=NEGLIGIBLE * scale**2)
     transform = problem.parameters.transform
-    return Bootstrap(transform.theta(found.x), found.status, found.x, x, own, transform)
+    return Bootstrap(transform.theta(found.x), found.status, found.x, x, transform)
+
+
+def _at(ordered: Tensor, share: Tensor) -> Tensor:
+    """(p,) of numbers (R, p) in order, at shares (p,), between those at both sides."""
+    place = ((len(ordered) + 1) * share - 1).clamp(0, len(ordered) - 1)
+    below = place.long().clamp(max=len(ordered) - 2)
+    low, high = (ordered.gather(0, k[None])[0] for k in (below, below + 1))
+    return torch.lerp(low, high, place - below)

@@ -2,58 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ...core.validation import concrete
 from ...solvers.jacobian import difference, forward
-from ...solvers.least_squares import OtherShape
 from ...solvers.region import Region
-from ...state.solution import Solution
-from .measurement import Measurement, each, several, sigma_given
+from .experiment import Experiment
+from .measurement import sigma_given
+from .noise import Noise
 from .parameters import Parameters
-
-Model = Callable[[Any], Any]  # theta -> y (N, ...), Solution, (y, status (N,)); or a tuple of y, one for each measurement
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """A model and what was measured of it; `single`: its data were given as one."""
-
-    name: str | None
-    model: Model
-    measurements: tuple[Measurement, ...]
-    single: bool
-
-    def values(self, parameters: Parameters, theta: Tensor) -> Tensor:
-        """Readings (N, numbers) of all its measurements, in a row; NaN of samples that failed."""
-        given = parameters.given(theta, self.name)
-        y, status = _with_status(self.model(given), len(theta))
-        if isinstance(y, Solution):
-            status = y.status if status is None else torch.where(status == 0, y.status, status)
-            parts = [m.read(y, given if isinstance(given, dict) else None) for m in self.measurements]
-        else:
-            parts = [y] if self.single else y
-        wanted = [(len(theta), *m.values.shape) for m in self.measurements]
-        if not isinstance(parts, (list, tuple)) or not all(isinstance(part, Tensor) for part in parts):
-            raise OtherShape(f"a model that gave a {type(y).__name__} was given; a tensor {wanted[0]}"
-                             f"{'' if self.single else ' and so on, one for each measurement,'} or a Solution is wanted")
-        for part, shape in zip(parts, wanted, strict=False):
-            if tuple(part.shape) != shape:
-                what = f"theta {tuple(theta.shape)}" if not parameters.by_name else f"{len(theta)} samples"
-                raise OtherShape(f"a model that gave {tuple(part.shape)} for {what} was given; {shape} is wanted")
-        if len(parts) != len(wanted):
-            raise OtherShape(f"a model that gave {len(parts)} tensors was given for {len(wanted)} measurements")
-        found = torch.cat([part.reshape(len(theta), -1) for part in parts], -1)
-        if status is None or not (concrete(status) != 0).any():
-            return found
-        if tuple(status.shape) != (len(theta),):
-            raise OtherShape(f"a model that gave a status {tuple(status.shape)} was given; ({len(theta)},) is wanted")
-        return torch.where((status == 0)[:, None], found, torch.nan)
 
 
 @dataclass(frozen=True)
@@ -61,7 +22,8 @@ class Problem:
     """Least squares of all experiments: r(x) = (y + nuisance - data) / sigma, and minus the logarithm of priors.
 
     known       (all numbers,) bool: which were measured;  weight (T,) of those
-    target      (1 or S, T): weighted data, one set for all starts or each its own;  sigma_given: it is that of the noise
+    target      (1 or S, T): weighted data, one set for all starts or each its own
+    noise       whose size is found;  sigma_given: weights are those of the noise, or are changed until they are
     nuisance    (q, all numbers): how linear parameters of measurements enter;  basis (q, T) the same, weighted
     method      "forward" or "difference", of relative_step
     """
@@ -73,13 +35,17 @@ class Problem:
     target: Tensor
     nuisance: Tensor
     basis: Tensor
+    noise: Noise
     sigma_given: bool
     method: str = "difference"
     relative_step: float = 1e-4
 
     @classmethod
-    def of(cls, experiments: Sequence[Experiment], parameters: Parameters, absolute_sigma: bool = True) -> Problem:
-        """From experiments and the parameters of their models; those of their measurements are added."""
+    def of(cls, experiments: Sequence[Experiment], parameters: Parameters, absolute_sigma: bool = True,
+           noise: Noise | None = None) -> Problem:
+        """From experiments and the parameters of their models; those of their measurements are added. Without `noise`, it is
+        known by sigma, or one for all data.
+        """
         every = [(e, m) for e in experiments for m in e.measurements]
         scaled = sigma_given(m for _, m in every) and absolute_sigma
         values = torch.cat([m.values.flatten() for _, m in every])
@@ -93,9 +59,14 @@ class Problem:
             rows.append(torch.nn.functional.pad(basis.reshape(len(own), m.values.numel()), (before, after)))
             before += m.values.numel()
         parameters = parameters.with_nuisance(names)
-        numbers, p = int(known.sum()), len(parameters.names)
+        fitted, p = sum(m.fitted for _, m in every), len(parameters.names)
+        numbers = int(known.sum()) - fitted
         if numbers + sum(e.size for e in parameters.priors) < p:
-            raise ValueError(f"{numbers} data were given for {p} parameters; at least as many are wanted, or priors")
+            less = f", {fitted} of them fitted by the model," if fitted else ""
+            raise ValueError(f"{numbers + fitted} data{less} were given for {p} parameters; at least as many are wanted, or "
+                             "priors")
+        if noise is None:
+            noise = Noise.known(values) if scaled else Noise.common(values, fitted)
         if parameters.priors and not scaled:
             raise ValueError("priors were given with data without an absolute sigma, against which they are weighed; one is "
                              "wanted")
@@ -106,7 +77,18 @@ class Problem:
                                  f"{', '.join(sorted(known_names)) or 'none by name'}")
         weight = weight[known]
         return cls(tuple(experiments), parameters, known, weight, (values[known] * weight)[None],
-                   torch.cat(rows), torch.cat(rows)[:, known] * weight, scaled)
+                   torch.cat(rows), torch.cat(rows)[:, known] * weight, noise, scaled)
+
+    @property
+    def spare(self) -> int:
+        """Data less parameters and the numbers that models have fitted to the data themselves."""
+        fitted = sum(m.fitted for e in self.experiments for m in e.measurements)
+        return len(self.weight) - fitted - len(self.parameters.names)
+
+    @property
+    def deviations(self) -> Tensor:
+        """(channels,) by which the data of a channel whose noise is to be found are weighed."""
+        return self.noise.sums(1 / self.weight, self.known) / self.noise.sums(torch.ones_like(self.weight), self.known)
 
     def values(self, theta: Tensor) -> Tensor:
         """Readings (N, all numbers), measured or not, without offsets and drifts."""
@@ -184,6 +166,21 @@ class Problem:
         target = torch.cat([v.flatten() for v in values])[self.known] * self.weight
         return replace(self, experiments=experiments, target=target[None])
 
+    def reweighted(self, factor: Tensor) -> Problem:
+        """The same with deviations that are so many times (channels,) as large."""
+        every, first = self.noise.each(factor), 0
+        experiments = []
+        for e in self.experiments:
+            changed = []
+            for m in e.measurements:
+                own = every[first:first + m.values.numel()].reshape(m.values.shape)
+                changed.append(replace(m, sigma=m.sigma * own))
+                first += m.values.numel()
+            experiments.append(replace(e, measurements=tuple(changed)))
+        less = 1 / every[self.known]
+        return replace(self, experiments=tuple(experiments), weight=self.weight * less, target=self.target * less,
+                       basis=self.basis * less)
+
     def with_targets(self, target: Tensor) -> Problem:
         """The same with other data, (S, T) weighted, for each start."""
         return replace(self, target=target)
@@ -213,36 +210,3 @@ def _surprise(entry: Any, theta: Tensor) -> tuple[Tensor, Tensor, Tensor]:
             found = torch.autograd.grad(first.sum(), theta, allow_unused=True)[0]
             second = second if found is None else found
     return density.sum(-1).detach(), first.detach(), second.detach()
-
-
-def _with_status(given: Any, samples: int) -> tuple[Any, Tensor | None]:
-    """y and status of what a model gave."""
-    if isinstance(given, tuple) and len(given) == 2 and not hasattr(given, "_fields"):
-        y, status = given
-        if isinstance(status, Tensor) and not status.is_floating_point():
-            return y, status
-    return given, None
-
-
-def experiments_of(model: Any, data: Any, sigma: Any) -> tuple[Experiment, ...]:
-    """Experiments of what `identify` was given: a model and data, or both by the names of experiments."""
-    if not isinstance(data, Mapping):
-        if isinstance(model, Mapping):
-            raise ValueError("models by name were given with data without names; data by the same names are wanted")
-        return (_experiment(None, model, data, sigma),)
-    if not data:
-        raise ValueError("data of no experiment were given; one at least is wanted")
-    if isinstance(model, Mapping) and set(model) != set(data):
-        raise ValueError(f"models of {', '.join(map(str, model))} and data of {', '.join(map(str, data))} were given; the same "
-                         "names are wanted")
-    sigmas = sigma if isinstance(sigma, Mapping) else dict.fromkeys(data, sigma)
-    if wrong := set(sigmas) - set(data):
-        raise ValueError(f"sigma of {', '.join(map(str, wrong))} was given; there are data of {', '.join(map(str, data))}")
-    return tuple(_experiment(name, model[name] if isinstance(model, Mapping) else model, data[name], sigmas.get(name))
-                 for name in data)
-
-
-def _experiment(name: str | None, model: Any, data: Any, sigma: Any) -> Experiment:
-    if not callable(model):
-        raise ValueError(f"a model of type {type(model).__name__} was given; a function of theta is wanted")
-    return Experiment(name, model, tuple(Measurement.of(d, sigma) for d in each(data)), not several(data))

@@ -18,7 +18,8 @@ from torch import Tensor
 from ...core.arguments import count
 from ...core.arguments import function as checked_function
 from ...core.files import NotWritten
-from ...core.validation import precision
+from ...core.repetition import one_of
+from ...core.validation import precision, shown
 from .chunks import Chunk, ChunkFolder
 from .designs import SOBOL_POINTS
 from .joint_law import JointLaw
@@ -47,6 +48,7 @@ class Job:
     folder: ChunkFolder | None
     caller: tuple[str, int]
     default: torch.dtype
+    total: int
     reduce: Callable[[Chunk], Any] | None = None
 
     def __call__(self) -> tuple[Any, bool]:
@@ -55,7 +57,8 @@ class Job:
             torch.set_num_threads(1)
             torch.set_default_dtype(self.default)
         theta = self.design.theta(self.joint, self.first, self.last).detach().to(self.dtype)
-        chunk = theta, *evaluated(self.function, self.joint, theta.clone(), self.by_name)
+        with one_of(self.total / (self.last - self.first)):
+            chunk = theta, *evaluated(self.function, self.joint, theta.clone(), self.by_name)
         written = self.folder is not None and self.folder.reachable
         if written:
             self.folder.put(self.first, chunk)
@@ -68,6 +71,7 @@ class Evaluation:
     """A function, the laws and design of its parameters, and how it is evaluated.
 
     points  of each replicate, where no chunk may be of two
+    total   samples of the run, as far as that is known: what is worth compiling depends on them all
     reduce  what becomes of a chunk where it was computed, without a folder: something with `failed`, the number of samples
     """
 
@@ -80,6 +84,7 @@ class Evaluation:
     executor: Executor | None = None
     folder: ChunkFolder | None = None
     points: int | None = None
+    total: int = 1
     reduce: Callable[[Chunk], Any] | None = None
 
     def chunks(self, first: int, last: int, progress: Progress | None = None) -> Generator[Any, None, None]:
@@ -92,7 +97,7 @@ class Evaluation:
             if todo:
                 self.folder.writable()
         jobs = (Job(self.function, self.joint, self.design.part(a, b), a, b, self.dtype, self.by_name, self.folder, _here(),
-                    torch.get_default_dtype(), self.reduce) for a, b in todo)
+                    torch.get_default_dtype(), self.total, self.reduce) for a, b in todo)
         made = (job() for job in jobs) if self.executor is None else _gathered(self.executor, jobs)
         try:
             for a, b in self._ends(first, last):
@@ -135,10 +140,17 @@ def called(function: Function, joint: JointLaw, theta: Tensor, by_name: bool) ->
     for name, value, wanted in (("y", y, f"({n}, ...)"), ("a status", status, f"({n},)")):
         if not isinstance(value, Tensor):
             raise ValueError(f"a function that gave {name} as a {type(value).__name__} was given; a tensor {wanted} is wanted")
-        if value.shape[:1] != (n,) or (value is status and value.ndim != 1):
+        if value.shape[:1] != (n,) or (value is status and value.ndim != 1) or not value.numel():
             raise ValueError(f"a function that gave {name} {tuple(value.shape)} was given; {wanted} is wanted")
-    if y.is_complex():
-        raise ValueError("a function that gave a complex y was given; real numbers are wanted")
+        if value.layout != torch.strided or value.is_meta:
+            raise ValueError(f"a function that gave {name} in the layout {value.layout} on {value.device} was given; numbers, "
+                             "one beside the other, are wanted")
+        if value.is_complex():
+            raise ValueError(f"a function that gave a complex {name.split()[-1]} was given; real numbers are wanted")
+    if status.is_floating_point() and not (status == status.round()).all():
+        raise ValueError("a function that gave a status between whole numbers was given; 0 for good samples, and whole numbers "
+                         "for those that failed, are wanted")
+    y = y.float() if y.dtype in (torch.float16, torch.bfloat16) else y
     status, finite = status.long().to(y.device), torch.isfinite(y).reshape(n, -1).all(-1)
     return y, torch.where((status == 0) & ~finite, FAILED, status)
 
@@ -159,14 +171,14 @@ def settings(function: Any, n: Any, seed: Any, chunk: Any, executor: Any, dtype:
     """n, seed, chunk and dtype, if these and the others are what they should be; ValueError otherwise."""
     checked_function("function", function)
     if executor is not None and not hasattr(executor, "submit"):
-        raise ValueError(f"executor = {executor!r} was given; a concurrent.futures.Executor is wanted")
+        raise ValueError(f"executor = {shown(executor)} was given; a concurrent.futures.Executor is wanted")
     if isinstance(version, bool) or not isinstance(version, (str, int, type(None))):
-        raise ValueError(f"version = {version!r} was given; a text or a whole number is wanted")
+        raise ValueError(f"version = {shown(version)} was given; a text or a whole number is wanted")
     if dtype is not None and not isinstance(dtype, torch.dtype):
-        raise ValueError(f"dtype = {dtype!r} was given; torch.float32 or torch.float64 is wanted")
-    if count("seed", seed, 0) >= 2**63:
+        raise ValueError(f"dtype = {shown(dtype)} was given; torch.float32 or torch.float64 is wanted")
+    if (seed := count("seed", seed, 0)) >= 2**63:
         raise ValueError(f"seed = {seed} was given; one below 2^63 is wanted")
-    if count("n", n) > SOBOL_POINTS:
+    if (n := count("n", n)) > SOBOL_POINTS:
         raise ValueError(f"n = {n} was given; the sequence has 2^30 points")
     return n, seed, count("chunk", chunk), precision(dtype or torch.get_default_dtype())
 
@@ -215,4 +227,4 @@ def _result(future: Any) -> tuple[Any, bool]:
 
 def progress_of(report: Report | bool | None, total: int) -> Progress | None:
     """Progress of a run of so many samples, told to a function or, with True, to the terminal; ValueError for anything else."""
-    return None if report in (None, False) else Progress(total, time.monotonic(), report)
+    return None if report is None or report is False else Progress(total, time.monotonic(), report)

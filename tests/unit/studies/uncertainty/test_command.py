@@ -120,6 +120,7 @@ BAD = {
     "thresholds": (*config(thresholds=["x"]), "'x' was given; numbers"),
     "interval": (*config(interval=95), "interval = 95 was given; a probability between 0 and 1"),
     "keep": (*config(keep="no"), "keep = 'no' was given"),
+    "sentences": (*config(sentences={"x": "buckled"}), "a dict, status -> text, is wanted"),
     "a name of another": ("json.py", "n = 1", "another module is called 'json'"),
     "of a stream": (*config(keep=False, until=0.1), "'until' was given with keep = False"),
 }
