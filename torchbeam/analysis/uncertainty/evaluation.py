@@ -70,8 +70,8 @@ class Job:
 class Evaluation:
     """A function, the laws and design of its parameters, and how it is evaluated.
 
-    points  of each replicate, where no chunk may be of two
     total   samples of the run, as far as that is known: what is worth compiling depends on them all
+    points  of each replicate, where no chunk may be of two
     reduce  what becomes of a chunk where it was computed, without a folder: something with `failed`, the number of samples
     """
 
@@ -83,8 +83,8 @@ class Evaluation:
     by_name: bool = False
     executor: Executor | None = None
     folder: ChunkFolder | None = None
-    points: int | None = None
     total: int = 1
+    points: int | None = None
     reduce: Callable[[Chunk], Any] | None = None
 
     def chunks(self, first: int, last: int, progress: Progress | None = None) -> Generator[Any, None, None]:
