@@ -134,8 +134,8 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
             reason = f"nothing holds {loose}; a support or a spring would ({UNRELAXED if relax else SWING})"
         raise RuntimeError(f"{which} has no equilibrium: {reason}")
     if model.conservative:
-        settled = ~failed & ~idle
-        unstable = settled & _unstable(problem, x, start, None if doubtful is None else doubtful & settled)
+        found = ~failed & ~idle
+        unstable = found & _unstable(problem, x, start, None if doubtful is None else doubtful & found)
         if concrete(unstable).any():
             warnings.warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to "
                           "another (branch='stable' looks for it)", RuntimeWarning, stacklevel=2)
@@ -145,6 +145,8 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
 def _idle(problem: SteadyProblem, start: Configuration) -> Tensor:
     """(...) samples with a rigid motion that nothing holds, which start in balance: they stay, for no other place is better."""
     idle = adrift(problem.model, problem.t, problem.inputs)
+    if problem.model.internal_states:  # which have a rest of their own to come to
+        idle = torch.zeros_like(idle)
     if concrete(idle).any():
         with no_derivatives():
             idle = idle & (problem.residual(start)[0].measure() <= torch.finfo(start.stress.dtype).eps ** 0.5)
