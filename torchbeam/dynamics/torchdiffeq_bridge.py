@@ -59,9 +59,9 @@ def integrate(
     after       (t, y) -> y, applied at each output before going on from it: rescaling, projection, normalising.
                 Steps then end at the outputs.
 
-    Returns ys (T, ..., n); status (...), 0 = success and 3 = failed: rates that are not finite or a step that shrank to
-    nothing. A failed sample keeps its last good output, and the others are solved as if it were not there. evaluations:
-    calls of rhs.
+    Returns ys (T, ..., n); status (T, ...), 0 = success and, behind the last good output, 3 = failed: rates that are not finite
+    or a step that shrank to nothing. A failed sample keeps that output, and the others are solved as if it were not there.
+    evaluations: calls of rhs.
 
     Raises ValueError for an unknown method or option or a t that does not increase; AllFailed where every sample failed, or
     where the sample that stopped the solver cannot be found. Warns (RuntimeWarning) about samples that failed,
@@ -82,6 +82,7 @@ def integrate(
 
     solve = _Solve(rhs, y0, method, dict(rtol=rtol, atol=atol), dict(options or {}), adjoint, parameters, after)
     good: dict[int, Tensor] = {}  # failed sample -> its outputs, held from the failure on
+    status = torch.zeros(len(t), y0.shape[:-1].numel(), dtype=torch.long, device=y0.device)
     while True:
         ys, failure = solve.run(t)
         if failure is None:
@@ -95,6 +96,7 @@ def integrate(
         for row in rows.flatten().nonzero().flatten().tolist():
             held = ys[: k + 1].reshape(k + 1, -1, y0.shape[-1])[:, row].detach()
             good[row] = torch.cat((held, held[-1:].expand(len(t) - 1 - k, -1)))
+            status[k + 1:, row] = FAILED
         solve.dead = solve.dead | rows
         if solve.dead.all():
             raise AllFailed(sentence)
@@ -104,7 +106,7 @@ def integrate(
         ys = torch.stack([good.get(row, flat[:, row]) for row in range(flat.shape[1])], 1).view_as(ys)
     if adjoint:
         _check_reconstruction(solve, ys, t)
-    return ys, solve.dead * FAILED, solve.evaluations
+    return ys, status.view(len(t), *y0.shape[:-1]), solve.evaluations
 
 
 def leaves(rates: Tensor) -> tuple[Tensor, ...]:
@@ -126,12 +128,6 @@ def known_options(method: str) -> list[str]:
     inits = [vars(kind)["__init__"] for kind in SOLVERS[method].__mro__[:-1] if "__init__" in vars(kind)]
     names = {p.name for init in inits for p in inspect.signature(init).parameters.values() if p.kind is not p.VAR_KEYWORD}
     return sorted(names - {"self", "func", "y0", "rtol", "atol"})
-
-
-def status_at(ys: Tensor, status: Tensor) -> Tensor:
-    """(T, ...) the status at each output of ys (T, ..., n): 0 up to a failed sample's last good output, which it holds."""
-    held = ((ys == ys[-1:]) | ~torch.isfinite(ys)).all(-1)
-    return status * torch.cat((torch.zeros_like(held[:1]), held[:-1]))
 
 
 class _Solve:
