@@ -86,7 +86,7 @@ def simulate_mixed(
     y0 = y0.expand(broadcast_shapes(y0.shape, wide))
     ys, status, evaluations = integrate(
         at(problem.rates), y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
-        parameters=leaves(problem.rates(first, y0.detach())),
+        parameters=leaves(at(problem.rates), y0.detach(), t, adjoint),
         after=at(problem.after) if project or method in RESTART_FREE else None,
     )
     states = [problem.observe(*one) for one in zip(instants, ys, status, strict=True)]

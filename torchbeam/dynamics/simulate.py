@@ -244,7 +244,7 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     acting = rates.balance(first, rates.unpack(first, y0)[0])[0]  # functions and inputs may have axes too
     y0 = y0.expand(*broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
     ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
-                                        parameters=leaves(rhs(t[0], y0.detach())))
+                                        parameters=leaves(rhs, y0.detach(), t, adjoint))
     trajectory = State.stack([rates.state(*at) for at in zip(instants, ys, status, strict=True)])
     reason = {FAILED: f"{method} failed; {ADVICE}"} if status.any() else {}
     if method not in ADAPTIVE:

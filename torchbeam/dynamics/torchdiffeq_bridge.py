@@ -22,6 +22,7 @@ from ..core.validation import broadcast, increasing
 METHODS = tuple(SOLVERS)
 ADAPTIVE = tuple(name for name, solver in SOLVERS.items() if issubclass(solver, AdaptiveStepsizeODESolver))
 ADVICE = "try the implicit method 'midpoint' of the nodal form, a shorter step, or other tolerances"
+INSTANTS = 33  # beside those asked for, at which what rates read is looked for
 TRUSTED = 1e-3  # largest relative error of the state reconstructed backwards that a continuous adjoint may carry
 
 Rates = Callable[[Tensor, Tensor], Tensor]
@@ -52,7 +53,8 @@ def integrate(
     method      a name of torchdiffeq; rtol, atol and options go to it unchanged, but for the error norm: an adaptive
                 method controls the *largest* entry (torchdiffeq's root mean square lets a batch hide a bad sample).
                 Outputs inside a step are interpolated by torchdiffeq with a quartic, whatever the method's order;
-                options={"step_t": t[1:]} ends a step at each of them
+                options={"step_t": t[1:]} ends a step at each of them. Of methods with fixed steps they are on straight
+                lines, of second order, unless the step divides the intervals; options={"interp": "cubic"} is of fourth
     adjoint     gradients by the continuous adjoint with respect to y0 and `parameters` instead of through the steps;
                 the state is integrated back over each output interval, as the adjoint does, and compared
     parameters  every tensor that rhs reads and whose gradient may be wanted
@@ -109,9 +111,15 @@ def integrate(
     return ys, status.view(len(t), *y0.shape[:-1]), solve.evaluations
 
 
-def leaves(rates: Tensor) -> tuple[Tensor, ...]:
-    """The leaf tensors with gradient from which `rates` was computed: what the scene, its functions and its inputs hold."""
-    found, seen, todo = {}, set(), [rates.grad_fn]
+def leaves(rhs: Rates, y: Tensor, t: Tensor, throughout: bool) -> tuple[Tensor, ...]:
+    """The leaf tensors with gradient that rates at y are computed from: what the scene, its functions and its inputs hold.
+    Those at t[0]; or `throughout` the time, where functions of t may read other ones later.
+    """
+    instants = t.detach()[:1]
+    if throughout:
+        share = torch.linspace(0, 1, INSTANTS, dtype=t.dtype, device=t.device)
+        instants = torch.cat((t.detach(), t.detach()[0] + share * (t.detach()[-1] - t.detach()[0])))
+    found, seen, todo = {}, set(), [rhs(now, y).grad_fn for now in instants]
     while todo:
         node = todo.pop()
         if node is None or node in seen:
