@@ -99,8 +99,8 @@ def test_sync_and_gymnasium_vector_envs():
 
 
 def test_error_of_the_mesh(monkeypatch):
-    """Two elements in a plane, in steps of 20 ms, against sixteen in steps of 2.5 ms, for four intervals; none of a strip that is
-    lost at once.
+    """Two elements in a plane, in steps of 20 ms, against sixteen in steps of 2.5 ms, for four intervals; none of a strip that
+    is lost at once.
     """
     assert 1e-3 < benchmark.error(ID, **SMALL) < 0.5
     monkeypatch.setattr(benchmark, "FINER", {})
