@@ -58,7 +58,7 @@ def monte_carlo_stream(function: Function, laws: Mapping[str, Law], n: int, *, r
     stream, done = (Stream(joint.names, plan.independent), 0) if folder is None else _taken_up(folder, joint, plan.independent)
     if done > n:
         raise ValueError(f"n = {n} was given for a folder with the summary of {done} samples; at least as many are wanted")
-    work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor, points=points, total=n,
+    work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor, total=n, points=points,
                       reduce=Summarise(checked_sentences(sentences)))
     at, written = progress_of(progress, n), time.monotonic()
     if at is not None and done:
