@@ -16,9 +16,8 @@ from .identify import identify
 from .measurement import Measurement, each, several, sigma_given
 from .parameter import Parameter
 from .regularization import CRITERIA, Linearised, Weighing, weigh
-from .smoothness import Smoothness
+from .smoothness import Smoothness, SmoothnessRows
 
-SINGLE = "data"  # name of an experiment that was given without one
 NOISE = 0.05  # first deviation of data without sigma, over their RMS
 FIRST = 1e-4  # first weight, over that at which smoothness counts as much as the data
 SAME = 0.1  # of the logarithm of a weight, or of deviations of the parameters, from one round to the next
@@ -53,6 +52,12 @@ class FieldFit:
         """Standard deviation of a parameter or field, of its shape."""
         first, shape = self.fit.shapes[name]
         return self.fit.deviation[first:first + torch.Size(shape).numel()].reshape(shape)
+
+    def refined(self, model: Any) -> FieldFit:
+        """With the fit that a finer model finds, weights as they are; see `Fit.refined`. A field keeps its numbers: of twice as
+        many elements they are `theta["EI"].repeat_interleave(2, -1)`.
+        """
+        return replace(self, fit=self.fit.refined(model))
 
     def __repr__(self) -> str:
         weights = ", ".join(f"{name} {weight:.3g}" for name, weight in self.weight.items())
@@ -99,25 +104,23 @@ def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness:
         if task.sharp and (same or sharpened):  # the normal law's weight first
             settled, sharpened, task = still and sharpened, True, task.sharpened(fit, weights)
     effective = linear.solved(used * noise**2).told.item()
-    return FieldFit(task.without_rows(fit), dict(zip(task.L, used.tolist(), strict=True)), noise, effective, found, k, settled)
+    return FieldFit(fit, dict(zip(task.rows, used.tolist(), strict=True)), noise, effective, found, k, settled)
 
 
 @dataclass(frozen=True)
 class _Task:
-    """What is searched: models and measurements by experiment, and for each field its rows L (rows, n), their target, and
-    factors (rows,) by which they count.
+    """What is searched: models and measurements by experiment (None: one without a name), and for each field its rows, their
+    target (rows,), and factors (rows,) by which they count.
     """
 
-    models: dict[str, Any]
-    measured: dict[str, Any]
+    models: dict[str | None, Any]
+    measured: dict[str | None, Any]
     start: Mapping[str, Any]
-    L: dict[str, Tensor]
+    rows: dict[str, SmoothnessRows]
     target: dict[str, Tensor]
     factor: dict[str, Tensor]
     sharp: tuple[str, ...]
-    logs: dict[str, bool]
     known: bool
-    single: bool
     options: dict[str, Any]
 
     @classmethod
@@ -128,13 +131,12 @@ class _Task:
         if not options.get("absolute_sigma", True):
             raise ValueError("absolute_sigma=False was given to identify_fields, whose weights count on sigma; data without "
                              "sigma are wanted, whose noise is found")
-        single = not isinstance(data, Mapping)
-        measured = {SINGLE: data} if single else dict(data)
+        measured = dict(data) if isinstance(data, Mapping) else {None: data}
         measured = {name: [Measurement.of(one, None) for one in given] if several(given) else Measurement.of(given, None)
                     for name, given in measured.items()}
         models = dict(model) if isinstance(model, Mapping) else dict.fromkeys(measured, model)
         known = sigma_given(m for given in measured.values() for m in each(given))
-        L, target, logs = {}, {}, {}
+        rows, target = {}, {}
         for name, one in smoothness.items():
             if name not in start:
                 raise ValueError(f"smoothness of {name!r} was given; there are {', '.join(map(str, start))}")
@@ -143,12 +145,12 @@ class _Task:
             if given.start.ndim != 1 or given.own or given.transform == "logit":
                 raise ValueError(f"smoothness of {name!r} was given, of shape {tuple(given.start.shape)}; one field (n,) of "
                                  "all experiments is wanted, by itself or by its logarithm")
-            L[name], logs[name] = instance("smoothness", one, Smoothness).rows(given.start), given.transform == "log"
-            value = given.start.log() if logs[name] else given.start
-            target[name] = L[name] @ value if one.order == 0 else L[name].new_zeros(len(L[name]))
-        factor = {name: rows.new_ones(len(rows)) for name, rows in L.items()}
+            L = instance("smoothness", one, Smoothness).rows(given.start)
+            rows[name] = SmoothnessRows(name, L, given.transform == "log")
+            target[name] = rows[name].of(given.start) if one.order == 0 else L.new_zeros(len(L))
+        factor = {name: torch.ones_like(of) for name, of in target.items()}
         sharp = tuple(name for name, one in smoothness.items() if one.sharp)
-        return cls(models, measured, start, L, target, factor, sharp, logs, known, single, {**options, "log": log})
+        return cls(models, measured, start, rows, target, factor, sharp, known, {**options, "log": log})
 
     @property
     def noise(self) -> float:
@@ -157,16 +159,16 @@ class _Task:
         return 1.0 if self.known else NOISE * values[~values.isnan()].square().mean().sqrt().item() or 1.0
 
     def checked(self, weight: Mapping[str, float]) -> Tensor:
-        if set(weight) != set(self.L):
-            raise ValueError(f"weights of {', '.join(map(str, weight))} were given; of {', '.join(self.L)} are wanted")
-        found = torch.tensor([number(f"the weight of {name!r}", weight[name]) for name in self.L], dtype=torch.float64)
+        if set(weight) != set(self.rows):
+            raise ValueError(f"weights of {', '.join(map(str, weight))} were given; of {', '.join(self.rows)} are wanted")
+        found = torch.tensor([number(f"the weight of {name!r}", weight[name]) for name in self.rows], dtype=torch.float64)
         if not (found > 0).all():
             raise ValueError(f"a weight of {found.min().item():g} was given; positive ones are wanted")
         return found
 
     def first(self) -> tuple[Tensor, float]:
         """Weights that leave the data all they can say, from the derivatives at the start."""
-        tiny = torch.full((len(self.L),), torch.finfo(torch.float64).eps, dtype=torch.float64)
+        tiny = torch.full((len(self.rows),), torch.finfo(torch.float64).eps, dtype=torch.float64)
         fit = identify(*self._with_rows(tiny, self.noise), self.start, **{**self.options, "iterations": 1})
         linear = self._linearised(fit, fit.problem.parameters.x[:1], self.noise)
         return FIRST * linear.balance / self.noise**2, self.noise
@@ -183,23 +185,10 @@ class _Task:
     def sharpened(self, fit: Fit, weight: Tensor) -> _Task:
         """With rows that count by how large they are."""
         factor = dict(self.factor)
-        for (name, L), w in zip(self.L.items(), weight.tolist(), strict=True):
+        for (name, rows), w in zip(self.rows.items(), weight.tolist(), strict=True):
             if name in self.sharp:
-                value = fit[name].log() if self.logs[name] else fit[name]
-                factor[name] = Smoothness.factors(w * (L @ value - self.target[name]).square())
+                factor[name] = Smoothness.factors(w * (rows.of(fit[name]) - self.target[name]).square())
         return replace(self, factor=factor)
-
-    def without_rows(self, fit: Fit) -> Fit:
-        """The fit as if the smoothness were no measurement."""
-        y = {name: value for name, value in fit.y.items() if name in self.measured}
-        problem, theta = fit.problem, torch.cat((fit.starts, fit.theta[None]))
-        rows = torch.cat([e.values(problem.parameters, theta) for e in problem.experiments if e.name not in self.measured], -1)
-        numbers, k = len(problem.weight), rows.shape[1]
-        squares = (rows * problem.weight[-k:] - problem.target[:, -k:]).square().sum(-1)
-        misfits = torch.cat((fit.misfits, fit.misfit[None])).square() * numbers - squares
-        misfits = (misfits.clamp(min=0) / (numbers - k)).sqrt()
-        return replace(fit, y=y[SINGLE] if self.single else y, misfit=misfits[-1], misfits=misfits[:-1], readings=tuple(
-            r for r in fit.readings if r.experiment in self.measured))
 
     def _with_rows(self, weight: Tensor, sigma: float) -> tuple[dict[str, Any], dict[str, Any]]:
         """Models and data of experiments, one more for each field."""
@@ -209,8 +198,8 @@ class _Task:
         data = {name: [noisy(m) for m in given] if isinstance(given, list) else noisy(given)
                 for name, given in self.measured.items()}
         models = dict(self.models)
-        for (name, L), w in zip(self.L.items(), weight.tolist(), strict=True):
-            models[f"smoothness of {name}"] = _rows_of(name, L, self.logs[name])
+        for (name, rows), w in zip(self.rows.items(), weight.tolist(), strict=True):
+            models[f"smoothness of {name}"] = rows
             data[f"smoothness of {name}"] = Measurement(self.target[name], (w * self.factor[name]) ** -0.5)
         return models, data
 
@@ -221,18 +210,14 @@ class _Task:
         with torch.no_grad():
             r, J = problem.linearised(x, every)
             _, pull, bend = (part[0] for part in problem.prior(x))
-        rows = sum(len(L) for L in self.L.values())
+        data = problem.measured
         scale = 1.0 if self.known else sigma
         wide, target = [], []
-        for name, L in self.L.items():
+        for name, rows in self.rows.items():
             (place,) = (e.place for e in problem.parameters.entries if e.name == name)
-            wide.append(x.new_zeros(len(L), x.shape[1]))
+            wide.append(x.new_zeros(len(rows.L), x.shape[1]))
             root = self.factor[name].sqrt()
-            wide[-1][:, place] = root[:, None] * L
+            wide[-1][:, place] = root[:, None] * rows.L
             target.append(root * self.target[name])
-        return Linearised(x[0], scale * r[0, :-rows], scale * J[0, :-rows], tuple(wide), tuple(target), scale**2 * pull,
+        return Linearised(x[0], scale * r[0, data], scale * J[0, data], tuple(wide), tuple(target), scale**2 * pull,
                           scale**2 * bend)
-
-
-def _rows_of(name: str, L: Tensor, log: bool) -> Any:
-    return lambda theta: (theta[name].log() if log else theta[name]) @ L.mT

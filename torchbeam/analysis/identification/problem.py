@@ -16,6 +16,7 @@ from ...solvers.region import Region
 from ...state.solution import Solution
 from .measurement import Measurement, each, several, sigma_given
 from .parameters import Parameters
+from .smoothness import SmoothnessRows
 
 Model = Callable[[Any], Any]  # theta -> y (N, ...), Solution, (y, status (N,)); or a tuple of y, one for each measurement
 
@@ -28,6 +29,11 @@ class Experiment:
     model: Model
     measurements: tuple[Measurement, ...]
     single: bool
+
+    @property
+    def measured(self) -> bool:
+        """Whether its readings are data, and not rows of a prior."""
+        return not isinstance(self.model, SmoothnessRows)
 
     def values(self, parameters: Parameters, theta: Tensor) -> Tensor:
         """Readings (N, numbers) of all its measurements, in a row; NaN of samples that failed."""
@@ -107,6 +113,12 @@ class Problem:
         weight = weight[known]
         return cls(tuple(experiments), parameters, known, weight, (values[known] * weight)[None],
                    torch.cat(rows), torch.cat(rows)[:, known] * weight, scaled)
+
+    @property
+    def measured(self) -> Tensor:
+        """(T,) bool: data, and not rows of a prior."""
+        every = [torch.full(m.values.shape, e.measured).flatten() for e in self.experiments for m in e.measurements]
+        return torch.cat(every).to(self.known.device)[self.known]
 
     def values(self, theta: Tensor) -> Tensor:
         """Readings (N, all numbers), measured or not, without offsets and drifts."""

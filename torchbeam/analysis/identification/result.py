@@ -61,7 +61,7 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
              *bound_hints(parameters.names, theta[best], (x[best] <= least) | (x[best] >= largest)))
     if odd:
         warnings.warn(odd[0], UserWarning, stacklevel=4)
-    status, misfits = int(statuses[best]), (squares / numbers).sqrt()
+    status, misfits = int(statuses[best]), r[:, problem.measured].square().mean(-1).sqrt()
     failed = int((statuses == FAILED).sum())
     message = "; ".join((REASON[status], *shown[best], *hints, *(
         [f"the model failed at {failed} of {len(x)} starts"] if failed else []), *(
@@ -97,13 +97,13 @@ def _values(problem: Problem, x: Tensor, r: Tensor) -> Tensor:
 
 
 def _readings(problem: Problem, values: Tensor, deviation: Tensor | None = None) -> tuple[Readings, ...]:
-    """Data beside the model's values (all numbers,), by measurement."""
+    """Data beside the model's values (all numbers,), by measurement; without rows of priors."""
     found, first = [], 0
     for e in problem.experiments:
         for m in e.measurements:
             here, shape = slice(first, first + m.values.numel()), m.values.shape
             y, off = (None if v is None else v[here].reshape(shape) for v in (values, deviation))
-            found.append(Readings(e.name, m.labels, m.times, m.values, y, m.sigma, off))
+            found += [Readings(e.name, m.labels, m.times, m.values, y, m.sigma, off)] * e.measured
             first += m.values.numel()
     return tuple(found)
 
@@ -112,7 +112,7 @@ def _as_given(readings: tuple[Readings, ...], problem: Problem) -> Any:
     """The model's values in the form in which the data were given."""
     rest = iter(readings)
     parts = {}
-    for e in problem.experiments:
+    for e in filter(lambda e: e.measured, problem.experiments):
         own = tuple(next(rest).y for _ in e.measurements)
         parts[e.name] = own[0] if e.single else own
     return parts[None] if None in parts else parts
