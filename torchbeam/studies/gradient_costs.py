@@ -51,8 +51,8 @@ LEGEND = (
     "CPU seconds on one thread, best of up to 3 after a short run to warm up; over: that by those of the compiled forward run; "
     "memory: most above what the process had when warm. Error: largest entry of the difference from the gradient of the "
     "discrete equations (eager adjoint, or the compiled one where that took too long), over the largest entry; of "
-    "odeint_adjoint, from the gradient through the same explicit steps (dopri5, 1e-7), of which it is not the derivative. Each row in a process of its own, stopped after "
-    "{budget:g} s; larger problems of that way are then left out."
+    "odeint_adjoint, from the gradient through the same explicit steps (dopri5, 1e-7), of which it is not the derivative. Each "
+    "row in a process of its own, stopped after {budget:g} s; larger problems of that way are then left out."
 )
 
 
