@@ -29,7 +29,7 @@ def fit(fit: Any) -> list[Axes]:
         data, y = (one.columns(v)[k] for v in (one.data, one.y))
         t = torch.arange(len(data)) if one.times is None else one.times
         noise = torch.ones_like(y) if one.sigma is None else one.columns(one.sigma)[k]
-        noise = noise if fit.freedom == torch.inf else noise * fit.misfit
+        noise = noise * fit.scale
         own = torch.zeros_like(y) if one.deviation is None else one.columns(one.deviation)[k].nan_to_num()
         order = t.argsort()
         t, data, y, noise, own = (v[order] for v in (t, data, y, noise, own))

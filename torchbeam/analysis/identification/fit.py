@@ -15,6 +15,8 @@ from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
 from . import student
 from .bootstrap import Bootstrap, bootstrap
+from .covariance import half_interval
+from .observed_priors import with_priors_observed
 from .problem import Problem
 from .profile import Profile, profiles
 from .readings import Readings
@@ -24,7 +26,7 @@ from .table import table
 from .transform import Transform
 
 INTERVALS = ("laplace", "profile", "bootstrap")
-FORMAT = 1  # of saved fits
+FORMAT = 2  # of saved fits
 LOST = ("problem", "transform", "readings")  # of the fields, those that are not saved as they are
 
 
@@ -33,12 +35,16 @@ class Fit:
     """Result of `identify`, from the best of the starts.
 
     theta       (p,) the parameters;  names (p,). `fit["EI"]` is one of them, of its own shape; offsets and drifts come last
-    covariance  (p, p) of the parameters: sigma^2 (J^T J)^-1, first order, where sigma is that given or else the misfit's own
-                over T - p degrees of freedom, `freedom` (inf: sigma was given); with priors, of the posterior. `deviation` (p,)
-                the roots of its diagonal, `correlation` (p, p). Parameters that the data do not tell apart have huge
-                deviations and a correlation near 1 or -1
+    covariance  (p, p) of the parameters: sigma^2 (J^T J)^-1, first order, where sigma is that given or found, with priors, of
+                the posterior. `deviation` (p,) the roots of its diagonal, `correlation` (p, p). Parameters that the data do not
+                tell apart have huge deviations and a correlation near 1 or -1. Those that a bound holds, `held` (p,) bool,
+                count as known: zeros
+    freedom     (p,) degrees of freedom of these deviations: inf where sigma was given; T - p where the misfit told it; of noise
+                by channel by Satterthwaite's formula, see `covariance.py`
+    scale       deviation of the noise over the sigma that weighs the data: 1 where that is known, or was found by channel
+    noise       channel -> its deviation, of those that were found by `identify(noise="channel")`
     y           (...) the model there, offsets and drifts included, as the data were given
-    misfit      RMS of y - data (over sigma, where given)
+    misfit      RMS of y - data (over sigma, where given or found by channel)
     status      0 = converged, 1 = more iterations are wanted, 2 = no step makes the misfit smaller, 3 = not identifiable:
                 the data do not say where parameters are, and theta is no estimate of these; 4 = the model fails there; 5 = not
                 followed, as other starts were better at first (of `statuses` alone)
@@ -69,11 +75,15 @@ class Fit:
     message: str = ""
     hints: tuple[str, ...] = ()
     open: Tensor = field(default_factory=lambda: torch.zeros(0, dtype=torch.bool))
-    freedom: float = torch.inf
+    held: Tensor = field(default_factory=lambda: torch.zeros(0, dtype=torch.bool))
+    freedom: Tensor = field(default_factory=lambda: torch.zeros(0))
+    scale: float = 1.0
+    noise: dict[str, float] = field(default_factory=dict)
     derivatives: str = ""
     shapes: dict[str, tuple[int, tuple[int, ...]]] = field(default_factory=dict)
     x: Tensor = field(default_factory=lambda: torch.zeros(0))
     x_covariance: Tensor = field(default_factory=lambda: torch.zeros(0, 0))
+    x_slope: Tensor = field(default_factory=lambda: torch.zeros(0))
     bounds: Tensor = field(default_factory=lambda: torch.zeros(0, 2))
     transform: Transform | None = None
     readings: tuple[Readings, ...] = ()
@@ -91,7 +101,8 @@ class Fit:
 
     @property
     def correlation(self) -> Tensor:
-        return self.covariance / (self.deviation[:, None] * self.deviation)
+        size = torch.where(self.held, 1, self.deviation)
+        return self.covariance / (size[:, None] * size) + torch.diag(self.held.to(size))
 
     def __getitem__(self, name: str) -> Tensor:
         """One parameter by name, of its own shape."""
@@ -109,20 +120,20 @@ class Fit:
                      what is positive by its logarithm stays so. Exact where the model is linear in them
         "profile"    where the least misfit, over all other parameters, rises by as much as that quantile says: the model's
                      curvature counts. A batch of some ten fits for each parameter
-        "bootstrap"  from `repeats` fits, as one batch, of data that the fitted model and noise make; not with priors
+        "bootstrap"  from `repeats` fits, as one batch, of data that the fitted model and noise make
 
-        What the data do not determine goes from end to end of what it can be. All of them take the model as right and the noise
-        as independent; see `hints`.
+        What the data do not determine goes from end to end of what it can be. That of a parameter at its bound goes to where
+        the least misfit rises by as much, by the slope and curvature there, or as "profile" finds it: at a bound repeated fits
+        do not tell (Andrews 2000, Econometrica 68, 399). All of them take the model as right and the noise as independent; see
+        `hints`.
         """
         choice("method", method, INTERVALS)
-        tail = student.tail(level)
-        if method == "bootstrap":
-            found = self.bootstrap(repeats, seed=seed).interval(level)
+        away = self._half_interval(self._quantile(level))
+        found = torch.stack([self.transform.theta(end) for end in (self.x - away, self.x + away)], -1)
+        if method == "bootstrap" and not self.held.all():
+            found = torch.where(self.held[:, None], found, self.bootstrap(repeats, seed=seed).interval(level))
         elif method == "profile":
             found = torch.stack([one.interval for one in self.profile(level=level)])
-        else:
-            away = student.quantile(1 - tail, self.freedom) * self.x_covariance.diagonal().sqrt()
-            found = torch.stack([self.transform.theta(end) for end in (self.x - away, self.x + away)], -1)
         return self._within(found)
 
     def profile(self, *names: str, level: float = 0.95) -> tuple[Profile, ...]:
@@ -131,18 +142,16 @@ class Fit:
             if name not in self.names:
                 raise ValueError(f"the parameter {name!r} was given; there are {', '.join(self.names)}")
         which = [self.names.index(name) for name in names] or [*range(len(self.names))]
-        return profiles(self._noisy("profile"), self.x, self.x_covariance, which,
-                        student.quantile(1 - student.tail(level), self.freedom), self._scale)
+        quantile = self._quantile(level)
+        return profiles(self._noisy("profile"), self.x, self.x_covariance, self._half_interval(quantile), which, quantile,
+                        self.scale)
 
     def bootstrap(self, repeats: int = 500, *, seed: int = 0) -> Bootstrap:
-        """Fits of so many sets of data that the fitted model and noise make, followed as one batch from here. Raises ValueError
-        where parameters have priors.
+        """Fits of so many sets of data that the fitted model and noise make, followed as one batch from here. Normal and
+        log-normal priors are repeated too, as the observations that they are to a fit: with centres drawn about it. Parameters
+        that a bound holds stay there. Raises ValueError for other priors.
         """
-        problem = self._noisy("bootstrap")
-        if problem.parameters.priors:
-            raise ValueError("a bootstrap of a fit with priors was asked for, which would repeat the data but not what is "
-                             "known beforehand; the intervals 'laplace' and 'profile' count both")
-        return bootstrap(problem, self.x, self._scale, repeats, seed)
+        return bootstrap(with_priors_observed(self._noisy("bootstrap")), self.x, self.held, self.scale, repeats, seed)
 
     def refined(self, model: Any) -> Fit:
         """The fit that a finer model finds, of a finer mesh or shorter steps: its readings with the derivatives of the model
@@ -155,7 +164,7 @@ class Fit:
 
         Raises ValueError where the finer model fails, or the steps do not become smaller: the models differ too much.
         """
-        finer, found, region = refined(self._problem("refined fit"), model, self.x[None], self.jacobian[None], self._scale)
+        finer, found, region = refined(self._problem("refined fit"), model, self.x[None], self.jacobian[None], self.scale)
         if found.status[0] != CONVERGED:
             raise ValueError("a finer model that fails at the fit, or differs too much from the one that was fitted, was "
                              "given; one of the same beam, a little finer, is wanted")
@@ -191,13 +200,15 @@ class Fit:
         return f"Fit({found}; misfit {self.misfit.item():.3g}, {REASON[self.status]} in {self.iterations}" + (
             f"; {'; '.join(self.unidentifiable)}" if self.unidentifiable else "") + ")"
 
-    @property
-    def _scale(self) -> float:
-        """Standard deviation of the weighted data: 1 where sigma was given."""
-        if self.freedom == torch.inf:
-            return 1.0
-        numbers = self.freedom + len(self.theta)
-        return self.misfit.item() * (numbers / self.freedom) ** 0.5
+    def _quantile(self, level: float) -> Tensor:
+        """(p,) of Student's t, at the upper end."""
+        tail = student.tail(level)
+        each = {freedom: student.quantile(1 - tail, freedom) for freedom in set(self.freedom.tolist())}
+        return self.x.new_tensor([each[freedom] for freedom in self.freedom.tolist()])
+
+    def _half_interval(self, quantile: Tensor) -> Tensor:
+        """(p,) of coordinates, from the covariance."""
+        return half_interval(quantile, self.x_covariance.diagonal(), self.x_slope)
 
     def _problem(self, what: str) -> Problem:
         if self.problem is None:
@@ -209,7 +220,7 @@ class Fit:
     def _noisy(self, what: str) -> Problem:
         """The problem, whose noise is known."""
         problem = self._problem(what)
-        if not problem.sigma_given and len(problem.weight) <= len(self.theta):
+        if not problem.sigma_given and problem.spare < 1:
             raise ValueError(f"a {what} of as many parameters as data was asked for; there is no noise to be known")
         return problem
 

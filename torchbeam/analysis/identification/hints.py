@@ -61,6 +61,7 @@ def fit_hints(readings: Sequence[Readings], squares: float, freedom: int, sigma_
 
 
 def bound_hints(names: Sequence[str], theta: Tensor, held: Tensor) -> tuple[str, ...]:
-    """Parameters theta (p,) that ended at a bound, `held` (p,) bool."""
-    return tuple(f"{name} is at its bound, {value:.4g}: its interval is one-sided, and those of others count on it"
+    """Parameters theta (p,) that a bound holds, `held` (p,) bool."""
+    return tuple(f"{name} is at its bound, {value:.4g}, and the misfit falls beyond it: its interval is one-sided, and those "
+                 "of others take it as it is"
                  for name, value, at in zip(names, theta.tolist(), held.tolist(), strict=True) if at)

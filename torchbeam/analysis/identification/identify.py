@@ -18,8 +18,10 @@ from ...solvers.least_squares import Found, search
 from ...solvers.region import Region
 from .fit import Fit
 from .measurement import Measurement, each
+from .noise import NOISES, Noise
 from .parameters import Parameters
 from .problem import Model, Problem, experiments_of
+from .reweighting import search_by_channel
 
 DERIVATIVES = ("auto", "forward", "difference", "adjoint")
 STEP = 1e-4  # of differences
@@ -29,9 +31,9 @@ SAME = 1e-3  # of a column of J
 
 def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: bool = False,
              bounds: tuple[Value, Value] | None = None, sigma: Value | None = None, absolute_sigma: bool = True,
-             names: Sequence[str] | None = None, starts: int = 1, spread: float = 3.0, follow: int = 32, seed: int = 0,
-             derivatives: str = "auto", relative_step: float | None = None, iterations: int = 50, tolerance: float = 1e-6,
-             progress: bool = False) -> Fit:
+             noise: str = "common", names: Sequence[str] | None = None, starts: int = 1, spread: float = 3.0, follow: int = 32,
+             seed: int = 0, derivatives: str = "auto", relative_step: float | None = None, iterations: int = 50,
+             tolerance: float = 1e-6, progress: bool = False) -> Fit:
     """Parameters theta for which model(theta) is nearest to the data, in the sum of squares over sigma.
 
     model        theta -> y, batched: sample i of y depends on sample i of theta alone. theta is (N, p), or name -> (N, *shape)
@@ -42,12 +44,16 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
                  name -> any of these: several experiments; then `model` is name -> model, or one for all
     start        (p,), or (starts, p) to be followed all at once, as one batch: the best end counts; or name -> `Parameter`,
                  number or tensor. Parameters are all experiments', but for those that are each one's own
-    starts       so many, drawn about the one that was given, within a factor of `spread`; between bounds where there are two
+    starts       so many, drawn about the one that was given, within a factor of `spread`, the bounds and the priors' supports;
+                 between bounds, or ends of a support, where there are two, evenly in the coordinate of the search
     follow       of these, so many that fit best are followed; the others are evaluated once
     log          search in log theta (theta is positive): for stiffness, mass and damping
     bounds       (least, largest) of theta, (p,) each: a step that leaves them is cut, and goes along them
     sigma        (...) standard deviation of the data: weights them, and scales the covariance
     absolute_sigma  False: sigma (of measurements too) weighs the data, but the size of the noise is that of the misfit
+    noise        of data without sigma: "common", one deviation for all of them, from the misfit; "channel", each channel has
+                 its own (heteroscedastic), beside data with sigma: searches in turn with the deviations that the one before
+                 left (iteratively reweighted least squares), until these are those of restricted maximum likelihood
     derivatives  "difference": central differences of `relative_step` (1e-4), a batch of 2 p times the starts, which run on the
                  compiled engine. "forward": forward mode, the p directions as a batch, by eager steps. "adjoint": the gradient
                  of the squares by reverse mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond
@@ -74,29 +80,40 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     boolean("progress", progress)
     limit = count("iterations", iterations)
     step = STEP if relative_step is None else check_tolerance("relative_step", relative_step)
+    choice("noise", noise, NOISES)
+    if noise == "channel" and not absolute_sigma:
+        raise ValueError("noise='channel' was given with absolute_sigma=False; measurements without sigma are wanted, whose "
+                         "noise is found")
     experiments = experiments_of(model, data, sigma)
     like = [d for given in (data.values() if isinstance(data, Mapping) else [data]) for d in each(given)]
     if isinstance(start, Mapping) or any(isinstance(d, Measurement) for d in like):
         like = [m.values for e in experiments for m in e.measurements]
     own = [e.name for e in experiments if e.name is not None and e.measured]
     parameters = Parameters.of(start, log, bounds, names, own, like)
-    if derivatives == "adjoint" and any(torch.isfinite(end).any() for end in parameters.bounds(parameters.x)):
+    if derivatives == "adjoint" and parameters.bounded:
         raise ValueError("bounds were given with derivatives = 'adjoint', which takes none but by the transform 'logit'; "
                          "'difference' and 'forward' do")
     parameters = parameters.more_starts(starts, spread, seed)
-    problem = replace(Problem.of(experiments, parameters, boolean("absolute_sigma", absolute_sigma)), relative_step=step)
+    experiments, own = Noise.by_channel(experiments) if noise == "channel" else (experiments, None)
+    problem = Problem.of(experiments, parameters, boolean("absolute_sigma", absolute_sigma), own)
+    problem = replace(problem, relative_step=step)
     x = problem.parameters.x
-    region = problem.region(x)
     with torch.no_grad():
         way = derivatives if derivatives in ("forward", "difference") else _chosen(problem, x)
         problem = replace(problem, method=way)
+        most = count("follow", follow) if starts > 1 else None
         with _line(progress, len(x)) as report:
-            if derivatives == "adjoint":
-                found = _by_adjoint(problem, x, region, limit, tolerance)
+            def run(problem: Problem, ends: Tensor, which: Tensor) -> Found:
+                region = problem.region(x).of(which)
+                if derivatives == "adjoint":
+                    return _by_adjoint(problem, ends, region, limit, tolerance)
+                return search(problem, ends, region, limit, tolerance, follow=most and min(most, len(ends)), progress=report)
+
+            if own is not None and own.names:
+                problem, found = search_by_channel(problem, x, run)
             else:
-                most = count("follow", follow) if starts > 1 else None
-                found = search(problem, x, region, limit, tolerance, follow=most, progress=report)
-        return Fit.of(problem, found, region, derivatives if derivatives == "adjoint" else way, tolerance)
+                found = run(problem, x, torch.arange(len(x), device=x.device))
+        return Fit.of(problem, found, problem.region(x), derivatives if derivatives == "adjoint" else way, tolerance)
 
 
 def _chosen(problem: Problem, x: Tensor) -> str:

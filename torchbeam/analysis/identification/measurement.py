@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean
+from ...core.arguments import boolean, count
 from ...core.validation import Value, as_tensor, common_dtype, finite, positive
 from ...sensors import Sensor
 from ...sensors.observe import observe
@@ -21,7 +21,8 @@ class Measurement:
 
     values  (times, *channels) in the unit of the model's readings, or of any shape where there are no times; NaN: missing
     sigma   standard deviation of the noise, in that unit, that broadcasts with `values`: a number, or one for each channel
-            (channels,). None = not known: one for all data, estimated from the misfit
+            (channels,). None = not known: estimated from the misfit, one for all data or one for each channel (`noise` of
+            `identify`)
     times   (times,) s by the instrument's clock, in any order
     sensor  of tb.sensors, or a function of states: then a model may return a `Solution`, which is read by `tb.observe`
     rate    the sensor's rate is what was measured: of a velocity the acceleration
@@ -29,6 +30,8 @@ class Measurement:
     clock   relative error of the clock, or the name of a parameter that is it: where it shows s, (1 + clock) s have passed
     offset  each channel reads a constant more than what is there, a parameter beside the others
     drift   each channel reads a straight line more, per s, or per the series' length where it has no times
+    fitted  how many numbers the model itself takes from the values, as `pair_modes` the scale of each shape: so many degrees of
+            freedom less has the noise
     name    in sentences and pictures; None = the sensor's
 
     Raises ValueError for values without a number, other shapes, a sigma that is not positive, a sensor without times; a
@@ -44,6 +47,7 @@ class Measurement:
     clock: Value | str = 0.0
     offset: bool = False
     drift: bool = False
+    fitted: int = 0
     name: str | None = None
 
     def __post_init__(self) -> None:
@@ -56,6 +60,7 @@ class Measurement:
         object.__setattr__(self, "values", values)
         for name in ("rate", "offset", "drift"):
             boolean(name, getattr(self, name))
+        count("fitted", self.fitted, least=0)
         if self.sigma is not None:
             sigma = positive("sigma", as_tensor(self.sigma, dtype, device)).detach()
             try:

@@ -15,6 +15,8 @@ from ...core.validation import Value, as_tensor, common_dtype, finite, positive
 from .parameter import Parameter
 from .transform import Transform
 
+ROUNDING = 64  # of a coordinate and back, in units of the last place
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -34,13 +36,23 @@ class Entry:
     def place(self) -> slice:
         return slice(self.first, self.first + self.size)
 
+    def support(self, like: Tensor) -> tuple[Tensor, Tensor]:
+        """Ends (size,) of the prior's support, infinite where it has none; a little inside of those that are not zero, as some
+        densities are zero at an end.
+        """
+        low, high = (torch.as_tensor(getattr(self.prior.support, name, end)).to(like).expand(self.shape).reshape(self.size)
+                     for name, end in (("lower_bound", -torch.inf), ("upper_bound", torch.inf)))
+        inside = ROUNDING * torch.finfo(like.dtype).eps
+        return tuple(torch.where(torch.isfinite(end), end + side * inside * end.abs(), end)
+                     for end, side in ((low, 1), (high, -1)))
+
 
 @dataclass(frozen=True)
 class Parameters:
     """Layout of the vector theta (p,): those of the model, then those of the measurements (offsets, drifts).
 
     names    (p,) of the numbers;  entries  of named parameters; none where the model takes the vector itself
-    start    (S, p) theta;  size (p,) of changes that matter, 0 = not known;  least, largest (p,) bounds
+    start    (S, p) theta;  size (p,) of changes that matter, 0 = not known;  least, largest (p,) bounds that were given
     model    how many of the numbers the model takes
     """
 
@@ -94,13 +106,31 @@ class Parameters:
         """(S, p) coordinates of the starts."""
         return self.transform.x(self.start)
 
+    @property
+    def limits(self) -> tuple[Tensor, Tensor]:
+        """(p,) least and largest theta: bounds, within what priors give a density to."""
+        least, largest = self.least.clone(), self.largest.clone()
+        for entry in self.priors:
+            low, high = entry.support(least)
+            least[entry.place], largest[entry.place] = (torch.maximum(low, least[entry.place]),
+                                                        torch.minimum(high, largest[entry.place]))
+        return least, largest
+
     def bounds(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Bounds (like x) of coordinates."""
+        """Limits (like x) of coordinates."""
+        return tuple(end.expand_as(x) for end in self._ends(*self.limits))
+
+    @property
+    def bounded(self) -> bool:
+        """Whether bounds were given that coordinates can reach."""
+        return any(bool(torch.isfinite(end).any()) for end in self._ends(self.least, self.largest))
+
+    def _ends(self, least: Tensor, largest: Tensor) -> tuple[Tensor, Tensor]:
+        """Coordinates (p,) of theta (p,) that are limits; of logits there are none."""
         T = self.transform
-        zero = torch.zeros_like(self.least)
-        logs = (torch.where(T.log, b.clamp(min=0), zero + 1).log() for b in (self.least, self.largest))
-        low, high = (torch.where(T.log, new, b) for new, b in zip(logs, (self.least, self.largest), strict=True))
-        return (torch.where(T.logit, -torch.inf, low).expand_as(x), torch.where(T.logit, torch.inf, high).expand_as(x))
+        logs = (torch.where(T.log, end.clamp(min=0), 1).log() for end in (least, largest))
+        low, high = (torch.where(T.log, new, end) for new, end in zip(logs, (least, largest), strict=True))
+        return torch.where(T.logit, -torch.inf, low), torch.where(T.logit, torch.inf, high)
 
     def given(self, theta: Tensor, experiment: str | None = None) -> Any:
         """What a model takes: (N, p), or name -> (N, *shape) of the parameters of an experiment and of all."""
@@ -110,8 +140,9 @@ class Parameters:
                 if e.experiment in (None, experiment)}
 
     def more_starts(self, starts: int, spread: float, seed: int) -> Parameters:
-        """With so many starts, the first as given, the others at random (scrambled Sobol) within a factor of `spread`; between
-        bounds where a parameter has two.
+        """With so many starts, the first as given, the others at random (scrambled Sobol): between its limits where a parameter
+        has two, evenly or, of a logarithm, by that; else evenly by the logarithm within a factor of `spread`, or the size from
+        zero, and the one limit that there is.
         """
         if count("starts", starts) == 1:
             return self
@@ -119,15 +150,18 @@ class Parameters:
             raise ValueError(f"starts = {starts} was given beside {len(self.start)} starts; one of them is wanted")
         if not number("spread", spread) > 1:
             raise ValueError(f"spread = {spread:g} was given; a factor above 1 is wanted")
-        first, T = self.start[0], self.transform
+        first, (least, largest) = self.start[0], self.limits
         u = torch.quasirandom.SobolEngine(self.model, scramble=True, seed=seed).draw(starts - 1, dtype=torch.float64).to(first)
-        factor = spread ** (2 * u - 1)
-        size = torch.where(first == 0, self.size, 0)
-        theta = first * factor + size * (2 * u - 1)
-        between = torch.isfinite(self.least) & torch.isfinite(self.largest)
-        least, largest = (torch.where(between, b, 0) for b in (self.least, self.largest))
-        theta = torch.where(between & ~T.log, least + (largest - least) * u, theta)
-        theta = torch.maximum(torch.minimum(theta, self.largest), self.least)
+        near, far = first.abs() / spread, first.abs() * spread
+        low = torch.where(first > 0, near, torch.where(first < 0, -far, -self.size))
+        high = torch.where(first > 0, far, torch.where(first < 0, -near, self.size))
+        between = torch.isfinite(least) & torch.isfinite(largest) & ~(self.transform.log & (least <= 0))
+        low = torch.where(between, least, torch.maximum(low, least))
+        high = torch.where(between, largest, torch.minimum(high, largest))
+        by_log = self.transform.log | (~between & (first != 0))
+        a, b = (torch.where(by_log, end.abs(), 1).log() for end in (low, high))
+        theta = torch.where(by_log, first.sign() * torch.lerp(a, b, u).exp(), torch.lerp(low, high, u))
+        theta = torch.maximum(torch.minimum(theta, high), low)  # to the last digit
         return Parameters(**{**vars(self), "start": torch.cat((self.start, theta))})
 
     def with_nuisance(self, names: Sequence[str]) -> Parameters:

@@ -15,6 +15,7 @@ from ...solvers.least_squares import OtherShape
 from ...solvers.region import Region
 from ...state.solution import Solution
 from .measurement import Measurement, each, several, sigma_given
+from .noise import Noise
 from .parameters import Parameters
 from .smoothness import SmoothnessRows
 
@@ -44,6 +45,10 @@ class Experiment:
             parts = [m.read(y, given if isinstance(given, dict) else None) for m in self.measurements]
         else:
             parts = [y] if self.single else y
+            if unused := [m for m in self.measurements if m.sensor is not None]:
+                raise OtherShape(f"a model that gave a {type(y).__name__} was given with a Measurement that has a sensor"
+                                 f"{' (' + repr(unused[0].name) + ')' if unused[0].name else ''}, by which a Solution is "
+                                 "read; a model that gives one is wanted, or a Measurement without a sensor")
         wanted = [(len(theta), *m.values.shape) for m in self.measurements]
         if not isinstance(parts, (list, tuple)) or not all(isinstance(part, Tensor) for part in parts):
             raise OtherShape(f"a model that gave a {type(y).__name__} was given; a tensor {wanted[0]}"
@@ -67,7 +72,8 @@ class Problem:
     """Least squares of all experiments: r(x) = (y + nuisance - data) / sigma, and minus the logarithm of priors.
 
     known       (all numbers,) bool: which were measured;  weight (T,) of those
-    target      (1 or S, T): weighted data, one set for all starts or each its own;  sigma_given: it is that of the noise
+    target      (1 or S, T): weighted data, one set for all starts or each its own
+    noise       whose size is found;  sigma_given: weights are those of the noise, or are changed until they are
     nuisance    (q, all numbers): how linear parameters of measurements enter;  basis (q, T) the same, weighted
     method      "forward" or "difference", of relative_step
     """
@@ -79,13 +85,17 @@ class Problem:
     target: Tensor
     nuisance: Tensor
     basis: Tensor
+    noise: Noise
     sigma_given: bool
     method: str = "difference"
     relative_step: float = 1e-4
 
     @classmethod
-    def of(cls, experiments: Sequence[Experiment], parameters: Parameters, absolute_sigma: bool = True) -> Problem:
-        """From experiments and the parameters of their models; those of their measurements are added."""
+    def of(cls, experiments: Sequence[Experiment], parameters: Parameters, absolute_sigma: bool = True,
+           noise: Noise | None = None) -> Problem:
+        """From experiments and the parameters of their models; those of their measurements are added. Without `noise`, it is
+        known by sigma, or one for all data.
+        """
         every = [(e, m) for e in experiments for m in e.measurements]
         scaled = sigma_given(m for _, m in every) and absolute_sigma
         values = torch.cat([m.values.flatten() for _, m in every])
@@ -99,9 +109,14 @@ class Problem:
             rows.append(torch.nn.functional.pad(basis.reshape(len(own), m.values.numel()), (before, after)))
             before += m.values.numel()
         parameters = parameters.with_nuisance(names)
-        numbers, p = int(known.sum()), len(parameters.names)
+        fitted, p = sum(m.fitted for _, m in every), len(parameters.names)
+        numbers = int(known.sum()) - fitted
         if numbers + sum(e.size for e in parameters.priors) < p:
-            raise ValueError(f"{numbers} data were given for {p} parameters; at least as many are wanted, or priors")
+            less = f", {fitted} of them fitted by the model," if fitted else ""
+            raise ValueError(f"{numbers + fitted} data{less} were given for {p} parameters; at least as many are wanted, or "
+                             "priors")
+        if noise is None:
+            noise = Noise.known(values) if scaled else Noise.common(values, fitted)
         if parameters.priors and not scaled:
             raise ValueError("priors were given with data without an absolute sigma, against which they are weighed; one is "
                              "wanted")
@@ -112,7 +127,18 @@ class Problem:
                                  f"{', '.join(sorted(known_names)) or 'none by name'}")
         weight = weight[known]
         return cls(tuple(experiments), parameters, known, weight, (values[known] * weight)[None],
-                   torch.cat(rows), torch.cat(rows)[:, known] * weight, scaled)
+                   torch.cat(rows), torch.cat(rows)[:, known] * weight, noise, scaled)
+
+    @property
+    def spare(self) -> int:
+        """Data less parameters and the numbers that models have fitted to the data themselves."""
+        fitted = sum(m.fitted for e in self.experiments for m in e.measurements)
+        return len(self.weight) - fitted - len(self.parameters.names)
+
+    @property
+    def deviations(self) -> Tensor:
+        """(channels,) by which the data of a channel whose noise is to be found are weighed."""
+        return self.noise.sums(1 / self.weight, self.known) / self.noise.sums(torch.ones_like(self.weight), self.known)
 
     @property
     def measured(self) -> Tensor:
@@ -195,6 +221,21 @@ class Problem:
                             for e in self.experiments)
         target = torch.cat([v.flatten() for v in values])[self.known] * self.weight
         return replace(self, experiments=experiments, target=target[None])
+
+    def reweighted(self, factor: Tensor) -> Problem:
+        """The same with deviations that are so many times (channels,) as large."""
+        every, first = self.noise.each(factor), 0
+        experiments = []
+        for e in self.experiments:
+            changed = []
+            for m in e.measurements:
+                own = every[first:first + m.values.numel()].reshape(m.values.shape)
+                changed.append(replace(m, sigma=m.sigma * own))
+                first += m.values.numel()
+            experiments.append(replace(e, measurements=tuple(changed)))
+        less = 1 / every[self.known]
+        return replace(self, experiments=tuple(experiments), weight=self.weight * less, target=self.target * less,
+                       basis=self.basis * less)
 
     def with_targets(self, target: Tensor) -> Problem:
         """The same with other data, (S, T) weighted, for each start."""

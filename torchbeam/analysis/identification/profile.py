@@ -21,7 +21,8 @@ TOLERANCE = 1e-5
 @dataclass(frozen=True)
 class Profile:
     """One parameter held at `values` (m,), increasing: `rise` (m,), the least 2 ln(likelihood ratio) there, or what F says of
-    it where sigma is not known; `threshold` at the ends of the `interval` (2,), which are infinite where it is not reached.
+    it where sigma is not known (by channel it stays as it was found); `threshold` at the ends of the `interval` (2,), which are
+    infinite where it is not reached.
     """
 
     name: str
@@ -31,13 +32,12 @@ class Profile:
     interval: Tensor
 
 
-def profiles(problem: Problem, x: Tensor, covariance: Tensor, which: Sequence[int], quantile: float, scale: float
-             ) -> tuple[Profile, ...]:
-    """Of the parameters `which`, from the fit's coordinates x (p,) and their covariance; all held values of all of them are one
-    batch of fits, and so are those that refine the ends.
+def profiles(problem: Problem, x: Tensor, covariance: Tensor, step: Tensor, which: Sequence[int], quantile: Tensor,
+             scale: float) -> tuple[Profile, ...]:
+    """Of the parameters `which`, from the fit's coordinates x (p,), their covariance, row by row, and half-intervals `step`
+    (p,) for quantiles (p,); all held values of all of them are one batch of fits, and so are those that refine the ends.
     """
     with torch.no_grad():
-        step = quantile * covariance.diagonal().sqrt()
         none = torch.zeros(1, dtype=torch.long, device=x.device)
         best = _objective(problem, problem.residuals(x[None], none), x[None])
         points = {j: {0.0: 0.0} for j in which}  # place in half-intervals -> signed root of the rise, in quantiles
@@ -46,7 +46,7 @@ def profiles(problem: Problem, x: Tensor, covariance: Tensor, which: Sequence[in
             held = torch.tensor([j for j, _ in todo], device=x.device)
             place = torch.tensor([c for _, c in todo], dtype=x.dtype, device=x.device)
             rise = _least(problem, x, covariance, held, place * step[held]) - best
-            for (j, c), value in zip(todo, (rise.clamp(min=0).sqrt() / (scale * quantile)).tolist(), strict=True):
+            for (j, c), value in zip(todo, (rise.clamp(min=0).sqrt() / (scale * quantile[held])).tolist(), strict=True):
                 points[j][c] = value if c > 0 else -value
             todo = [(j, c) for j in which for c in _next(points[j])]
             if not todo:
@@ -60,8 +60,8 @@ def profiles(problem: Problem, x: Tensor, covariance: Tensor, which: Sequence[in
             coordinates[:, j] = x[j] + step[j] * torch.cat((places.to(x), torch.where(torch.isfinite(ends), ends, 0)))
             values = problem.parameters.transform.theta(coordinates)[:, j]
             interval = torch.where(torch.isfinite(ends), values[-2:], ends)
-            rise = (heights * quantile).square()
-            found.append(Profile(problem.parameters.names[j], values[:-2], rise, quantile**2, interval))
+            threshold = quantile[j].item() ** 2
+            found.append(Profile(problem.parameters.names[j], values[:-2], heights.square() * threshold, threshold, interval))
     return tuple(found)
 
 

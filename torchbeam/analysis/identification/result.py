@@ -8,9 +8,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...math.dense import positive_inverse
 from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED, Found
 from ...solvers.region import Region
+from .covariance import Spread
 from .hints import bound_hints, fit_hints, unit_hints
 from .problem import Problem
 from .readings import Readings
@@ -27,7 +27,7 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
     parameters, T = problem.parameters, problem.parameters.transform
     x, r, J = found.x, found.r, found.J
     phi, _, bend = problem.prior(x)
-    squares, p, numbers = r.square().sum(-1), x.shape[1], r.shape[1]
+    squares, numbers = r.square().sum(-1), r.shape[1]
     theta, history = T.theta(x), T.theta(found.history)
     region.sized(torch.arange(len(x), device=x.device), torch.where(torch.isfinite(r), r, 0), J)
     at_unit = torch.where(T.additive, 1.0, torch.maximum(x.abs(), region.size))
@@ -47,18 +47,15 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
     statuses = torch.where(blind, UNIDENTIFIABLE, found.status)
     total = torch.where(torch.isfinite(squares) & (found.status != LEFT), squares + 2 * phi, torch.inf)
     best = int(total.argmin())
-    freedom = torch.inf if problem.sigma_given else float(max(numbers - p, 1))
-    scale = 1.0 if problem.sigma_given else squares[best] / freedom
-    x_covariance = scale * positive_inverse(J[best].mT @ J[best] + torch.diag(bend[best]))[0]
-    slope = T.slope(x[best])
+    spread, slope = Spread.of(problem, found, best), T.slope(x[best])
+    spare = problem.spare + int(spread.held.sum())
     told = ~open_[best]
     seen = J[best][:, told]
-    deviation = _everywhere(problem, ((seen @ x_covariance[told][:, told]) * seen).sum(-1).clamp(min=0).sqrt() / problem.weight)
+    deviation = _everywhere(problem, ((seen @ spread.free[told][:, told]) * seen).sum(-1).clamp(min=0).sqrt() / problem.weight)
     readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
     odd = () if found.first is None else unit_hints(_readings(problem, _known(problem, found.first[best])))
-    least, largest = parameters.bounds(x[best])
-    hints = (*odd, *fit_hints(readings, squares[best].item(), numbers - p, problem.sigma_given),
-             *bound_hints(parameters.names, theta[best], (x[best] <= least) | (x[best] >= largest)))
+    hints = (*odd, *fit_hints(readings, squares[best].item(), spare, problem.sigma_given),
+             *bound_hints(parameters.names, theta[best], spread.held))
     if odd:
         warnings.warn(odd[0], UserWarning, stacklevel=4)
     status, misfits = int(statuses[best]), r[:, problem.measured].square().mean(-1).sqrt()
@@ -68,12 +65,18 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
         [f"at {len(found.raised)} trials the model raised, last {found.raised[-1]!r}"] if found.raised else [])))
     shapes = {e.name if e.experiment is None else f"{e.experiment}.{e.name}": (e.first, tuple(e.shape))
               for e in parameters.entries}
-    return dict(theta=theta[best], names=parameters.names, covariance=slope[:, None] * x_covariance * slope,
+    return dict(theta=theta[best], names=parameters.names, covariance=slope[:, None] * spread.free * slope,
                 y=_as_given(readings, problem), misfit=misfits[best], status=status, iterations=len(found.history) - 1,
                 history=history, starts=theta, misfits=misfits, statuses=statuses, unidentifiable=shown[best],
-                message=message, hints=hints, open=open_[best], freedom=freedom, derivatives=derivatives, shapes=shapes,
-                x=x[best], x_covariance=x_covariance, bounds=torch.stack((parameters.least, parameters.largest), -1),
+                message=message, hints=hints, open=open_[best], held=spread.held, freedom=spread.freedom,
+                scale=spread.scale, noise=_found_noise(problem), derivatives=derivatives, shapes=shapes,
+                x=x[best], x_covariance=spread.covariance, x_slope=spread.slope, bounds=torch.stack(parameters.limits, -1),
                 transform=T, readings=readings, jacobian=J[best], problem=problem)
+
+
+def _found_noise(problem: Problem) -> dict[str, float]:
+    """Deviations of the channels whose own were found."""
+    return dict(zip(problem.noise.names, problem.deviations.tolist(), strict=True)) if problem.sigma_given else {}
 
 
 def _everywhere(problem: Problem, known: Tensor) -> Tensor:

@@ -26,7 +26,7 @@ def test_intervals_of_a_linear_model():
     fit = tb.identify(lambda theta: theta @ X.T, data, (0.5, 0.5))
     t = student.quantile(0.95, 6)
     exact = torch.stack((fit.theta - t * fit.deviation, fit.theta + t * fit.deviation), -1)
-    assert fit.freedom == 6
+    assert_close(fit.freedom, torch.tensor([6.0, 6.0]), rtol=1e-9, atol=0)
     assert_close(fit.interval(0.9), exact, rtol=1e-6, atol=0)
     assert_close(fit.interval(0.9, "profile"), exact, rtol=1e-3, atol=1e-4)
     off = (fit.interval(0.9, "bootstrap", repeats=4000) - exact).abs() / fit.deviation[:, None]

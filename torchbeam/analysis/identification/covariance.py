@@ -1,0 +1,92 @@
+"""Covariance of a fit: parameters that bounds hold, and degrees of freedom of noise that is found with the parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...math.dense import positive_inverse
+from ...solvers.least_squares import Found
+from .problem import Problem
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far coordinates (p,) may be from where a search ended.
+
+    held        (p,) bool: at a bound, and the misfit falls beyond it
+    slope       (p,) of half the squares over the noise's variance, there; 0 of those that are free
+    covariance  (p, p), row by row: of a parameter that is free with the others, as those that are held stay; of one that is
+                held with those that are free, as if it alone were let go
+    freedom     (p,) degrees of freedom of each one's deviation;  redundancy (channels,) of the noise that is found
+    scale       deviation of the noise over the sigma that weighs the data
+    """
+
+    held: Tensor
+    slope: Tensor
+    covariance: Tensor
+    freedom: Tensor
+    redundancy: Tensor
+    scale: float
+
+    @classmethod
+    def of(cls, problem: Problem, found: Found, k: int) -> Spread:
+        """Where start k ended."""
+        (r, J, x), noise = (found.r[k], found.J[k], found.x[k:k + 1]), problem.noise
+        pull, bend = (part[0] for part in problem.prior(x)[1:])
+        held = problem.region(x).held(x, (J.mT @ r + pull)[None])[0]
+        A = J.mT @ J + torch.diag(bend)
+        C = _covariance(A, held)
+        free = C * ~held * ~held[:, None]
+        redundancy = noise.redundancy(J, free, problem.known)
+        scale = 1.0
+        if not problem.sigma_given:
+            redundancy = redundancy.clamp(min=1)
+            scale = (noise.sums(r.square(), problem.known) / redundancy).sqrt().item()
+        slope = torch.where(held, J.mT @ r + pull, 0) / (scale**2 or 1)
+        return cls(held, slope, scale**2 * C, _freedom(problem, J, C, free), redundancy, scale)
+
+    @property
+    def free(self) -> Tensor:
+        """(p, p) covariance with what is held as it is: zeros there."""
+        return self.covariance * ~self.held * ~self.held[:, None]
+
+
+def half_interval(quantile: Tensor, variance: Tensor, slope: Tensor) -> Tensor:
+    """How far (p,) coordinates go until the least squares rise by the squared quantile (p,) of the noise's variance: the root d
+    of 2 |slope| d + d^2 / variance = quantile^2.
+    """
+    return quantile.square() / (slope.abs() + (slope.square() + quantile.square() / variance).sqrt())
+
+
+def _covariance(A: Tensor, held: Tensor) -> Tensor:
+    free, C = ~held, torch.zeros_like(A)
+    inner = positive_inverse(A[free][:, free])[0] if free.any() else A[free][:, free]
+    C[free.nonzero(), free.nonzero()[:, 0]] = inner
+    ridge = -A[held][:, free] @ inner  # how the free ones give way
+    alone = A.diagonal()[held] + (A[held][:, free] * ridge).sum(-1)
+    variance = 1 / torch.maximum(alone, torch.finfo(A.dtype).eps * A.diagonal()[held]).clamp(min=torch.finfo(A.dtype).tiny)
+    C[held.nonzero(), free.nonzero()[:, 0]] = ridge * variance[:, None]
+    C[held, held] = variance
+    return C
+
+
+def _freedom(problem: Problem, J: Tensor, C: Tensor, free: Tensor) -> Tensor:
+    """(p,) by Satterthwaite's formula: 2 V^2 over the variance of V, a parameter's own, to first order, the variances of the
+    channels having the inverse information of restricted maximum likelihood (Fai and Cornelius 1996, J. Stat. Comput. Simul.
+    54, 363; Kenward and Roger 1997, Biometrics 53, 983). One channel: readings less parameters. Infinite where sigma is known.
+    """
+    noise, channel = problem.noise, problem.noise.channel[problem.known]
+    if not noise.names:
+        return torch.full_like(J[0], torch.inf)
+    N = torch.stack([J[channel == c].mT @ J[channel == c] for c in range(len(noise.names))])  # (channels, p, p)
+    share = torch.einsum("ji,cik,jk->cj", C, N, C) / C.diagonal()
+    taken = free @ N
+    alone = noise.sums(torch.ones_like(J[:, 0]), problem.known) - J.new_tensor(noise.fitted) - 2 * taken.diagonal(
+        dim1=-2, dim2=-1).sum(-1)
+    information = torch.einsum("cij,dji->cd", taken, taken) + torch.diag(alone)
+    if len(information) == 1:  # as many parameters as data: one degree is left
+        information = information.clamp(min=1)
+    return 1 / torch.einsum("cj,cd,dj->j", share, torch.linalg.inv(information), share)
