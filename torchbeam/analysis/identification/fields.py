@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ...core.arguments import choice, count, instance, number
 from ...core.validation import as_tensor
+from . import posterior, student
 from .fit import Fit
 from .identify import identify
 from .measurement import Measurement, each, several, sigma_given
@@ -27,14 +28,17 @@ SAME = 0.1  # of the logarithm of a weight, or of deviations of the parameters, 
 class FieldFit:
     """Result of `identify_fields`.
 
-    fit         `Fit` with these weights; deviations and intervals are those of the posterior, the prior included: what they
-                say of a field holds as far as it is smooth in that sense
+    fit         `Fit` with these weights; its covariance is that of the posterior, the prior included: what it says of a field
+                holds as far as it is smooth in that sense
     weight      name -> weight of its smoothness, see `Smoothness`
     sigma       standard deviation of the data, where it was not given with them; else 1
     effective   how many numbers the data determine (trace of the resolution matrix), of len(fit.theta)
     weighing    of the last round: misfit, roughness and criterion over the weights
     rounds      searches, each with the weights that the one before asks for;  settled: the last asks for the same, or
                 moved by less than a tenth of the deviations
+    samples     (n, p) coordinates of the search, drawn from the posterior of the linearised model, in which weights and noise
+                that were found are no better known than the data say, and rows of a sharp field have Student's t; None where
+                all of that was given, and the posterior is normal
     """
 
     fit: Fit
@@ -44,6 +48,7 @@ class FieldFit:
     weighing: Weighing
     rounds: int
     settled: bool
+    samples: Tensor | None = None
 
     def __getitem__(self, name: str) -> Tensor:
         return self.fit[name]
@@ -53,11 +58,26 @@ class FieldFit:
         first, shape = self.fit.shapes[name]
         return self.fit.deviation[first:first + torch.Size(shape).numel()].reshape(shape)
 
-    def refined(self, model: Any) -> FieldFit:
-        """With the fit that a finer model finds, weights as they are; see `Fit.refined`. A field keeps its numbers: of twice as
-        many elements they are `theta["EI"].repeat_interleave(2, -1)`.
+    def interval(self, name: str, level: float = 0.95) -> Tensor:
+        """(*shape, 2) ends between which each number of a parameter or field lies with a probability `level`, by itself: the
+        posterior's quantiles.
         """
-        return replace(self, fit=self.fit.refined(model))
+        first, shape = self.fit.shapes[name]
+        if self.samples is None:
+            found = self.fit.interval(level)
+        else:
+            tail = student.tail(level)
+            ends = self.samples.quantile(self.samples.new_tensor((tail, 1 - tail)), dim=0)
+            found = self.fit.within(self.fit.transform.theta(ends).mT)
+        return found[first:first + torch.Size(shape).numel()].reshape(*shape, 2)
+
+    def refined(self, model: Any) -> FieldFit:
+        """With the fit that a finer model finds, weights and the posterior's width as they are; see `Fit.refined`. A field keeps
+        its numbers: of twice as many elements they are `theta["EI"].repeat_interleave(2, -1)`.
+        """
+        fit = self.fit.refined(model)
+        samples = None if self.samples is None else self.samples + (fit.x - self.fit.x)
+        return replace(self, fit=_with_spread(fit, samples), samples=samples)
 
     def __repr__(self) -> str:
         weights = ", ".join(f"{name} {weight:.3g}" for name, weight in self.weight.items())
@@ -104,7 +124,18 @@ def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness:
         if task.sharp and (same or sharpened):  # the normal law's weight first
             settled, sharpened, task = still and sharpened, True, task.sharpened(fit, weights)
     effective = linear.solved(used * noise**2).told.item()
-    return FieldFit(fit, dict(zip(task.rows, used.tolist(), strict=True)), noise, effective, found, k, settled)
+    free = weight is None and criterion == "evidence"
+    samples = task.samples(linear, used, noise, free) if free or task.sharp or not task.known else None
+    weights = dict(zip(task.rows, used.tolist(), strict=True))
+    return FieldFit(_with_spread(fit, samples), weights, noise, effective, found, k, settled, samples)
+
+
+def _with_spread(fit: Fit, samples: Tensor | None) -> Fit:
+    """The fit with the covariance of samples (n, p) of its coordinates."""
+    if samples is None:
+        return fit
+    covariance, slope = samples.mT.cov().reshape(fit.x_covariance.shape), fit.transform.slope(fit.x)
+    return replace(fit, x_covariance=covariance, covariance=slope[:, None] * covariance * slope)
 
 
 @dataclass(frozen=True)
@@ -131,6 +162,9 @@ class _Task:
         if not options.get("absolute_sigma", True):
             raise ValueError("absolute_sigma=False was given to identify_fields, whose weights count on sigma; data without "
                              "sigma are wanted, whose noise is found")
+        if options.get("noise", "common") != "common":
+            raise ValueError(f"noise = {options['noise']!r} was given to identify_fields, which finds one for all data without "
+                             "sigma; sigma by channel is wanted, or none")
         measured = dict(data) if isinstance(data, Mapping) else {None: data}
         measured = {name: [Measurement.of(one, None) for one in given] if several(given) else Measurement.of(given, None)
                     for name, given in measured.items()}
@@ -189,6 +223,13 @@ class _Task:
             if name in self.sharp:
                 factor[name] = Smoothness.factors(w * (rows.of(fit[name]) - self.target[name]).square())
         return replace(self, factor=factor)
+
+    def samples(self, linear: Linearised, weight: Tensor, sigma: float, free: bool) -> Tensor:
+        """Of the posterior, see `posterior`, of a problem that was linearised with these factors."""
+        root = [factor.sqrt() for factor in self.factor.values()]
+        plain = replace(linear, L=tuple(L / s[:, None] for L, s in zip(linear.L, root, strict=True)),
+                        target=tuple(c / s for c, s in zip(linear.target, root, strict=True)))
+        return posterior.samples(plain, weight, sigma, [name in self.sharp for name in self.rows], free, self.known)
 
     def _with_rows(self, weight: Tensor, sigma: float) -> tuple[dict[str, Any], dict[str, Any]]:
         """Models and data of experiments, one more for each field."""

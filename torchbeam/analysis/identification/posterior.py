@@ -22,7 +22,8 @@ def samples(problem: Linearised, weight: Tensor, sigma: float, sharp: Sequence[b
     - factors of the rows of `sharp` fields: Student's t is a normal law of which the precision has a gamma law (Andrews and
       Mallows 1974, JRSS B 36, 99)
     - weights, where they are `free`: gamma, with a prior that is flat in the rows' deviation (Gelman 2006, Bayesian Analysis 1,
-      515)
+      515); and that deviation once more with the rows over it as they are, by which it is normal: one of both moves far where
+      the other does not (interweaving; Yu and Meng 2011, J. Comput. Graph. Stat. 20, 531)
     - the noise, where it is not `known`, of `sigma` at first: the prior is flat in its logarithm
     """
     x, J = problem.x, problem.J
@@ -37,23 +38,30 @@ def samples(problem: Linearised, weight: Tensor, sigma: float, sharp: Sequence[b
     data, pull, left = J.mT @ J, J.mT @ problem.r, problem.r.square().sum()
     weights, variance = weight.to(x).expand(CHAINS, -1).clone(), x.new_full((CHAINS,), sigma**2)
     factors = [x.new_ones(CHAINS, len(L)) for L in problem.L]
+    fields = [*zip(problem.L, problem.target, map(torch.linalg.pinv, problem.L), strict=True)]
     found = []
     for k in range(BURN_IN + KEPT):
         A = data / variance[:, None, None] + torch.diag(problem.other)
         towards = -pull / variance[:, None] - problem.pull
-        for j, (L, target) in enumerate(zip(problem.L, problem.target, strict=True)):
+        for j, (L, target, _) in enumerate(fields):
             rows = (weights[:, j, None] * factors[j])[..., None] * L
             A = A + L.mT @ rows
             towards = towards - (rows.mT @ (L @ x - target)[:, None])[..., 0]
         step = _normal(A, towards, normal(len(x)))
+        for j, (L, target, inverse) in enumerate(fields):
+            d = (x + step) @ L.mT - target
+            if sharp[j]:
+                factors[j] = normal(len(L), 2).square().sum(-1) / (1 + weights[:, j, None] * d.square())
+            if free:
+                weights[:, j] = chi_squared(max(len(L) - 1, 1)) / (factors[j] * d.square()).sum(-1)
+                along = d @ inverse.mT
+                ahead = (along @ data) / variance[:, None] + along * problem.other
+                down = (ahead * step).sum(-1) + (along * (pull / variance[:, None] + problem.pull)).sum(-1)
+                more = (normal() - down / (ahead * along).sum(-1).sqrt()) / (ahead * along).sum(-1).sqrt()
+                weights[:, j] /= (1 + more).square()
+                step = step + more[:, None] * along
         if k >= BURN_IN:
             found.append(x + step)
-        for j, (L, target) in enumerate(zip(problem.L, problem.target, strict=True)):
-            squares = ((x + step) @ L.mT - target).square()
-            if sharp[j]:
-                factors[j] = (normal(len(L), 2).square().sum(-1)) / (1 + weights[:, j, None] * squares)
-            if free:
-                weights[:, j] = chi_squared(max(len(L) - 1, 1)) / (factors[j] * squares).sum(-1)
         if not known:
             misfit = left + 2 * step @ pull + ((step @ data) * step).sum(-1)
             variance = misfit / chi_squared(len(problem.r))
