@@ -55,13 +55,13 @@ class Found:
 
 
 def search(problem: LeastSquares, x: Tensor, region: Region, iterations: int, tolerance: float,
-           known: tuple[Tensor, Tensor] | None = None, follow: int | None = None, negligible: float = 0.0,
+           known: tuple[Tensor | None, Tensor] | None = None, follow: int | None = None, negligible: float = 0.0,
            progress: Callable[[int, int, float], None] | None = None) -> Found:
     """By the method of Levenberg and Marquardt, each start (S, p) by itself, those that are not done as one batch.
 
-    known     r (S, T) and J (S, T, p) at x, which is near the end: J is then carried along by Broyden's update (1965), and
-              found anew, by differences of one side, where a step does less than it promises, and once before a start
-              counts as converged
+    known     r (S, T) and J (S, T, p) at x, which is near the end, or None and a J of places nearby: J is then carried along
+              by Broyden's update (1965), and found anew, by differences of one side, where a step does less than it promises,
+              and once before a start counts as converged
     negligible  decrease of the squares: a step that promises no more is the last
     follow    so many starts at most, those that are best at first; the others stay where they are, with the status LEFT
     progress  gets the iteration, how many starts are at work, and the least squares so far
@@ -78,7 +78,7 @@ class _Search:
     """
 
     def __init__(self, problem: LeastSquares, x: Tensor, region: Region, tolerance: float,
-                 known: tuple[Tensor, Tensor] | None, follow: int | None, negligible: float) -> None:
+                 known: tuple[Tensor | None, Tensor] | None, follow: int | None, negligible: float) -> None:
         self.problem, self.x, self.region, self.tolerance, self.carry = problem, x, region, tolerance, known is not None
         self.negligible, self.raised = negligible, list[str]()
         S = len(x)
@@ -88,7 +88,7 @@ class _Search:
         if known is None:
             self.r, self.J = self._at_starts(len(x) if follow is None else min(follow, len(x)))
         else:
-            self.r, self.J = (k.clone() for k in known)
+            self.r, self.J = self._near(*known)
         self.phi, self.slope, self.bend = problem.prior(x)
         self.damping = torch.full((S,), DAMPING, dtype=x.dtype, device=x.device)
         self.size = torch.zeros_like(x)  # (S, p) squares of the columns of J, which damp: none falls at once
@@ -209,6 +209,18 @@ class _Search:
             raise ValueError(f"a start (0 of {S}) at which the model is not finite was given; another is wanted")
         self.status = torch.where(good, self.status, FAILED)
         return torch.where(good[:, None], r, torch.inf), torch.where(good[:, None, None], J, 0)
+
+    def _near(self, r: Tensor | None, J: Tensor) -> tuple[Tensor, Tensor]:
+        """r and J that are known; J of a place nearby where r is not. Of starts that fail infinite misfits, with the status
+        FAILED.
+        """
+        if r is not None:
+            return r.clone(), J.clone()
+        every = torch.arange(len(self.x), device=self.x.device)
+        (r,) = self._tried(lambda a, b: (self.problem.residuals(a, b),), self.x, every)
+        good = torch.isfinite(r).all(-1)
+        self.status, self.fresh = torch.where(good, self.status, FAILED), torch.zeros_like(good)
+        return torch.where(good[:, None], r, torch.inf), J.clone()
 
     def _tried(self, evaluate: Callable, x: Tensor, which: Tensor, like: tuple[Tensor, ...] | None = None
                ) -> tuple[Tensor, ...]:

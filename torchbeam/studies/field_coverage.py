@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -29,28 +28,27 @@ ENGINE = "auto" if find_spec("llvmlite") is None else "compiled"  # few samples 
 SIGMA = 2e-5  # m, of a height
 SPREAD, DEPTH = 0.3, 0.3  # deviation of ln EI from one end to the other; share that a dent takes
 ABOUT = (
-    "A strip of 0.5 m in {elements} elements sags under its weight and each of {loads} loads on its tip, and a camera reads the "
-    "heights of all nodes to {sigma:g} mm. EI of each element is found by `identify_fields`, from a uniform start, {repeats} "
-    "times, and it is counted how often its {level:g} % interval holds the truth. Smooth: ln EI is drawn from the prior itself, a "
-    "walk whose ends differ by {spread:g} (one deviation), another in each repeat. Dent: EI falls evenly by 30 % from clamp to tip, and "
-    "{depth:g} % less in one element, another in each repeat. Lowest: of the elements. Error: RMS over the stated "
-    "deviation. Told: how many of the {elements} numbers the data tell, on average."
+    "A strip of 0.5 m in {elements} elements sags under its weight and each of {loads} loads on its tip, and a camera reads "
+    "the heights of all nodes to {sigma:g} mm. EI of each element is found by `identify_fields`, from a uniform start, "
+    "{repeats} times, and it is counted how often its {level:g} % interval (`FieldFit.interval`) holds the truth. Smooth: "
+    "ln EI is drawn from the prior itself, a walk whose ends differ by {spread:g} (one deviation), another in each repeat. Dent: EI "
+    "falls evenly by 30 % from clamp to tip, and {depth:g} % less in one element, another in each repeat. Lowest: of the "
+    "elements. Error: RMS over the stated deviation. Told: how many of the {elements} numbers the data tell, on average."
 )
 
 
 @dataclass(frozen=True)
 class Case:
-    """What the fields are, whether the prior's law is Student's, whether its weight and sigma are given."""
+    """What the fields are, whether the prior's law is Student's, whether sigma is given."""
 
     name: str
     dent: bool = False
     sharp: bool = False
-    weight: bool = False
     known: bool = True
+    repeats: int = REPEATS
 
 
 CASES = (
-    Case("smooth, weight and noise given", weight=True),
     Case("smooth, weight found"),
     Case("smooth, weight and noise found", known=False),
     Case("dent, normal law", dent=True),
@@ -61,15 +59,15 @@ CASES = (
 @dataclass(frozen=True)
 class Row:
     """Share of elements and repeats whose interval held the truth: of all, of the element in which it is least, of dents and of
-    their neighbours (nan: there is none); RMS error of ln EI over the deviation; numbers that the data tell, and repeats that
+    their neighbours (None: there are none); RMS error of ln EI over the deviation; numbers that the data tell, and repeats that
     settled.
     """
 
     case: str
     covered: float
     lowest: float
-    dents: float
-    neighbours: float
+    dents: float | None
+    neighbours: float | None
     error: float
     told: float
     repeats: int
@@ -105,13 +103,14 @@ def found(case: Case, data: Tensor) -> FieldFit:
     """EI from heights (loads, ELEMENTS)."""
     start = Parameter(torch.full((ELEMENTS,), 0.8, dtype=torch.float64), "log")
     return identify_fields(heights, Measurement(data, SIGMA if case.known else None), {"EI": start},
-                           {"EI": Smoothness(sharp=case.sharp)}, weight={"EI": SPREAD**-2} if case.weight else None,
+                           {"EI": Smoothness(sharp=case.sharp)},
                            derivatives="difference")
 
 
-def measure(case: Case, repeats: int = REPEATS, seed: int = 0) -> Row:
+def measure(case: Case, seed: int = 0) -> Row:
     """Row of one case."""
     torch.set_num_threads(1)
+    repeats = case.repeats
     random = torch.Generator().manual_seed(seed)
     EI, where = truths(case, repeats, random)
     exact, status = heights({"EI": EI})
@@ -123,7 +122,7 @@ def measure(case: Case, repeats: int = REPEATS, seed: int = 0) -> Row:
         if k % 25 == 0:
             progress(f"{case.name}: {k} of {repeats}")
         fit = found(case, data[k])
-        low, high = fit.fit.interval(LEVEL).unbind(-1)
+        low, high = fit.interval("EI", LEVEL).unbind(-1)
         held.append((low <= EI[k]) & (EI[k] <= high))
         errors.append((fit["EI"] / EI[k]).log() / (fit.deviation("EI") / fit["EI"]))
         told += fit.effective / repeats
@@ -131,15 +130,15 @@ def measure(case: Case, repeats: int = REPEATS, seed: int = 0) -> Row:
     inside, error = torch.stack(held).double(), torch.stack(errors)
     every = torch.arange(repeats)
     beside = torch.cat((inside[every, where - 1], inside[every, where + 1])).mean().item()
-    dents = (inside[every, where].mean().item(), beside) if case.dent else (float("nan"),) * 2
+    dents = (inside[every, where].mean().item(), beside) if case.dent else (None, None)
     return Row(case.name, inside.mean().item(), inside.mean(0).min().item(), *dents, error.square().mean().sqrt().item(), told,
                repeats, settled)
 
 
 def markdown(rows: Sequence[Row]) -> str:
     """A line for each case."""
-    def share(x: float) -> str:
-        return "" if x != x else f"{100 * x:.1f}"
+    def share(x: float | None) -> str:
+        return "" if x is None else f"{100 * x:.1f}"
 
     head = ("field and prior", "EI: %", "lowest", "in the dent", "beside it", "error, deviations", "told", "settled")
     lines = [(r.case, *map(share, (r.covered, r.lowest, r.dents, r.neighbours)), f"{r.error:.2f}", f"{r.told:.1f}",
@@ -147,7 +146,7 @@ def markdown(rows: Sequence[Row]) -> str:
     return table(head, lines, words=1)
 
 
-def about(**more: Any) -> str:
+def about() -> str:
     """What was done, in words."""
     return ABOUT.format(elements=ELEMENTS, loads=len(LOADS), sigma=1e3 * SIGMA, repeats=REPEATS, level=100 * LEVEL,
                         spread=SPREAD, depth=100 * DEPTH)

@@ -72,8 +72,8 @@ class FieldFit:
         return found[first:first + torch.Size(shape).numel()].reshape(*shape, 2)
 
     def refined(self, model: Any) -> FieldFit:
-        """With the fit that a finer model finds, weights and the posterior's width as they are; see `Fit.refined`. A field keeps
-        its numbers: of twice as many elements they are `theta["EI"].repeat_interleave(2, -1)`.
+        """With the fit that a finer model finds, weights and the posterior's width as they are; see `Fit.refined`. A field
+        keeps its numbers: of twice as many elements they are `theta["EI"].repeat_interleave(2, -1)`.
         """
         fit = self.fit.refined(model)
         samples = None if self.samples is None else self.samples + (fit.x - self.fit.x)

@@ -1,4 +1,4 @@
-"""Posterior of fields: samples of the linearised model, with weights, noise and sharp rows as unknown as the data leave them."""
+"""Posterior of fields: samples of the linearised model, weights, noise and sharp rows no better known than the data say."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
     parameters, T = problem.parameters, problem.parameters.transform
     x, r, J = found.x, found.r, found.J
     phi, _, bend = problem.prior(x)
-    squares, numbers = r.square().sum(-1), r.shape[1]
+    squares = r.square().sum(-1)
     theta, history = T.theta(x), T.theta(found.history)
     region.sized(torch.arange(len(x), device=x.device), torch.where(torch.isfinite(r), r, 0), J)
     at_unit = torch.where(T.additive, 1.0, torch.maximum(x.abs(), region.size))

@@ -66,8 +66,7 @@ class Smoothness:
 
 @dataclass(frozen=True, eq=False)
 class SmoothnessRows:
-    """Model of one field's smoothness: rows L (rows, n) times the field, or its logarithm. What it reads is no data but a prior's.
-    """
+    """Model of one field's smoothness: rows L (rows, n) times the field, or its logarithm. It reads no data, but a prior's."""
 
     name: str
     L: Tensor
