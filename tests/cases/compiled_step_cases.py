@@ -94,6 +94,9 @@ QUADRATIC = {f"{name}, order 2": scene for name, scene in {
     "curved, small": lambda: replace(nodal_cases.scene(effects=[tb.Damping(0.01)], order=2), small=True),
     "inextensible": lambda: tb.Scene(straight(of=section(EA=torch.inf, GA=torch.inf), order=2), [
         tb.TipLoad(force=(0, 1.0, 0))]),
+    "values by element": lambda: tb.Scene(straight(2, order=2), [
+        tb.LineLoad(force=tb.PerElement(((0, 0.3, 0), (0, 0, 0.5))), follower=True),
+        tb.Load(lambda r, R, v, w, t, c: (-c[..., None] * v, None), node=None, of="velocity", values={"c": (0.2, 0.5)})]),
     "free": lambda: tb.Scene(straight(2, order=2), [tb.TipLoad(force=(0, 1.0, 0.2))], supports=()),
     "supports": lambda: tb.Scene(straight(order=2), [tb.Gravity((0, 0, -9.81))], supports=[
         tb.Support(1, rotation=""), tb.Support(4, position="yz", rotation=""), tb.Support(5, position="z", rotation="")]),

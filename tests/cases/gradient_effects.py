@@ -75,7 +75,7 @@ def damping(d):
 @ingredient("effect", "Damping six")
 def damping_six(d):
     tau = d.tensor("Damping tau", 0.01 + 0.02 * d.uniform(6))
-    return lambda x: tb.Damping(tau(x))
+    return lambda x: tb.Damping(tau(x), six=True)
 
 
 @ingredient("effect", "MassDamping")

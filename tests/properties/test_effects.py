@@ -102,7 +102,7 @@ CASES = {
     "free": lambda q: dict(effects=[tb.Gravity(q((1.0, -2.0, -9.81)))], supports=()),
     "propped": lambda q: dict(effects=[tb.Gravity(q((1.0, -2.0, -9.81)))], supports=(
         tb.Support(0), tb.Support(-1, rotation="", displacement=q.of(lambda t: 0.1 * (wave(t) - wave(0 * t)))))),
-    "damping": with_effects(lambda q: tb.Damping(torch.tensor([0.01, 0.02, 0.03, 0.04, 0.05, 0.06]))),
+    "damping": with_effects(lambda q: tb.Damping((0.01, 0.02, 0.03, 0.04, 0.05, 0.06))),
 }
 
 
@@ -210,7 +210,7 @@ FORMS = {  # on (..., 1): 1 where the sample has the effect, else 0
     "gravity": lambda on: dict(effects=[tb.Gravity(on * torch.tensor([1.0, -2.0, -9.81]))]),
     "follower load": lambda on: dict(effects=[tb.PointLoad(
         force=on * torch.tensor([0.5, 1.0, 2.0]), moment=lambda t: on * wave(t), node=2, follower=True)]),
-    "damping": lambda on: dict(effects=[tb.Damping(on * torch.tensor([0.0, 0, 0, 0, 0.08, 0.08]))]),
+    "damping": lambda on: dict(effects=[tb.Damping(on * torch.tensor([0.0, 0, 0, 0, 0.08, 0.08]), six=True)]),
     "frame that turns": lambda on: dict(frame=tb.Frame(angular_velocity=lambda t: 3 * on * wave(t))),
     "frame that accelerates": lambda on: dict(frame=tb.Frame(velocity=lambda t: 3 * t * t * on * wave(t))),
     "root motion": lambda on: dict(root=tb.RootMotion(*(lambda t: t * t * on * wave(t),) * 2)),

@@ -70,7 +70,7 @@ def test_beck_column_flutters():
 @pytest.mark.parametrize("six", [False, True])
 def test_damping_ratio(six):
     """Stiffness-proportional damping: zeta = tau omega/2 with the undamped omega, |eigenvalue| = omega, exactly."""
-    tau = torch.full((6,), 0.01) if six else 0.01
+    tau = (0.01,) * 6 if six else 0.01
     damped = tb.modes(tb.Scene(tb.Beam.straight(1.0, 8, finite()), [tb.Damping(tau)]), count=3)
     free = tb.modes(tb.Scene(tb.Beam.straight(1.0, 8, finite())), count=3)
     assert_close(damped.eigenvalue.abs(), free.frequency, rtol=1e-8, atol=0)

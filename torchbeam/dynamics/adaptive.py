@@ -196,16 +196,21 @@ def _event(near: State, steps: Controlled, events: Events, motion: PrescribedMot
         return None
     if not len(near.t):
         return Event(steps.event, torch.full_like(steps.sequence.end, torch.inf), None)
-    number, index = steps.event, steps.event.clamp(min=0)[None, None]
+    number = steps.event
     with no_derivatives():
-        values = events.values(near)
-        values = concrete(values).gather(0, index.expand(1, *values.shape[1:]))[0]
-        change = (values[1:].sign() * values[:-1].sign() <= 0) & (values[:-1] != 0)
-        smallest = values.abs().argmin(0).clamp(max=len(change) - 1)
-        at = torch.where(change.any(0), change.long().argmax(0), smallest)
+        values = concrete(events.values(near))
+        change = (values[:, 1:].sign() * values[:, :-1].sign() <= 0) & (values[:, :-1] != 0)
+        smallest = values.abs().argmin(1).clamp(max=change.shape[1] - 1)
+        at = torch.where(change.any(1), change.long().argmax(1), smallest)  # (events, ...)
+        if len(values) > 1:  # of those that are zero about there the first; one at least was in the step that was seen
+            here = change.any(1) | (torch.arange(len(values), device=number.device)[(...,) + (None,) * number.ndim] == number)
+            ends = ([picked(near, k) for k in (one, one + 1)] for one in at)
+            times = [events.zero(*pair, torch.full_like(number, k), motion)[0] for k, pair in enumerate(ends)]
+            first = torch.where(here, torch.stack(times), torch.inf).argmin(0)
+            number = torch.where(number >= 0, first, number)
+    at = at.gather(0, number.clamp(min=0)[None])[0]
     t, state = events.zero(*(picked(near, k) for k in (at, at + 1)), number, motion)
-    met = number >= 0
-    return Event(number, torch.where(met, t, torch.inf), state)
+    return Event(number, torch.where(number >= 0, t, torch.inf), state)
 
 
 def _held(states: State, start: State, t: Tensor, steps: Controlled, proof: Proof, event: Event | None) -> State:

@@ -28,7 +28,7 @@ from ..core.leaves import wants_gradient
 from ..core.summary import kind, lines, span
 from ..core.validation import concrete
 from ..math.dense import solve_unchecked
-from ..math.quadratic_eigen import inverse_spectrum, slow_first, upright
+from ..math.quadratic_eigen import slow_first, spectrum, upright
 from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -184,8 +184,7 @@ class _Path:
     def spectrum(self, factor: Tensor) -> _Spectrum:
         model, state, (M, D, K) = self.matrices(factor)
         self.damped, lags = D is not None, model.internal_states > 0
-        found = inverse_spectrum(M, D, K)[0]
-        value = 1 / found
+        value = spectrum(M, D, K)[0]
         slow = slow_first(value, self.count, lags)
         if lags:  # and the slowest that decay, which are the next to diverge
             slow = torch.cat((slow, slow_first(value, self.count, False)), -1)

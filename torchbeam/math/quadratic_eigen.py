@@ -21,7 +21,6 @@ from .dense import inverse_unchecked, solve
 from .subspace import Blocks, subspace
 
 DENSE = 96  # unknowns up to which the dense way is the shorter
-SHIFT = 1e-10  # of the largest stiffness over the largest mass: for rigid motions, in the square of a frequency
 STRAIGHT = 1e-6  # |imaginary part| over |eigenvalue| up to which a motion does not oscillate
 DISTINCT = 1e-7  # of an eigenvalue: nearer ones are the same
 
@@ -68,11 +67,24 @@ class Chained(NamedTuple):
     upper: Tensor
 
 
-def _largest(A: Any) -> Tensor:
-    """(...) on the diagonal."""
+def _size(A: Any) -> Tensor:
+    """(...) the largest on the diagonal."""
     if isinstance(A, Chained):
         return A.diagonal_blocks.diagonal(dim1=-2, dim2=-1).amax((-1, -2))
     return A.diagonal(dim1=-2, dim2=-1).amax(-1)
+
+
+def _shift(M: Any, K: Any) -> Tensor:
+    """(...) of the square of an eigenvalue, so small that the slowest are near to it, so large that rounding of the stiffness
+    is small beside it: between the two by their ratio.
+    """
+    return _rounding(M, K) * torch.finfo(_size(K).dtype).eps ** -0.5
+
+
+def _rounding(M: Any, K: Any) -> Tensor:
+    """(...) what rounding of the stiffness makes of the square of an eigenvalue."""
+    size = _size(K)
+    return torch.finfo(size.dtype).eps * size / _size(M)
 
 
 def _plus(K: Any, shift: Tensor, M: Any) -> Any:
@@ -83,19 +95,19 @@ def _plus(K: Any, shift: Tensor, M: Any) -> Any:
 
 
 def _symmetric(M: Any, K: Any, count: int, definite: Callable[[Any], Tensor], solve: Callable) -> Pairs | None:
-    """By `solve`; K + shift M for K where it is not positive definite; None where that is not either."""
-    good = definite(K)
-    shift = torch.zeros_like(_largest(K))
-    if not good.all():  # rigid motions, or buckled
-        shift = torch.where(good, shift, SHIFT * _largest(K) / _largest(M))
-        K = _plus(K, shift, M)
-        if not definite(K).all():
-            return None
-    value, vectors = solve(M, K, count + 1)
+    """By `solve`, of K + shift M: nothing may hold a rigid motion, and what rounding leaves of K there would be a pivot. None
+    where that is not positive definite.
+    """
+    shift = _shift(M, K)
+    raised = _plus(K, shift, M)
+    if not definite(raised).all():
+        return None
+    value, vectors = solve(M, raised, count + 1)
     square = 1 / value - shift[..., None]
     near = (value[..., :-1] - value[..., 1:]).abs() <= DISTINCT * value[..., :-1].abs()
     near = torch.nn.functional.pad(near, (1, 0)) | torch.nn.functional.pad(near, (0, 1))
-    eigenvalue = _upper(torch.complex(-square[..., :count], torch.zeros_like(square[..., :count])).sqrt())
+    square = torch.where(square.abs() < _rounding(M, K)[..., None], 0.0, square)[..., :count]
+    eigenvalue = _upper(torch.complex(-square, torch.zeros_like(square)).sqrt())
     vectors = vectors.mT[..., :count, :]
     return Pairs(eigenvalue, torch.complex(vectors, torch.zeros_like(vectors)), None, near[..., :count])
 
@@ -113,13 +125,22 @@ def _whole(M: Tensor, K: Tensor, count: int) -> tuple[Tensor, Tensor]:
     return value.flip(-1)[..., :count], torch.linalg.solve_triangular(root.mT, vectors.flip(-1)[..., :count], upper=True)
 
 
-def inverse_spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor]:
-    """1/eigenvalue^2, or with D 1/eigenvalue, and the vectors as columns: inverse because K is regular where M may not be."""
-    flexible = solve(K, M if D is None else torch.cat((D, M), -1))
+def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """All eigenvalues (..., n), or their squares where there is no damping, the vectors (..., n, n) as columns, and the matrix
+    that was inverted for them: Q at a small shift, for M may be singular, and K where nothing holds a rigid motion, or next to
+    a point of buckling, would spoil the others.
+    """
+    square = _shift(M, K)
     if D is None:
-        return torch.linalg.eig(-flexible)
+        K = _plus(K, square, M)
+        found, vectors = torch.linalg.eig(-solve(K, M))
+        return 1 / found + square[..., None], vectors, K
+    shift = square.sqrt()
+    K, D = _plus(_plus(K, shift, D), square, M), _plus(D, 2 * shift, M)
+    flexible = solve(K, torch.cat((D, M), -1))
     eye = torch.eye(M.shape[-1], dtype=M.dtype, device=M.device).expand_as(M)
-    return torch.linalg.eig(torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2))
+    found, vectors = torch.linalg.eig(torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2))
+    return 1 / found + shift[..., None], vectors, K
 
 
 def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
@@ -136,19 +157,20 @@ def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
 
 def _dense(M: Tensor, D: Tensor | None, K: Tensor, count: int, derivatives: bool, lags: bool) -> Pairs:
     n = K.shape[-1]
-    found, vectors = inverse_spectrum(M, D, K)
-    value = 1 / found
+    value, vectors, inverted = spectrum(M, D, K)
+    near = ((value[..., :, None] - value[..., None, :]).abs() <= DISTINCT * value.abs()[..., :, None]).sum(-1) > 1
+    unknown = _rounding(M, K)[..., None]  # growth that it may have made is none
     if D is None:
-        value = _upper(value.sqrt())
+        value = _upper(torch.where(value.abs() < unknown, 0.0, value).sqrt())
+    else:
+        value = torch.where((value.real > 0) & (value.abs().square() < unknown), 0.0, value)
     slow = slow_first(value, count, lags)
     slow = slow.gather(-1, value.imag.gather(-1, slow).argsort(dim=-1, stable=True))
-    rows = slow[..., None].expand(*slow.shape, vectors.shape[-1])
-    chosen, left = found.gather(-1, slow), None
+    rows, left = slow[..., None].expand(*slow.shape, vectors.shape[-1]), None
     if derivatives:
         own = inverse_unchecked(vectors).gather(-2, rows)[..., :n]
-        left = solve(K.mT.to(own.dtype), own.mT).mT
-    near = ((chosen[..., :, None] - found[..., None, :]).abs() <= DISTINCT * chosen.abs()[..., :, None]).sum(-1) > 1
-    return Pairs(value.gather(-1, slow), vectors.mT.gather(-2, rows)[..., :n], left, near)
+        left = solve(inverted.mT.to(own.dtype), own.mT).mT
+    return Pairs(value.gather(-1, slow), vectors.mT.gather(-2, rows)[..., :n], left, near.gather(-1, slow))
 
 
 def attach(M: Tensor, D: Tensor | None, K: Tensor, pairs: Pairs) -> tuple[Tensor, Tensor]:

@@ -121,6 +121,7 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
         density = m[..., 0]
         mass = mass * (gregory(beam.length, density) / trapezoidal(beam.length, density))[..., None, None]
         tributary_length = gregory(beam.length)[..., None]
+    beam_mass = mass
     for body in scene.bodies:
         at, nodes = body.node % (beam.count + 1), beam.count + 1
         mass = mass + pad(body.about_node[..., None, :, :], (0, 0, 0, 0, at, nodes - 1 - at))
@@ -136,9 +137,19 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
         translational = HalfConsistentMass(whole, COUPLING * m * h)
     else:
         translational = QuadraticMass(whole, QUADRATIC_COUPLING * (m * h).unflatten(-2, (-1, 2)).sum(-2))
+    if offset and scene.bodies:
+        J = J + _swung(translational, e - _vector(beam_mass[..., 3:, :3]) / beam_mass[..., 0, :1])
     inertia = Inertia(space, translational,
                       RotaryInertia(space, space.project_inertia(J)) if rotary else NoRotaryInertia(space), lever)
     return inertia, mass / tributary_length[..., None], tributary_length
+
+
+def _swung(mass: LumpedMass, x: Tensor) -> Tensor:
+    """Inertia (..., N+1, 3, 3) that nodes lose by the mass that neighbours share, where bodies have moved the centres of mass by
+    x (..., N+1, 3) from the beam's: the shared mass is the beam's alone, and does not swing with them.
+    """
+    shared = mass.mass - mass.blocks(torch.ones_like(x[..., :1, :1, None]))[0][..., 0]
+    return shared[..., None] * skew(x).mT @ skew(x)
 
 
 def _mass(mass: Tensor, offset: bool) -> Tensor:

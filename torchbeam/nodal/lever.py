@@ -96,6 +96,8 @@ class Lever(NoLever):
         return node + (self.A @ spin()[..., None])[..., 0]
 
     def acceleration(self, node: Tensor, spin: Callable[[], Tensor]) -> Tensor:
+        if not self.space.turns:
+            return node
         turning = self.space.skew(spin())
         return node + (turning @ (turning @ self.x[..., None]))[..., 0]
 

@@ -270,6 +270,8 @@ def _points(model: Model, nodes: Nodes, t: Tensor, loads: tuple[Any, ...]) -> It
             place["axes"] = quat.matrix(model.space.public_frame(nodes.frame)).mT
         if load.wants_support:
             place["support"] = model.prescribed_motion.root_pose(t)
+        if load.wants_frame:
+            place["frame"] = model.prescribed_motion.frame(t)
         yield load, load_point(space, load, reads, at, **place)
 
 

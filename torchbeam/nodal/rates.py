@@ -38,7 +38,7 @@ class Rates:
     @classmethod
     def of(cls, scene: Scene, inputs: Inputs) -> Rates:
         """Raises ValueError where a block of the mass is singular or a stiffness infinite (both need the implicit form), and
-        for supports that move other than a clamp at node 0.
+        for supports that move, by themselves or with frame a, other than a clamp at node 0.
         """
         model = discretise(scene, lumped=True)
         rotary = cls(model, inputs).free.rotary
@@ -48,9 +48,9 @@ class Rates:
         if any(scene.beam.rigid):
             raise ValueError("an infinite stiffness was given; an explicit method wants finite ones (the implicit method "
                              "'midpoint' takes it)")
-        if any(s.moves and not (s.clamp and s.node == 0) for s in scene.supports):
-            raise ValueError("a support that moves, other than a clamp at node 0, was given; the implicit method 'midpoint' "
-                             "takes it")
+        if any((s.moves or scene.frame is not None) and not (s.clamp and s.node == 0) for s in scene.supports):
+            raise ValueError("a support that moves, or whose frame does, other than a clamp at node 0, was given; the implicit "
+                             "method 'midpoint' takes it")
         return cls(model, inputs)
 
     @cached
@@ -132,26 +132,34 @@ class Rates:
     def accelerations(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
         """v' (frame a) and Omega' (section axes) of the nodes with unknowns."""
         model, inertia, space, first = self.model, self.free, self.free.space, self.model.constraints.first
-        frame, p = model.frame(t), space.position
+        p, q = space.position, nodes.rotation[..., first:, :]
+        if inertia.offset.present or model.constraints.free is not None or model.adds_mass:
+            found, _ = self._solved(t, nodes, spin, net)
+            return found[..., :p], space.to_section(q, found[..., p:])
+        v, spin, net = (x[..., first:, :] for x in (nodes.velocity, spin, net))
+        torque = space.to_section(q, net[..., p:]) - inertia.rotary.gyroscopic(spin)
+        return (model.frame(t).rate(net[..., :p] / inertia.mass, lambda: -v),
+                torch.linalg.solve(inertia.rotary.J, torque[..., None])[..., 0])
+
+    def _solved(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
+        """[v'; R Omega'] (..., n, w) of the nodes with unknowns, frame a, and what their balance lacks: zero, but where supports
+        hold them.
+        """
+        model, inertia, space, first = self.model, self.free, self.free.space, self.model.constraints.first
+        frame, p, free = model.frame(t), space.position, model.constraints.free
         q, v, spin, net = (x[..., first:, :] for x in (nodes.rotation, nodes.velocity, spin, net))
-        gyroscopic = inertia.rotary.gyroscopic(spin)
-        if not inertia.offset.present and model.constraints.free is None and not model.adds_mass:
-            torque = space.to_section(q, net[..., p:]) - gyroscopic
-            return (frame.rate(net[..., :p] / inertia.mass, lambda: -v),
-                    torch.linalg.solve(inertia.rotary.J, torque[..., None])[..., 0])
         lever, transport = inertia.offset.turned(q), frame.rate(torch.zeros_like(v), lambda: v)
         bias = lever.acceleration(transport, lambda: space.to_frame(q, spin))
-        known, (block,) = lever.wrench(inertia.mass * bias, space.to_frame(q, gyroscopic)), inertia.matrix(q, lever)
+        known = lever.wrench(inertia.mass * bias, space.to_frame(q, inertia.rotary.gyroscopic(spin)))
+        block, = inertia.matrix(q, lever)
         if model.adds_mass:
             fluid = added_mass(model, nodes, t, self.inputs)[..., first:, :, :]
             block, known = block + fluid, known + (fluid[..., :p] @ transport[..., None])[..., 0]
-        right = net - known
-        free = model.constraints.free
+        right, whole = net - known, block
         if free is not None:
             block = block * free[..., None] * free[..., None, :] + torch.diag_embed(1 - free)
-            right = right * free
-        found = torch.linalg.solve(block, right[..., None])[..., 0]
-        return found[..., :p], space.to_section(q, found[..., p:])
+        found = torch.linalg.solve(block, (right if free is None else right * free)[..., None])[..., 0]
+        return found, (whole @ found[..., None])[..., 0] - right
 
     def __call__(self, t: Tensor, y: Tensor) -> Tensor:
         model, space, first = self.model, self.free.space, self.model.constraints.first
@@ -177,16 +185,21 @@ class Rates:
             parts.append(advanced_rates(model, nodes, t, self.inputs))
         if model.scene.has_prescribed_motion and model.constraints.first:
             moving = torch.cat((nodes.velocity, nodes.spin), -1)[..., 0, :]
-            power = power + (self.reaction(t, nodes, net)[..., 0, :] * moving).sum(-1)
+            power = power + (self.reaction(t, nodes, spin, net)[..., 0, :] * moving).sum(-1)
         return torch.cat([x.expand(*y.shape[:-1], x.shape[-1]) for x in (*parts, power[..., None])], -1)
 
-    def reaction(self, t: Tensor, nodes: Nodes, net: Tensor) -> Tensor:
-        """(..., K, w): what the balance lacks at the supports, the inertia of a clamp that moves included."""
-        model = self.model
-        found = [-model.constraints.fixed[k] * net[..., node, :] for k, node in enumerate(model.constraints.nodes)]
+    def reaction(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> Tensor:
+        """(..., K, w): what the balance lacks at the supports, inertia included: of a clamp that moves, and of a mass that
+        moves though its node is held in part.
+        """
+        model, first, lacks = self.model, self.model.constraints.first, -net
+        if model.constraints.free is not None:
+            _, own = self._solved(t, nodes, spin, net)
+            lacks = torch.cat((lacks[..., :first, :].expand(*own.shape[:-2], first, -1), own), -2)
+        found = [model.constraints.fixed[k] * lacks[..., node, :] for k, node in enumerate(model.constraints.nodes)]
         if not found:
             return net[..., :0, :]
-        if model.scene.has_prescribed_motion and model.constraints.first:
+        if model.scene.has_prescribed_motion and first:
             frame, sizes = model.frame(t), (model.space.position, model.space.spin)
             (P, H), (P_rate, H_rate) = (x.split(sizes, -1) for x in with_rate(self._momentum, t))
             lever = self.clamped.offset.turned(nodes.rotation[..., :1, :])
@@ -218,5 +231,5 @@ class Rates:
         net, _ = self.balance(t, nodes)
         work = y[..., -1]
         return self.model.space.to_public(State(
-            *nodes[:3], spin, self.stress(nodes, t), self.reaction(t, nodes, net), work, torch.zeros_like(work),
+            *nodes[:3], spin, self.stress(nodes, t), self.reaction(t, nodes, spin, net), work, torch.zeros_like(work),
             t.expand(work.shape), status, frame=nodes.frame, internal=nodes.internal))

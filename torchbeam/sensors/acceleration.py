@@ -130,7 +130,7 @@ class NodeAcceleration(_OfNode):
 def _trajectory(t: Tensor) -> bool:
     """Whether t (time, ...) differs along its first axis alone."""
     rows = t.flatten(1)
-    return bool(concrete(rows == rows[:, :1]).all() and concrete(rows[:, 0] != rows[0, 0]).any())
+    return rows.shape[1] > 0 and bool(concrete(rows == rows[:, :1]).all() and concrete(rows[:, 0] != rows[0, 0]).any())
 
 
 def _times(D: Tensor, L: Tensor, U: Tensor, x: Tensor, *far: Tensor) -> Tensor:

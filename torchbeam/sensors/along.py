@@ -11,8 +11,10 @@ from torch import Tensor
 from ..core.validation import Value, as_tensor, finite
 from ..math.shapes import broadcast_shapes
 from ..nodal.constitutive_law import without_residual_bending
-from ..nodal.coordinates.selection import in_space
+from ..nodal.coordinates.selection import in_space, space_of
+from ..nodal.coordinates.spatial import Space
 from ..scene.beam import Beam
+from ..scene.scene import Scene
 from ..scene.stations import stations_of
 from ..state.state import State
 from .sensor import Sensor
@@ -25,7 +27,8 @@ class _Along(Sensor):
     of order 2 it follows the line through their own two stations, where the values are best.
 
     station  (...) m, arc length from the root at rest, 0 to the beam's length; may be batched and carry gradient
-    beam     the `Beam`
+    beam     the `Beam`; or its `Scene`, which alone tells of small displacements (`small=True`): strains are then linear in
+             these, where those of the beam hold the squares of rotations
     element  in place of a station: the index of an element, whose own value (best at its middle) is read; of order 2 the mean
              of its two
 
@@ -33,16 +36,21 @@ class _Along(Sensor):
     """
 
     station: Value | None = None
-    beam: Beam | None = None
+    beam: Beam | Scene | None = None
     element: int | None = None
     weights: Tensor | None = field(default=None, init=False)
+    space: Space | None = field(default=None, init=False)
     what: ClassVar[str]
 
     def __post_init__(self) -> None:
         if (self.station is None) == (self.element is None):
             raise ValueError(f"station = {self.station!r} and element = {self.element!r} were given; one of them is wanted")
+        scene = self.beam
+        if isinstance(scene, Scene):
+            object.__setattr__(self, "beam", scene.beam)
         if not isinstance(self.beam, Beam):
             raise ValueError(f"a beam of type {type(self.beam).__name__} was given; the torchbeam.Beam is wanted")
+        object.__setattr__(self, "space", space_of(scene) if getattr(scene, "small", False) else in_space(self.beam))
         if self.element is not None:
             N = self.beam.element_count
             if isinstance(self.element, bool) or not isinstance(self.element, int) or not -N <= self.element < N:
@@ -121,12 +129,13 @@ class _Strains(_Along):
         object.__setattr__(self, "reference", self._strain(self.beam.nodes, self.beam.frames))
 
     def _strain(self, position: Tensor, rotation: Tensor) -> Tensor:
-        length, p = self.beam.length[..., None], self.beam.order
-        space = in_space(self.beam)
-        if self.element is not None:  # that element alone
-            i = p * (self.element % self.beam.element_count)
+        length, p, space = self.beam.length[..., None], self.beam.order, self.space
+        i = None if self.element is None else p * (self.element % self.beam.element_count)
+        if i is not None and space.turns:  # that element alone
             position, rotation, length = position[..., i:i + p + 1, :], rotation[..., i:i + p + 1, :], length[..., i:i + p, :]
-        return space.strains(space.kinematics(*space.chain.poses(position, rotation), length), length)
+        rotation = space.to_reduced_rotation(rotation)
+        found = space.strains(space.kinematics(*space.chain.poses(position, rotation), length), length)
+        return found if i is None or space.turns else found[..., i:i + p, :]
 
     def read(self, state: Any) -> Tensor:
         if self.beam.count + 1 != state.position.shape[-2]:

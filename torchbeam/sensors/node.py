@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, choice, whole
-from ..core.validation import as_tensor, axis_last, common_dtype, finite, rotations
+from ..core.validation import as_tensor, axis_last, common_dtype, finite, has_dtype, rotations
 from ..math import quaternions as quat
 from ..state.state import State
 from .sensor import XYZ, Sensor
@@ -59,14 +59,14 @@ class NodePosition(_OfNode):
         if hasattr(reference, "position"):
             reference = reference.position[..., self.node, :]
         elif reference is not None:
-            reference = as_tensor(reference, *common_dtype(reference))
+            reference = _given(reference)
         if reference is not None:
             finite("reference", axis_last("reference", reference, 3))
         object.__setattr__(self, "reference", reference)
 
     def read(self, state: Any) -> Tensor:
         position = state.position[..., self.node, :]
-        return position if self.reference is None else position - self.reference
+        return position if self.reference is None else position - self.reference.to(position)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,12 +118,12 @@ class _Turned(_OfNode):
         if self.reference is not None:
             given = self.reference
             q = _quaternion(given, self.node) if hasattr(given, "position") else quat.from_matrix(
-                rotations("reference", as_tensor(given, *common_dtype(given))))
+                rotations("reference", _given(given)))
             object.__setattr__(self, "reference", quat.conjugate(q))
 
     def quaternion(self, state: Any) -> Tensor:
         q = _quaternion(state, self.node)
-        return q if self.reference is None else quat.multiply(self.reference, q)
+        return q if self.reference is None else quat.multiply(self.reference.to(q), q)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -177,6 +177,11 @@ def tait_bryan(R: Tensor) -> Tensor:
     yaw = torch.atan2(torch.where(lost, zero, yx), torch.where(lost, one, xx))
     roll = torch.atan2(torch.where(lost, -yz, zy), torch.where(lost, yy, zz))
     return torch.stack((yaw, pitch, roll), -1)
+
+
+def _given(reference: Any) -> Tensor:
+    """A reference as a tensor; plain numbers in double precision, as the dtype is the state's."""
+    return as_tensor(reference, *(common_dtype(reference) if has_dtype(reference) else (torch.float64,)))
 
 
 def _quaternion(state: Any, node: int) -> Tensor:

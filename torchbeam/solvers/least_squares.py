@@ -53,6 +53,10 @@ class Found:
     raised: list[str] = field(default_factory=list)
     first: Tensor | None = None
 
+    def of(self, which: Tensor) -> Found:
+        """That of some starts."""
+        return Found(self.x[which], self.r[which], self.J[which], self.status[which], self.history[:, which])
+
 
 def search(problem: LeastSquares, x: Tensor, region: Region, iterations: int, tolerance: float,
            known: tuple[Tensor | None, Tensor] | None = None, follow: int | None = None, negligible: float = 0.0,

@@ -82,7 +82,12 @@ class TensorFields(Tree):
         return self.map(torch.detach)
 
     def to(self, *args: Any, **kwargs: Any) -> Any:
-        return self.map(lambda x: x.to(*args, **kwargs))
+        """On another device, or in another floating dtype: a status stays a whole number."""
+        def moved(x: Tensor) -> Tensor:
+            found = x.to(*args, **kwargs)
+            return found if x.is_floating_point() else found.to(x.dtype)
+
+        return self.map(moved)
 
     @classmethod
     def stack(cls, states: list) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -19,6 +19,8 @@ from ..analysis.identification.fit import Fit
 from ..analysis.identification.identify import identify
 from ..analysis.identification.measurement import Measurement
 from ..analysis.identification.parameter import Parameter
+from ..analysis.identification.parameters import Parameters
+from ..analysis.identification.problem import Experiment
 from ..analysis.identification.refinement import refined
 from ..cli import study, threads
 from ..core.results import measured_on, sentence, write
@@ -33,12 +35,13 @@ from ..solvers.least_squares import Found, search
 from ..state.solution import Solution
 from ..statics.equilibrium import equilibrium
 from . import field_coverage
+from .batched_calls import BatchedCalls, as_one_batch
 from .bench.measurement import progress
 
 TRUE = {"EI": 1.0, "tau": 2e-3, "clamp": 40.0, "tip": 0.05}
 LENGTH, MASS, SPAN = 0.5, 0.25, 0.3  # m, kg/m, s
 NOISE, SAG = 0.05, 2e-4  # of the RMS of a channel; m
-TOLD = 25  # repeats from one line of progress to the next
+TOLD = 50  # repeats from one line of progress to the next
 CLOCK = 2e-3  # deviation of the clock's relative error
 READINGS = 100
 REPEATS, RESAMPLES = 200, 199
@@ -49,9 +52,9 @@ ABOUT = (
     "over {span:g} s at irregular times, 5 % noise, unknown offsets) and the sag (0.2 mm). EI, damping, clamp and tip mass are "
     "identified {repeats} times, from starts within a factor of 1.5, and it is counted how often the stated {level:g} % "
     "interval holds the truth: so many repeats know that to {binomial:.1f} % (one deviation). Own mesh: the data are those of "
-    "the model ({coarse[0]} elements, steps of {coarse_ms:g} ms; of profile and bootstrap, whose each repeat is a batch of fits, "
-    "{small[0]} elements and {small_ms:g} ms, and {resamples} sets of data); else of {fine[0]} elements and steps of {fine_ms:g} "
-    "ms; refined: the fit was carried over to {refined[0]} elements and steps of {refined_ms:g} ms by `Fit.refined`. "
+    "the model ({coarse[0]} elements, steps of {coarse_ms:g} ms; of profile and bootstrap, of which each repeat is a batch of "
+    "fits, {small[0]} elements and {small_ms:g} ms, and {resamples} sets of data); else of {fine[0]} elements and steps of "
+    "{fine_ms:g} ms; refined: the fit was carried over to {refined[0]} elements and steps of {refined_ms:g} ms by `Fit.refined`. "
     "Clock: the sampling rate is off by {clock:g} % (one deviation), another amount in each repeat; it is a parameter with "
     "that prior, or left out. Warned: how many fits said that misfit or residuals are no noise."
 )
@@ -188,6 +191,36 @@ def identified(case: Case, records: Sequence[dict[str, Measurement]], random: to
             yield Fit.of(problem, alone, region.of(torch.tensor([k])).against(problem.target), "difference", 1e-6)
 
 
+@dataclass(frozen=True)
+class Shared(Experiment):
+    """An experiment that is evaluated together with those of other repeats, which differ in their data alone."""
+
+    calls: BatchedCalls | None = None
+    evaluate: Callable[[Tensor], Tensor] | None = None
+
+    def values(self, parameters: Parameters, theta: Tensor) -> Tensor:
+        return self.calls(self.evaluate, theta)
+
+
+def stated(case: Case, fits: Sequence[Fit], names: Sequence[str]) -> Iterator[Tensor]:
+    """Intervals (names, 2) of each fit's first parameters, which have these names."""
+    problem = fits[0].problem
+    evaluate = [partial(e.values, problem.parameters) for e in problem.experiments]
+
+    def interval(one: tuple[int, Fit], calls: BatchedCalls) -> Tensor:
+        seed, fit = one
+        shared = tuple(Shared(e.name, e.model, e.measurements, e.single, calls, own) for e, own in zip(
+            fit.problem.experiments, evaluate, strict=True))
+        fit = replace(fit, problem=replace(fit.problem, experiments=shared))
+        if case.method == "profile":
+            return torch.stack([one.interval for one in fit.profile(*names, level=LEVEL)])
+        return fit.bootstrap(RESAMPLES, seed=seed).interval(LEVEL)[:len(names)]
+
+    if case.method == "laplace":
+        return (fit.interval(LEVEL)[:len(names)] for fit in fits)
+    return as_one_batch(interval, [*enumerate(fits)])
+
+
 def measure(case: Case, seed: int = 0) -> list[Row]:
     """Rows of one case."""
     torch.set_num_threads(1)
@@ -195,29 +228,22 @@ def measure(case: Case, seed: int = 0) -> list[Row]:
     laboratory = Laboratory(case, random)
     records, clocks = zip(*(laboratory.record() for _ in range(case.repeats)), strict=True)
     names = [*TRUE, *(["clock"] if case.known_clock else [])]
-    inside, errors, warned = [], [], 0
-    for repeat, fit in enumerate(identified(case, records, random)):
-        if repeat % TOLD == 0:
-            progress(f"{case.name}, {case.method}: {repeat} of {case.repeats}")
-        warned += any("misfit is" in hint or "residuals" in hint for hint in fit.hints)
-        if fit.status != 0:
-            continue
-        interval = stated(fit, case.method, names, repeat)
-        truth = torch.tensor([*TRUE.values(), clocks[repeat]][:len(names)], dtype=torch.float64)
+    fits = list(identified(case, records, random))
+    progress(f"{case.name}, {case.method}: {case.repeats} fits")
+    warned = sum(any("misfit is" in hint or "residuals" in hint for hint in fit.hints) for fit in fits)
+    done = [(fit, clock) for fit, clock in zip(fits, clocks, strict=True) if fit.status == 0]
+    inside, errors = [], []
+    for (fit, clock), interval in zip(done, stated(case, [fit for fit, _ in done], names), strict=True):
+        truth = torch.tensor([*TRUE.values(), clock][:len(names)], dtype=torch.float64)
         inside.append((interval[:, 0] <= truth) & (truth <= interval[:, 1]))
         exact = fit.theta.clone()
         exact[:len(names)] = truth
         errors.append(((fit.x - fit.transform.x(exact)) / fit.x_covariance.diagonal().sqrt())[:len(names)])
+        if len(inside) % TOLD == 0 and case.method != "laplace":
+            progress(f"{case.name}, {case.method}: {len(inside)} of {len(done)} intervals")
     held, error = torch.stack(inside).double().mean(0), torch.stack(errors)
     return [Row(case.name, case.method, name, held[k].item(), error[:, k].square().mean().sqrt().item(),
                 error[:, k].mean().item(), case.repeats, len(inside), warned) for k, name in enumerate(names)]
-
-
-def stated(fit: Fit, method: str, names: Sequence[str], seed: int) -> Tensor:
-    """Intervals (names, 2) of the first parameters, which have these names."""
-    if method == "profile":
-        return torch.stack([one.interval for one in fit.profile(*names, level=LEVEL)])
-    return fit.interval(LEVEL, method, repeats=RESAMPLES, seed=seed)[:len(names)]
 
 
 def markdown(rows: Sequence[Row]) -> str:

@@ -87,6 +87,17 @@ def test_beck_in_space():
     assert_close(slope, found.factor.detach(), rtol=1e-2, atol=0)
 
 
+def test_a_follower_load_that_buckles_does_not_flutter():
+    """A load that follows the tip by a fifth: cos(k) = 0.2/(0.2 - 1), P = k^2 EI/L^2 (Kordas and Zyczkowski 1963), a mesh of 8 is
+    1 % off. Next to that point, where EA = 1e9 EI/L^2, rounding of the stiffness does not make pairs of the other eigenvalues.
+    """
+    column = tb.Beam.straight(1.0, 8, tb.Section.from_stiffness(EA=1e9, GA=1e9, GJ=0.8, EI=1.0, mass=1.0, inertia=1e-4))
+    found = tb.critical_load(lambda P: tb.Scene(column, [tb.TipLoad(force=along_x(-0.8 * P)),
+                                                         tb.TipLoad(force=along_x(-0.2 * P), follower=True)]), 5.0, points=9)
+    assert found.divergence and found.frequency == 0
+    assert_close(found.factor.item(), math.acos(0.2 / (0.2 - 1)) ** 2, rtol=1e-2, atol=0)
+
+
 def test_sideways_under_a_tip_load():
     """A strip on edge, stiff in the plane of the load: P L^2 = 4.013 sqrt(EI GJ) (Timoshenko and Gere 1961, art. 6.3). The load
     is an input; batch and gradient in GJ: half the factor over it.

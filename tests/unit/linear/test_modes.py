@@ -45,6 +45,27 @@ def test_three_ways(rigid):
     assert_close(one, other.to(one.dtype), rtol=0, atol=1e-4 if rigid else 1e-6)
 
 
+@pytest.mark.parametrize(("supports", "rigid", "bent"), [
+    ((tb.Support(0, rotation="xz"),), 1, 15.418), ((tb.Support(0, rotation=""),), 3, 15.418), ((), 6, 22.373)])
+def test_rigid_motions_leave_the_others_as_they_are(supports, rigid, bent):
+    """A beam that is hinged, pinned or free: its first bending about y after them is (Blevins 1979, table 8-1) bent
+    sqrt(EI/(m L^4)), to 2 % on 16 elements; next to no damping and next to no follower
+    load take the dense unsymmetric way, to the same frequencies; alone, subspace iteration has 16 elements, the dense symmetric
+    way 8. What is rigid does not oscillate, by more than rounding of EA = 1e6, and does not grow.
+    """
+    nearly = ((), (tb.Damping(1e-9),), (tb.TipLoad(force=(0, 0, 1e-9), follower=True),))
+    for N in (8, 16):
+        section = tb.Section.from_stiffness(EA=1e6, GA=4e5, GJ=0.8, EI=(1.0, 1.3), mass=0.2, inertia=1e-4)
+        scenes = [tb.Scene(tb.Beam.straight(1.0, N, section), effects, supports=supports) for effects in nearly]
+        found = [tb.modes(scene, tb.rest(scene), count=24) for scene in scenes]
+        for each in found:
+            assert not each.unstable.any()
+            assert_close(each.frequency[each.frequency > 1][:5], found[0].frequency[found[0].frequency > 1][:5], rtol=1e-7, atol=0)
+        slow = found[0].frequency[:rigid]
+        assert slow.max() < 1e-3 and (found[0].frequency[rigid:] > 1).all()
+    assert ((found[0].frequency / (bent * 5**0.5) - 1).abs() < 0.02).any()
+
+
 def test_buckled_columns_are_found_by_either_way():
     """A column at 0.9 and 1.1 of Euler's load, on few and on many elements: the second diverges, at a real eigenvalue."""
     for N in (4, 24):

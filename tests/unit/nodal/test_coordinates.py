@@ -55,7 +55,7 @@ def scenes(plane):
     yield "dead", beam, dead, {}
     yield "arc", arc, dead, {}
     yield "follower", beam, follower, {}
-    yield "damped", beam, [*dead, tb.Damping(torch.tensor([0.01, 0.02, 0.03, 0.04, 0.05, 0.06]))], {}
+    yield "damped", beam, [*dead, tb.Damping((0.01, 0.02, 0.03, 0.04, 0.05, 0.06))], {}
     yield "eccentric mass", beam, [*dead, tb.PointMass(0.1, inertia=(1e-3, 2e-3, 3e-3), offset=(0.05, 0, 0.1), node=2)], {}
     yield "rotating", beam, dead, dict(frame=rotating)
     yield "shaken", beam, dead, dict(root=shaken)

@@ -8,6 +8,8 @@ from nodal_cases import orders, section
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam.nodal.constitutive_law import law_of
+from torchbeam.nodal.coordinates.selection import in_space
 
 SOFT = dict(EA=200.0, GA=80.0, GJ=0.015, EI=0.02, mass=0.3)  # a rod of 0.5 m
 
@@ -64,6 +66,29 @@ def test_transient_of_a_soft_rod():
     one, other = ((tip - tips[0]).square().sum(-1).mean().sqrt() for tip in tips[1:])
     assert one < other / 3
     assert 0.01 < other / (tips[0] - tips[0][0]).square().sum(-1).mean().sqrt() < 0.05
+
+
+@pytest.mark.parametrize("linked", [False, True])
+@pytest.mark.parametrize("coupled", [False, True])
+def test_a_gradient_by_dampings_of_which_some_are_zero(coupled, linked):
+    """c (1, 1, 1, 0, 0, 0), which damps stretching and shear alone: retardations are linear in c. So is that of a strain by
+    itself, whose derivative is there at zero too, in uncoupled sections.
+    """
+    torch.manual_seed(2)
+    beam = tb.Beam.straight(1.0, 2, section(coupled=coupled))
+    beam, some = beam.linked() if linked else beam, torch.tensor([1.0, 1, 1, 0, 0, 0])
+
+    def retardation(tau):
+        scene = tb.Scene(beam, [tb.Damping(tau)])
+        return law_of(scene, in_space(beam)).retardation
+
+    value, slope = torch.func.jvp(lambda c: retardation(c * some), (torch.tensor(0.2),), (torch.tensor(1.0),))
+    assert_close(slope, value / 0.2)
+    assert (value != 0).any()
+    by_zero = torch.func.jacrev(retardation)(0.2 * some)[..., 3:]
+    assert torch.isfinite(by_zero).all()
+    if not coupled:
+        assert_close(by_zero.sum(-1), retardation(1 - some).expand_as(by_zero[..., 0]))
 
 
 def test_six_equal_dampings_are_one():

@@ -85,7 +85,7 @@ def test_plane_is_3d(what):
     """Three steps of 10 ms of a bent beam, in the plane and in 3D, and its frequencies there: agree to 1e-10."""
     beam = tb.Beam.arc(0.8, 1.2, N, SECTION, order=2)
     effects = [tb.TipLoad(force=(0.5, 2.0, 0), moment=(0, 0, 0.4), follower=True), tb.Gravity((0, -9.81, 0)),
-               tb.Damping(torch.tensor([0.01, 0.02, 0.03, 0.04, 0.05, 0.06])), tb.Drag(1.2, 0.05),
+               tb.Damping((0.01, 0.02, 0.03, 0.04, 0.05, 0.06)), tb.Drag(1.2, 0.05),
                tb.PointMass(0.1, inertia=(1e-3, 2e-3, 3e-3), offset=(0.05, 0.1, 0), node=1)]
     more = {
         "loads": {}, "turning frame": dict(frame=tb.Frame(angular_velocity=lambda t: t * torch.tensor((0, 0, 3.0)))),

@@ -95,6 +95,61 @@ def test_energy_rate_is_power_less_dissipation(rates):
         assert (lost > 0).all()
 
 
+def off_axis(**options):
+    """A scene of every load whose masses lie off its nodes, and a state that its supports allow: it has moved for 0.1 s."""
+    of = scene()
+    bodies = [tb.PointMass(0.4, inertia=(0.1, 0.12, 0.15), offset=(0.1, 0.2, -0.3), node=node) for node in (0, 2, -1)]
+    of = tb.Scene(of.beam, [*(load for load in of.effects if not (load.follower and "small" in options)), *bodies], **options)
+    stepper = tb.Stepper(of, 0.05, lumped=True)
+    return of, stepper(stepper(stepper.rest()))
+
+
+@pytest.mark.parametrize("supports", [
+    (tb.Support(0, rotation="xz"),), (tb.Support(0), tb.Support(-1, rotation="")), (tb.Support(0), tb.Support(2, "yz", "")), ()],
+    ids=["a hinge", "a pin beside a clamp", "a slide", "free"])
+def test_reactions_balance_the_rate_of_momentum(supports):
+    """d/dt (m v_c) summed = loads + reactions, and the same of moments about frame a's origin, where masses lie off their
+    nodes: a body swings about a node that is held in part, and the support feels it. By forward mode.
+    """
+    of, start = off_axis(supports=supports)
+    rates = Rates.of(of, {})
+    inertia, y, t = rates.model.inertia, rates.pack(start), start.t
+
+    def momenta(y):
+        nodes, spin, _ = rates.unpack(t, y)
+        P, H = inertia.momenta(nodes.rotation, inertia.centre_velocity(nodes.rotation, nodes.velocity, spin), spin)
+        centre = nodes.position + inertia.offset.turned(nodes.rotation).x
+        return P.sum(-2), (torch.linalg.cross(centre, P) + H).sum(-2)
+
+    _, (P_rate, H_rate) = torch.func.jvp(momenta, (y,), (rates(t, y),))
+    load = external(rates.model, rates.unpack(t, y)[0], t, {})
+    for support, reaction in zip(of.supports, rates.state(t, y, start.status).reaction, strict=True):
+        load[support.node] += reaction
+    assert_close(load[:, :3].sum(0), P_rate, rtol=0, atol=1e-11)
+    assert_close((torch.linalg.cross(start.position, load[:, :3]) + load[:, 3:]).sum(0), H_rate, rtol=0, atol=1e-11)
+
+
+def test_small_rotations_are_linear():
+    """With small=True rates are linear in the motion, spins of masses off their nodes included: twice the departure, twice the
+    rates, but for the power.
+    """
+    of, start = off_axis(small=True)
+    rates = Rates.of(of, {})
+    still, y = rates.pack(tb.rest(of)), rates.pack(start)
+    of_rest, once, twice = (rates(start.t, still + k * (y - still))[:-1] for k in (0, 1, 2))
+    assert_close(twice - of_rest, 2 * (once - of_rest), rtol=0, atol=1e-11 * float(once.abs().max()))
+    acceleration = tb.sensors.NodeAcceleration(-1, of, lumped=True)(start)
+    assert_close(once[12 * 2 + 9:12 * 2 + 12], acceleration, rtol=0, atol=1e-11)
+
+
+def test_supports_that_a_frame_carries_are_refused():
+    """Of a moving frame the explicit form takes a clamp at node 0 alone: it held the absolute velocity of other supports."""
+    for support in (tb.Support(-1), tb.Support(0, rotation="")):
+        of = tb.Scene(scene().beam, supports=(support,), frame=tb.Frame(angular_velocity=(0, 0, 1.0)))
+        with pytest.raises(ValueError, match="midpoint"):
+            Rates.of(of, {})
+
+
 @pytest.mark.parametrize("damping", [None, "six"])
 def test_implicit_step_is_consistent_with_the_rates(damping):
     """(state after one implicit step - state)/dt, lumped mass, tends to the explicit rates: the difference halves with dt

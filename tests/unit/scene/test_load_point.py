@@ -57,6 +57,7 @@ def effects():
         "Spring damped": fx.Spring(-1, 2.0, to=torch.rand(B, 3), damping=0.3),
         "Spring with a length": fx.Spring(-1, 2.0, to=(0.1, 0.2, 0.3), length=0.5),
         "Spring with a length, damped": fx.Spring(-1, 2.0, to=(0.1, 0.2, 0.3), length=0.5, damping=0.1),
+        "Spring to a point that moves, damped": fx.Spring(-1, 2.0, to=lambda t: (t, t**2, 0.3), length=0.5, damping=0.1),
         "RootSpring": fx.RootSpring(six),
         "RootSpring damped": fx.RootSpring((2.0, torch.rand(3)), damping=six),
         "Load": fx.CustomLoad(user, inputs={"u": 3}),
@@ -85,7 +86,8 @@ def a_site(effect, seed=0):
     s = torch.tensor([0.0, 0.2, 0.7, 1.0]) if effect.node is None else None
     motion = (torch.randn(*lead, 3) for _ in range(3))
     return fx.LoadPoint(R, spd(*lead), *motion, s, rotations(), support,
-                   torch.randn(*lead, getattr(effect, "internal", 0)), torch.tensor(0.4), elements=SITES - 1)
+                   torch.randn(*lead, getattr(effect, "internal", 0)), torch.tensor(0.4), elements=SITES - 1,
+                   frame=(torch.randn(3), torch.randn(3)))
 
 
 def moved(site, name, by):
@@ -158,7 +160,7 @@ def test_everything_turned_is_the_wrench_turned(name):
 
     support = fx.Pose(*(Q @ v if k == 1 else turned(v) for k, v in enumerate(site.support)))
     motion = {n: turned(getattr(site, n)) for n in ("position", "velocity", "spin")}
-    there = replace(site, R=Q @ site.R, axes=Q @ site.axes, support=support, **motion)
+    there = replace(site, R=Q @ site.R, axes=Q @ site.axes, support=support, frame=tuple(map(turned, site.frame)), **motion)
     other = replace(effect, to=turned(torch.as_tensor(effect.to))) if "Spring" in name and "Root" not in name else effect
     for here, after in zip(effect.wrench(site, ZERO, {}), other.wrench(there, ZERO, {}), strict=True):
         assert (here is None) == (after is None)
@@ -195,6 +197,9 @@ def test_what_dissipates_takes_energy(name):
         velocity, spin = site.velocity, site.spin
         if name == "Drag":
             velocity = velocity - site.from_inertial(effect.flow)
+        if name.startswith("Spring"):
+            origin, omega = site.frame
+            velocity = velocity - origin - torch.linalg.cross(omega.expand(B, 3), site.position)
         if name == "RootSpring damped":
             held = site.support
             velocity = velocity - held.velocity - torch.linalg.cross(held.spin.expand(B, 3), site.position - held.position)

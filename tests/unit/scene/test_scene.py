@@ -28,12 +28,13 @@ def test_a_single_effect_needs_no_list():
 
 
 def test_batch_is_that_of_everything_together():
-    """Lengths (4, 1), a load (3,), tau (4, 1): 4 x 3 scenes; a six-valued tau's last axis is not a batch axis."""
+    """Lengths (4, 1), a load (3,), tau (4, 1): 4 x 3 scenes; the last axis of a tau for each strain is no batch axis."""
     beam = tb.Beam.straight(torch.rand(4, 1) + 1, 2, SECTION)
     load = tb.TipLoad(force=torch.rand(3, 3))
     assert tb.Scene(beam, [load, tb.Damping(torch.rand(4, 1))]).batch_shape == (4, 3)
-    assert tb.Scene(BEAM, [tb.Damping(torch.rand(6))]).batch_shape == ()
-    assert tb.Scene(BEAM, [tb.Damping(torch.rand(6), six=False)]).batch_shape == (6,)
+    assert tb.Scene(BEAM, [tb.Damping(tuple(torch.rand(6)))]).batch_shape == ()
+    assert tb.Scene(BEAM, [tb.Damping(torch.rand(6), six=True)]).batch_shape == ()
+    assert tb.Scene(BEAM, [tb.Damping(torch.rand(6))]).batch_shape == (6,)  # samples, as in a batch of five
 
 
 def test_inputs_are_found_and_made_tensors():

@@ -82,6 +82,17 @@ def test_references():
         torch.tensor([0.3, 0, 0]))))
 
 
+def test_references_by_numbers_have_the_dtype_of_the_state():
+    """Plain numbers as a reference are not rounded to the default dtype, float32 as a rule."""
+    state = tb.rest(tb.Scene(BEAM))
+    c, k = math.cos(0.3), math.sin(0.3)
+    torch.set_default_dtype(torch.float32)
+    sensors = s.TipPosition(reference=(0.1, 0.2, 0.3)), s.Angles(-1, reference=((c, -k, 0), (k, c, 0), (0, 0, 1)))
+    want = torch.tensor(((L - 0.1, -0.2, -0.3), (-0.3, 0, 0)), dtype=torch.float64)
+    assert_close(torch.stack([sensor(state) for sensor in sensors]), want, rtol=0, atol=1e-15)
+    assert sensors[0](state.to(torch.float32)).dtype == torch.float32
+
+
 def test_tait_bryan_angles():
     """R = Rz(yaw) Ry(pitch) Rx(roll) gives its angles back; at pitch = pi/2 yaw is zero and R is still met."""
     def R(*angles):
@@ -119,6 +130,20 @@ def test_strain_is_the_compliance_times_the_stress():
     for i in (0, 3, -1):
         found = torch.cat((s.Strain(element=i, beam=beam)(state), s.Curvature(element=i, beam=beam)(state)))
         assert_close(found, beam.compliance[0] @ s.Stress(element=i, beam=beam)(state), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_strain_of_small_displacements(order):
+    """Of a scene with small=True strains are linear, the compliance times the stress, at a station and in an element; by the
+    beam alone half the square of a rotation of 0.3 comes with the extension.
+    """
+    beam = tb.Beam.curve(L, N, SECTION, (0.3, -0.2, 0.5), order=order)
+    scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0.5, 1.0))], small=True)
+    state = tb.equilibrium(scene)
+    for where in (dict(element=2), dict(element=-1), dict(station=0.37)):
+        found = torch.cat([sensor(beam=scene, **where)(state) for sensor in (s.Strain, s.Curvature)])
+        assert_close(found, beam.compliance[0] @ s.Stress(beam=scene, **where)(state), rtol=0, atol=1e-10)
+    assert abs(s.Strain(0.9, beam)(state)[0] - s.Strain(0.9, scene)(state)[0]) > 0.03
 
 
 def test_stations_in_a_batch():
@@ -239,6 +264,12 @@ def test_acceleration_of_the_other_scenes(kind):
             slope = slope + torch.linalg.cross(omega.expand_as(slope), states.velocity[21:-1, node])
         found = s.NodeAcceleration(node, scene)(states)[21:-1]
         assert_close(found, slope, rtol=0, atol=1e-4 * max(slope.abs().max().item(), 1.0))
+
+
+def test_acceleration_of_no_sample():
+    scene = tb.Scene(BEAM, [tb.TipLoad(force=torch.zeros(0, 3))])
+    states = tb.simulate(scene, [0.0, 0.1], step=0.1).state
+    assert s.NodeAcceleration(-1, scene)(states).shape == (2, 0, 3)
 
 
 def test_acceleration_in_steady_rotation():

@@ -66,3 +66,10 @@ def test_a_solution_keeps_its_energies_when_it_is_stored():
     read = pickle.loads(pickle.dumps(solution))
     for mine, its in zip(solution.energy, read.energy, strict=True):
         assert torch.equal(mine, its)
+
+
+def test_a_state_in_another_dtype_keeps_its_status():
+    """`to` changes floating numbers alone: a status is a whole number, by which sentences are found."""
+    scene = tb.Scene(tb.Beam.straight(1.0, 2, SECTION))
+    state = tb.rest(scene).to(torch.float32)
+    assert state.position.dtype == state.t.dtype == torch.float32 and state.status.dtype == torch.long

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
+from torch.special import ndtr, ndtri
 
 from ...core.arguments import count
-from ...math.dense import positive_inverse
 from ...solvers.least_squares import CONVERGED, search
 from . import student
 from .problem import Problem
@@ -21,75 +22,61 @@ NEGLIGIBLE = 1e-4  # decrease of the squares over the noise's: a step of a hundr
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """theta (repeats, p) and status (repeats,) of the repeats, 0 = converged; x (repeats, p) their coordinates and deviation
-    (repeats, p) that each repeat's own covariance states, by the noise that it found where sigma is not known; x_fit and
-    deviation_fit (p,) of the fit.
+    """theta (repeats, p) and status (repeats,) of the repeats, 0 = converged; x (repeats, p) their coordinates, x_fit (p,) the
+    fit's.
     """
 
     theta: Tensor
     status: Tensor
     x: Tensor
-    deviation: Tensor
     x_fit: Tensor
-    deviation_fit: Tensor
     transform: Transform
 
     def interval(self, level: float = 0.95) -> Tensor:
-        """(p, 2): the fit less the quantiles of the errors that repeats make, in coordinates, each error in units of the
-        deviation that its repeat states (bootstrap-t; Efron and Tibshirani 1993, 12.5; Hall 1988, Annals of Statistics 16,
-        927). A share of R repeats is at place (R + 1) times it in their order (Davison and Hinkley 1997, 5.2).
+        """(p, 2): bias-corrected percentiles of the repeats (Efron and Tibshirani 1993, 14.3, without acceleration: normal
+        noise of a known size has none), the same by whatever function of the parameters. A share of R repeats is at place
+        (R + 1) times it in their order (Davison and Hinkley 1997, 5.2).
         """
         tail = student.tail(level)
-        good = self.status == CONVERGED
-        if good.sum() < 2 / tail:
-            raise ValueError(f"{int(good.sum())} repeats that converged are too few for a level of {level:g}; "
+        good = self.x[self.status == CONVERGED]
+        if len(good) < 2 / tail:
+            raise ValueError(f"{len(good)} repeats that converged are too few for a level of {level:g}; "
                              f"{int(2 / tail) + 1} or more are wanted")
-        error = ((self.x - self.x_fit) / self.deviation)[good].sort(0).values
-        low, high = (self.deviation_fit * _at(error, (len(error) + 1) * share - 1) for share in (tail, 1 - tail))
-        return torch.stack([self.transform.theta(end) for end in (self.x_fit - high, self.x_fit - low)], -1)
+        least = torch.full_like(self.x_fit, 1 / (len(good) + 1))
+        below = torch.minimum(torch.maximum((good < self.x_fit).to(good).mean(0), least), 1 - least)
+        ends = [_at(good.sort(0).values, ndtr(2 * ndtri(below) + ndtri(torch.full_like(below, share))))
+                for share in (tail, 1 - tail)]
+        return torch.stack([self.transform.theta(end) for end in ends], -1)
 
 
-def bootstrap(problem: Problem, x: Tensor, held: Tensor, scale: float, repeats: int, seed: int) -> Bootstrap:
-    """Fits of `repeats` sets of data, from the fit's coordinates x (p,), with noise of `scale` on weighted data; those that are
-    `held` (p,) bool stay.
+def bootstrap(problem: Problem, x: Tensor, held: Tensor, scale: float, redundancy: Tensor, repeats: int, seed: int
+              ) -> Bootstrap:
+    """Fits of `repeats` sets of data, from the fit's coordinates x (p,); those that are `held` (p,) bool stay. The noise on
+    weighted data is of `scale`; where its size was found, of one that is drawn for each repeat as the fit knows it, by
+    `redundancy` (channels,): scale sqrt(n / chi^2 of n degrees), so that the repeats of a linear model have Student's t.
     """
     repeats = count("repeats", repeats, least=2)
     with torch.no_grad():
         starts, every = x.expand(repeats, -1).clone(), torch.zeros(1, dtype=torch.long, device=x.device)
         r, J = problem.linearised(x[None], every)
-        exact = r + problem.target
         random = torch.Generator(device=x.device).manual_seed(seed)
-        drawn = scale * torch.randn(repeats, r.shape[1], generator=random, dtype=x.dtype, device=x.device)
-        repeated = problem.with_targets(exact + drawn)
+        noise = scale * torch.randn(repeats, r.shape[1], generator=random, dtype=x.dtype, device=x.device)
+        if len(redundancy):
+            n = redundancy.numpy(force=True)
+            size = np.sqrt(n / np.random.default_rng(seed).chisquare(n, (repeats, len(n))))
+            noise = noise * problem.noise.each(torch.as_tensor(size).to(x))[:, problem.known]
+        repeated = problem.with_targets(r + problem.target + noise)
         region = repeated.region(starts)
         region.least, region.largest = (torch.where(held, x, end) for end in (region.least, region.largest))
-        found = search(repeated, starts, region, ITERATIONS, TOLERANCE, known=(-drawn, J.expand(repeats, -1, -1)),
+        found = search(repeated, starts, region, ITERATIONS, TOLERANCE, known=(-noise, J.expand(repeats, -1, -1)),
                        negligible=NEGLIGIBLE * scale**2)
-        own = _deviation(found.J, held, _variance(problem, found.r, J[0], held))
-        of_fit = scale * _deviation(J, held, torch.ones_like(r))[0]
     transform = problem.parameters.transform
-    return Bootstrap(transform.theta(found.x), found.status, found.x, own, x, of_fit, transform)
+    return Bootstrap(transform.theta(found.x), found.status, found.x, x, transform)
 
 
-def _deviation(J: Tensor, held: Tensor, variance: Tensor) -> Tensor:
-    """(N, p) of coordinates, by J (N, T, p) of data of variances (1 or N, T); of those that are held, 1."""
-    found, some = torch.ones_like(J[:, 0]), J[..., ~held]
-    moved = positive_inverse(some.mT @ some)[0] @ some.mT  # by each datum
-    found[:, ~held] = (moved.square() * variance[:, None]).sum(-1).sqrt()
-    return found
-
-
-def _variance(problem: Problem, r: Tensor, J: Tensor, held: Tensor) -> Tensor:
-    """(N, T) of weighted data, by misfits r (N, T) where their noise is not known; J (T, p) as of the fit."""
-    noise, known, some = problem.noise, problem.known, J[:, ~held]
-    if not noise.names:
-        return torch.ones_like(r)
-    whole = replace(noise, fitted=(0.0,) * len(noise.names))  # models fit their own numbers to the data that were measured
-    redundancy = whole.redundancy(some, positive_inverse(some.mT @ some)[0], known)
-    return noise.each(noise.sums(r.square(), known) / redundancy.clamp(min=1))[:, known]
-
-
-def _at(ordered: Tensor, place: float) -> Tensor:
-    """(p,) between the numbers (R, p) at both sides of a place from 0 to R - 1."""
-    below = min(int(place), len(ordered) - 2)
-    return torch.lerp(ordered[below], ordered[below + 1], place - below)
+def _at(ordered: Tensor, share: Tensor) -> Tensor:
+    """(p,) of numbers (R, p) in order, at shares (p,), between those at both sides."""
+    place = ((len(ordered) + 1) * share - 1).clamp(0, len(ordered) - 1)
+    below = place.long().clamp(max=len(ordered) - 2)
+    low, high = (ordered.gather(0, k[None])[0] for k in (below, below + 1))
+    return torch.lerp(low, high, place - below)

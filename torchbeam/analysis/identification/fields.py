@@ -10,16 +10,18 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import choice, count, instance, number
-from ...core.validation import as_tensor
+from ...core.validation import as_tensor, common_dtype
 from . import posterior, student
 from .fit import Fit
 from .identify import identify
 from .measurement import Measurement, each, several, sigma_given
 from .parameter import Parameter
+from .problem import NO_DATA
 from .regularization import CRITERIA, Linearised, Weighing, weigh
 from .smoothness import Smoothness, SmoothnessRows
 
 NOISE = 0.05  # first deviation of data without sigma, over their RMS
+LEAST = 1e-8  # deviation of data without noise, over their RMS
 FIRST = 1e-4  # first weight, over that at which smoothness counts as much as the data
 SAME = 0.1  # of the logarithm of a weight, or of deviations of the parameters, from one round to the next
 
@@ -117,7 +119,8 @@ def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness:
     while not settled and k < most:
         fit, linear = task.searched(start, weights, sigma)
         found, used, noise, k = weigh(linear, criterion, task.known), weights, sigma, k + 1
-        weights, sigma, start = found.weight / found.sigma**2 if weight is None else used, found.sigma, task.start_from(fit)
+        sigma, start = max(found.sigma, 0.0 if task.known else LEAST * task.size), task.start_from(fit)
+        weights = found.weight / sigma**2 if weight is None else used
         same = ((weights / used).log().abs() < SAME).all().item() and (weight is None or abs(sigma - noise) < SAME * noise)
         still = before is not None and ((fit.x - before).abs() < SAME * fit.x_covariance.diagonal().sqrt()).all().item()
         settled, before = still or (same and not task.sharp), fit.x
@@ -163,19 +166,26 @@ class _Task:
             raise ValueError("absolute_sigma=False was given to identify_fields, whose weights count on sigma; data without "
                              "sigma are wanted, whose noise is found")
         if options.get("noise", "common") != "common":
-            raise ValueError(f"noise = {options['noise']!r} was given to identify_fields, which finds one for all data without "
-                             "sigma; sigma by channel is wanted, or none")
+            raise ValueError(f"noise={options['noise']!r} was given to identify_fields, which finds one deviation of all data; "
+                              "channels weighed by their sigma are wanted")
         measured = dict(data) if isinstance(data, Mapping) else {None: data}
+        if not measured:
+            raise ValueError(NO_DATA)
         measured = {name: [Measurement.of(one, None) for one in given] if several(given) else Measurement.of(given, None)
                     for name, given in measured.items()}
         models = dict(model) if isinstance(model, Mapping) else dict.fromkeys(measured, model)
-        known = sigma_given(m for given in measured.values() for m in each(given))
+        every = [m for given in measured.values() for m in each(given)]
+        known = sigma_given(every)
+        if not known and not any(m.values.nan_to_num().any() for m in every):
+            raise ValueError("data that are all zero were given to identify_fields without sigma; their noise is not to be "
+                             "known, and sigma=... is wanted")
+        kind = common_dtype(*(m.values for m in every))
         rows, target = {}, {}
         for name, one in smoothness.items():
             if name not in start:
                 raise ValueError(f"smoothness of {name!r} was given; there are {', '.join(map(str, start))}")
             given = start[name] if isinstance(start[name], Parameter) else Parameter(
-                as_tensor(start[name], torch.get_default_dtype()), transform="log" if log else None)
+                as_tensor(start[name], *kind), transform="log" if log else None)
             if given.start.ndim != 1 or given.own or given.transform == "logit":
                 raise ValueError(f"smoothness of {name!r} was given, of shape {tuple(given.start.shape)}; one field (n,) of "
                                  "all experiments is wanted, by itself or by its logarithm")
@@ -189,20 +199,29 @@ class _Task:
     @property
     def noise(self) -> float:
         """First deviation of the data; 1 where theirs are given."""
+        return 1.0 if self.known else NOISE * self.size
+
+    @property
+    def size(self) -> float:
+        """RMS of the data."""
         values = torch.cat([m.values.flatten() for given in self.measured.values() for m in each(given)])
-        return 1.0 if self.known else NOISE * values[~values.isnan()].square().mean().sqrt().item() or 1.0
+        return values[~values.isnan()].square().mean().sqrt().item()
+
+    @property
+    def _like(self) -> Tensor:
+        return next(iter(self.target.values()))
 
     def checked(self, weight: Mapping[str, float]) -> Tensor:
         if set(weight) != set(self.rows):
             raise ValueError(f"weights of {', '.join(map(str, weight))} were given; of {', '.join(self.rows)} are wanted")
-        found = torch.tensor([number(f"the weight of {name!r}", weight[name]) for name in self.rows], dtype=torch.float64)
+        found = self._like.new_tensor([number(f"the weight of {name!r}", weight[name]) for name in self.rows])
         if not (found > 0).all():
             raise ValueError(f"a weight of {found.min().item():g} was given; positive ones are wanted")
         return found
 
     def first(self) -> tuple[Tensor, float]:
         """Weights that leave the data all they can say, from the derivatives at the start."""
-        tiny = torch.full((len(self.rows),), torch.finfo(torch.float64).eps, dtype=torch.float64)
+        tiny = self._like.new_full((len(self.rows),), torch.finfo(self._like.dtype).eps)
         fit = identify(*self._with_rows(tiny, self.noise), self.start, **{**self.options, "iterations": 1})
         linear = self._linearised(fit, fit.problem.parameters.x[:1], self.noise)
         return FIRST * linear.balance / self.noise**2, self.noise

@@ -41,6 +41,7 @@ class Fit:
                 count as known: zeros
     freedom     (p,) degrees of freedom of these deviations: inf where sigma was given; T - p where the misfit told it; of noise
                 by channel by Satterthwaite's formula, see `covariance.py`
+    redundancy  (channels,) data less parameters of the noise that was found: one number, or one for each channel
     scale       deviation of the noise over the sigma that weighs the data: 1 where that is known, or was found by channel
     noise       channel -> its deviation, of those that were found by `identify(noise="channel")`
     y           (...) the model there, offsets and drifts included, as the data were given
@@ -77,6 +78,7 @@ class Fit:
     open: Tensor = field(default_factory=lambda: torch.zeros(0, dtype=torch.bool))
     held: Tensor = field(default_factory=lambda: torch.zeros(0, dtype=torch.bool))
     freedom: Tensor = field(default_factory=lambda: torch.zeros(0))
+    redundancy: Tensor = field(default_factory=lambda: torch.zeros(0))
     scale: float = 1.0
     noise: dict[str, float] = field(default_factory=dict)
     derivatives: str = ""
@@ -120,7 +122,8 @@ class Fit:
                      what is positive by its logarithm stays so. Exact where the model is linear in them
         "profile"    where the least misfit, over all other parameters, rises by as much as that quantile says: the model's
                      curvature counts. A batch of some ten fits for each parameter
-        "bootstrap"  from `repeats` fits, as one batch, of data that the fitted model and noise make
+        "bootstrap"  from `repeats` fits, as one batch, of data that the fitted model and noise make: their bias-corrected
+                     percentiles
 
         What the data do not determine goes from end to end of what it can be. That of a parameter at its bound goes to where
         the least misfit rises by as much, by the slope and curvature there, or as "profile" finds it: at a bound repeated fits
@@ -151,7 +154,8 @@ class Fit:
         log-normal priors are repeated too, as the observations that they are to a fit: with centres drawn about it. Parameters
         that a bound holds stay there. Raises ValueError for other priors.
         """
-        return bootstrap(with_priors_observed(self._noisy("bootstrap")), self.x, self.held, self.scale, repeats, seed)
+        problem = with_priors_observed(self._noisy("bootstrap"))
+        return bootstrap(problem, self.x, self.held, self.scale, self.redundancy, repeats, seed)
 
     def refined(self, model: Any) -> Fit:
         """The fit that a finer model finds, of a finer mesh or shorter steps: its readings with the derivatives of the model

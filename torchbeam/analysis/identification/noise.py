@@ -87,6 +87,6 @@ class Noise:
 
 
 def _too_few(name: str, readings: int, free: float | None = None) -> ValueError:
-    left = "" if free is None else f", of which the parameters leave {max(free, 0.0):.2g} free"
+    left = "" if free is None else f", of which the parameters leave {max(free, 0.0):.1f} free"
     return ValueError(f"noise='channel' was given with {name!r} of {readings} readings{left}; the sigma of that is wanted, or "
                       "more of them")

@@ -8,10 +8,11 @@ import torch
 from torch import Tensor
 
 from ...math.dense import cholesky_unchecked
-from .regularization import Linearised
+from .regularization import DECADES, Linearised
 
 CHAINS, BURN_IN, KEPT = 64, 100, 100
 SEED = 0
+NONE = 1e-4  # variance over the first one that is as good as none
 
 
 def samples(problem: Linearised, weight: Tensor, sigma: float, sharp: Sequence[bool], free: bool, known: bool) -> Tensor:
@@ -39,6 +40,7 @@ def samples(problem: Linearised, weight: Tensor, sigma: float, sharp: Sequence[b
     weights, variance = weight.to(x).expand(CHAINS, -1).clone(), x.new_full((CHAINS,), sigma**2)
     factors = [x.new_ones(CHAINS, len(L)) for L in problem.L]
     fields = [*zip(problem.L, problem.target, map(torch.linalg.pinv, problem.L), strict=True)]
+    stiffest = problem.balance * 10 ** DECADES[1]
     found = []
     for k in range(BURN_IN + KEPT):
         A = data / variance[:, None, None] + torch.diag(problem.other)
@@ -58,13 +60,13 @@ def samples(problem: Linearised, weight: Tensor, sigma: float, sharp: Sequence[b
                 ahead = (along @ data) / variance[:, None] + along * problem.other
                 down = (ahead * step).sum(-1) + (along * (pull / variance[:, None] + problem.pull)).sum(-1)
                 more = (normal() - down / (ahead * along).sum(-1).sqrt()) / (ahead * along).sum(-1).sqrt()
-                weights[:, j] /= (1 + more).square()
+                weights[:, j] = torch.minimum(weights[:, j] / (1 + more).square(), stiffest[j] / variance)
                 step = step + more[:, None] * along
         if k >= BURN_IN:
             found.append(x + step)
         if not known:
             misfit = left + 2 * step @ pull + ((step @ data) * step).sum(-1)
-            variance = misfit / chi_squared(len(problem.r))
+            variance = (misfit / chi_squared(len(problem.r))).clamp(min=NONE * sigma**2)
     return torch.cat(found)
 
 

@@ -19,6 +19,7 @@ from .noise import Noise
 from .parameters import Parameters
 from .smoothness import SmoothnessRows
 
+NO_DATA = "data of no experiment were given; one at least is wanted"
 Model = Callable[[Any], Any]  # theta -> y (N, ...), Solution, (y, status (N,)); or a tuple of y, one for each measurement
 
 
@@ -57,6 +58,9 @@ class Experiment:
             if tuple(part.shape) != shape:
                 what = f"theta {tuple(theta.shape)}" if not parameters.by_name else f"{len(theta)} samples"
                 raise OtherShape(f"a model that gave {tuple(part.shape)} for {what} was given; {shape} is wanted")
+            if part.dtype != theta.dtype:
+                raise OtherShape(f"a model that gave {part.dtype} for parameters of {theta.dtype} was given; data, start and "
+                                 "model of one dtype are wanted")
         if len(parts) != len(wanted):
             raise OtherShape(f"a model that gave {len(parts)} tensors was given for {len(wanted)} measurements")
         found = torch.cat([part.reshape(len(theta), -1) for part in parts], -1)
@@ -284,7 +288,7 @@ def experiments_of(model: Any, data: Any, sigma: Any) -> tuple[Experiment, ...]:
             raise ValueError("models by name were given with data without names; data by the same names are wanted")
         return (_experiment(None, model, data, sigma),)
     if not data:
-        raise ValueError("data of no experiment were given; one at least is wanted")
+        raise ValueError(NO_DATA)
     if isinstance(model, Mapping) and set(model) != set(data):
         raise ValueError(f"models of {', '.join(map(str, model))} and data of {', '.join(map(str, data))} were given; the same "
                          "names are wanted")

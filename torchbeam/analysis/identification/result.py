@@ -69,9 +69,9 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
                 y=_as_given(readings, problem), misfit=misfits[best], status=status, iterations=len(found.history) - 1,
                 history=history, starts=theta, misfits=misfits, statuses=statuses, unidentifiable=shown[best],
                 message=message, hints=hints, open=open_[best], held=spread.held, freedom=spread.freedom,
-                scale=spread.scale, noise=_found_noise(problem), derivatives=derivatives, shapes=shapes,
-                x=x[best], x_covariance=spread.covariance, x_slope=spread.slope, bounds=torch.stack(parameters.limits, -1),
-                transform=T, readings=readings, jacobian=J[best], problem=problem)
+                redundancy=spread.redundancy, scale=spread.scale, noise=_found_noise(problem), derivatives=derivatives,
+                shapes=shapes, x=x[best], x_covariance=spread.covariance, x_slope=spread.slope,
+                bounds=torch.stack(parameters.limits, -1), transform=T, readings=readings, jacobian=J[best], problem=problem)
 
 
 def _found_noise(problem: Problem) -> dict[str, float]:

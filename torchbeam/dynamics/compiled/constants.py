@@ -135,7 +135,7 @@ class Constants:
         return {f"row {k} {i}": x for i, x in enumerate(found)}
 
     def _rows(self, load: Any, t: Tensor, inputs: Inputs) -> Any:
-        return load.at_sites(self.model.s, t, inputs, self.model.count)
+        return load.at_sites(self.model.s, t, inputs, self.model.scene.beam.element_count)
 
     def _prescribed(self, end: Tensor, frame: Tensor | None) -> dict[str, Tensor]:
         """Orientation of frame a, None = it does not turn; and the motion of supports at the time `end`."""

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ...core.arguments import boolean
 from ...core.leaves import leaf
-from ...core.validation import Value, as_tensor, axis_last, common_dtype, finite, has_dtype, numbers, positive
+from ...core.validation import Value, as_tensor, common_dtype, finite, has_dtype, numbers, positive
 from ...math.quaternions import skew
 from .effect import Effect
 from .load_point import ROTATION, SPIN, VELOCITY, Load, LoadPoint, Wrench
@@ -21,11 +21,12 @@ from .values import Inputs, parameter, plain
 class Damping(Effect):
     """Stiffness-proportional damping: [F; M] = S^-1 (strain + tau * strain rate).
 
-    tau  (...) s, one value; or (..., 6), one for each strain [gamma1..3, kappa1..3]: then the damping matrix is
-         D^1/2 S^-1 D^1/2 with D = diag(tau), which is symmetric and never pumps energy.
-    six  whether tau has six values; found from the shape (a last axis of six) unless given.
+    tau  (...) s, one value; or six in a Python sequence, one for each strain [gamma1..3, kappa1..3]: then the damping matrix
+         is D^1/2 S^-1 D^1/2 with D = diag(tau), which is symmetric and never pumps energy.
+    six  whether tau (..., 6) has a value for each strain. Default: a sequence has, a tensor or an array is one value with
+         batch axes, six samples as well as five.
 
-    Raises ValueError for a negative tau.
+    Raises ValueError for a negative tau, and for a sequence of another length.
     """
 
     tau: Value = leaf(lambda damping: int(damping.six))
@@ -34,10 +35,13 @@ class Damping(Effect):
     kind = "strain"
 
     def __post_init__(self) -> None:
-        tau = plain(self.tau)
+        tau, sequence = plain(self.tau), isinstance(self.tau, (list, tuple))
         positive("tau", torch.as_tensor(tau), zero=True)
-        six = boolean("six", self.six) if self.six is not None else tau.ndim > 0 and tau.shape[-1] == 6
-        object.__setattr__(self, "tau", axis_last("tau", tau, 6) if six else tau)
+        six = sequence if self.six is None else boolean("six", self.six)
+        if six and (tau.ndim == 0 or tau.shape[-1] != 6):
+            raise ValueError(f"tau of shape {tuple(tau.shape)} was given; one value (a batch is a tensor), or one for each of "
+                             "six strains, is wanted")
+        object.__setattr__(self, "tau", tau)
         object.__setattr__(self, "six", six)
 
 

@@ -47,6 +47,8 @@ class LoadPoint:
               instant where there is no step
     dt        (...) s, length of the step whose middle this is; None = there is no step
     elements  of the beam; only along it
+    frame     velocity m/s of frame a and its angular velocity rad/s (..., 3), in its axes, each None = it has none, for effects
+              that want them (`wants_frame`)
     """
 
     R: Tensor
@@ -62,6 +64,7 @@ class LoadPoint:
     acceleration: Tensor | None = None
     angular_acceleration: Tensor | None = None
     elements: int | None = None
+    frame: tuple[Tensor | None, Tensor | None] = (None, None)
 
     def rotate(self, v: Tensor) -> Tensor:
         """Section axes -> frame a."""
@@ -90,6 +93,7 @@ class Load(Effect):
     frees_root = False  # whether it holds node 0 in the place of a clamp
     wants_support = False  # whether it reads site.support
     wants_axes = False  # whether it reads site.axes
+    wants_frame = False  # whether it reads site.frame
     anchor = None  # (..., 3) m, frame a: a point that its node is tied to
     depends: frozenset[str] = frozenset()
 

@@ -22,8 +22,9 @@ class PointMass(Effect):
     """A rigid body at a node.
 
     mass     (...) kg; or its 6x6 mass matrix (..., 6, 6) about the node, [velocity; spin], section axes: then it is the whole
-    inertia  (..., 3) principal or (..., 3, 3) moments about its own centre, kg m^2, section axes; None = a point. A shape that
-             ends in (3, 3) is that of matrices: a batch of three bodies' principal moments goes by `torch.diag_embed`
+    inertia  (..., 3) principal or (..., 3, 3) moments about its own centre, kg m^2, section axes; None = a point. A
+             sequence of three has principal moments; a tensor whose shape ends in (3, 3) has matrices: principal moments of
+             three bodies in one tensor go by `torch.diag_embed`
     offset   (..., 3) m of its centre from the node, section axes; None = at the node
     node     counts from the root, -1 is the tip
 
@@ -53,7 +54,8 @@ class PointMass(Effect):
             finite("PointMass's offset", torch.as_tensor(axis_last("PointMass's offset", offset, 3)))
         if inertia is not None:
             axis_last("PointMass's inertia", inertia, 3)
-            if inertia.ndim < 2 or inertia.shape[-2] != 3:
+            flat = isinstance(self.inertia, (list, tuple)) and not isinstance(self.inertia[0], (list, tuple))
+            if flat or inertia.ndim < 2 or inertia.shape[-2] != 3:
                 inertia = torch.diag_embed(inertia) if isinstance(inertia, Tensor) else inertia[..., None] * np.eye(3)
             J, m = torch.as_tensor(inertia), torch.as_tensor(mass)
             arm = torch.zeros(()) if offset is None else torch.as_tensor(offset).square().sum(-1)

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ...core.leaves import leaf
+from ...core.functions_of_time import taken, with_user_rate
+from ...core.leaves import FunctionOfTime, leaf
 from ...core.validation import Value, as_tensor, axis_last, common_dtype, has_dtype, numbers
 from ...math import quaternions as quat
 from ...math.quaternions import skew
@@ -22,14 +23,24 @@ from .values import Inputs, load_value, parameter, plain, present, value_at
 
 
 @dataclass(frozen=True)
+class Rate(FunctionOfTime):
+    """Rate (..., 3) of a function of t, exact, see `functions_of_time.with_rate`."""
+
+    function: Callable[[Tensor], Tensor] = leaf(1)
+
+    def __call__(self, t: Tensor) -> Tensor:
+        return with_user_rate("a Spring's point", lambda now: taken("a Spring's point", self.function(now), now, 3), t)[1]
+
+
+@dataclass(frozen=True)
 class Spring(Load):
     """Spring between a node and a point: force -(k (|d| - length) + c d|d|/dt) d/|d|, d from the point to the node.
 
     node       counts from the root, -1 is the tip
     stiffness  (...) k, N/m
-    to         (..., 3) m, frame a, or a function t -> (..., 3): the point
-    length     (...) m unstretched; the number 0 makes it linear: -k d - c (velocity)
-    damping    (...) c, N s/m
+    to         (..., 3) m, frame a, or a function t -> (..., 3): the point, which moves with frame a and in it
+    length     (...) m unstretched; the number 0 makes it linear: -k d - c d', d' the rate of d in frame a
+    damping    (...) c, N s/m; the point's rate is then the function's, by forward mode, so that it is written in torch
 
     Raises ValueError for a negative stiffness, length or damping.
     """
@@ -39,6 +50,7 @@ class Spring(Load):
     to: Value | Callable[[Tensor], Tensor] = leaf(1)
     length: Value = leaf(0, default=0.0)
     damping: Value = leaf(0, default=0.0)
+    moving: Rate | None = leaf(1, default=None, init=False)
 
     def __post_init__(self) -> None:
         whole_node(self.node)
@@ -47,6 +59,7 @@ class Spring(Load):
         object.__setattr__(self, "to", load_value("Spring's to", self.to))
         object.__setattr__(self, "linear", not present(self.length))
         object.__setattr__(self, "damped", present(self.damping))
+        object.__setattr__(self, "moving", Rate(self.to) if self.damped and callable(self.to) else None)
 
     @property
     def conservative(self) -> bool:
@@ -55,6 +68,10 @@ class Spring(Load):
     @property
     def anchor(self) -> Tensor | None:
         return None if callable(self.to) else self.to
+
+    @property
+    def wants_frame(self) -> bool:
+        return self.damped
 
     def in_free_vibration(self) -> Load:
         return self
@@ -67,12 +84,21 @@ class Spring(Load):
         k, length, c = (v[..., None] for v in (self.stiffness, self.length, self.damping))
         d = site.position - value_at(self.to, t, inputs, site.R)
         if self.linear:
-            return -k * d - (c * site.velocity if self.damped else 0), None
+            return -k * d - (c * self._rate(site, t, inputs) if self.damped else 0), None
         n, r = _direction(d)
         tension = k * (r - length)
         if self.damped:
-            tension = tension + c * (n * site.velocity).sum(-1, keepdim=True)
+            tension = tension + c * (n * self._rate(site, t, inputs)).sum(-1, keepdim=True)
         return -tension * n, None
+
+    def _rate(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        """d' (..., 3) in frame a."""
+        (origin, omega), rate = site.frame, site.velocity
+        if origin is not None:
+            rate = rate - origin
+        if omega is not None:
+            rate = rate - torch.linalg.cross(*torch.broadcast_tensors(omega, site.position))
+        return rate if self.moving is None else rate - value_at(self.moving, t, inputs, site.R)
 
     def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Undamped: -k (I - length/|d| (I - n n^T))."""
@@ -84,6 +110,8 @@ class Spring(Load):
         if not self.linear:
             n, r = _direction(site.position - value_at(self.to, t, inputs, site.R))
             by_r = by_r + k * length / r[..., None] * (eye - outer(n, n))
+        if self.damped and site.frame[1] is not None:
+            by_r = by_r + c * skew(site.frame[1])
         found = {POSITION: by_r, **({VELOCITY: -c * eye} if self.damped else {})}
         return {name: torch.cat((d, torch.zeros_like(d)), -2) for name, d in found.items()}
 
@@ -99,7 +127,8 @@ def _direction(d: Tensor) -> tuple[Tensor, Tensor]:
 class RootSpring(Load):
     """An elastic, damped clamp: node 0 hangs in its support by six springs, from the energy 1/2 d^T k d + 1/2 phi^T k phi.
 
-    stiffness  (..., 6) N/m and N m/rad along and about the support's axes, or a pair (forces, moments) of values or triples
+    stiffness  (..., 6) N/m and N m/rad along and about the support's axes, or a pair (forces, moments) of numbers,
+               (..., 1) or triples (..., 3)
     damping    the same, N s/m and N m s/rad, on the motion against the support; None = none
 
     d is the displacement and phi the rotation vector (|phi| < pi) of node 0 from its support, in the support's axes, which are
@@ -209,12 +238,15 @@ def _turned(R: Tensor, matrix: Tensor) -> Tensor:
 
 
 def _six(name: str, value: Value) -> Value:
-    """Six values (..., 6) from six, or from a pair of numbers or triples."""
+    """Six values (..., 6) from six, or from a pair of numbers, of (..., 1) or of triples (..., 3)."""
     if isinstance(value, (list, tuple)) and len(value) == 2:
         own = has_dtype(value)
         dtype = common_dtype(value)[0] if own else torch.float64
         parts = [as_tensor(p, dtype) for p in value]
-        parts = [p.expand(3) if p.ndim == 0 else axis_last(f"RootSpring's {name}", p, 3) for p in parts]
+        for p in parts:
+            if p.ndim and p.shape[-1] not in (1, 3):
+                raise ValueError(f"RootSpring's {name} with a part of shape {tuple(p.shape)} was given; one number, (..., 1) "
+                                 "of a batch, or (..., 3) is wanted")
         lead = broadcast_shapes(*(p.shape[:-1] for p in parts))
         both = torch.cat([p.expand(*lead, 3) for p in parts], -1)
         return both if own else numbers(both.numpy())

@@ -28,6 +28,15 @@ STRUCTURAL: dict[str, tuple[int, ...]] = {
 }
 
 
+def accumulated(g: Graph, x: Tensor, places: list[Tensor | None], values: Tensor) -> Tensor:
+    """x with values added at places, of which one may come several times: `index_put` that accumulates."""
+    at = torch.arange(x.numel()).reshape(x.shape)[tuple(slice(None) if p is None else p for p in places)]
+    found = x.flatten().tolist()
+    for place, value in zip(at.flatten().tolist(), values.expand(at.shape).flatten().tolist(), strict=True):
+        found[place] = g.make("add", found[place], value)
+    return torch.tensor(found, dtype=torch.long).reshape(x.shape)
+
+
 def _matrix_product(g: Graph, a: Tensor, b: Tensor) -> Tensor:
     """(..., m, k), (..., k, n) -> (..., m, n)"""
     lead = broadcast_shapes(a.shape[:-2], b.shape[:-2])

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from .arrays import OTHER, STRUCTURAL, UNKNOWN
+from .arrays import OTHER, STRUCTURAL, UNKNOWN, accumulated
 from .elementwise import ELEMENTWISE, REDUCTIONS, elementwise, reduction
 from .function import Function, Output
 from .graph import Graph
@@ -207,6 +207,8 @@ class _Tracer(TorchDispatchMode):
                 if any(self.traced(x) for k, arg in enumerate(args) if k not in at for x in _tensors((arg,))):
                     raise NotImplementedError("places that depend on inputs")
                 moved = [self._known(func, arg) if k in at else arg for k, arg in enumerate(args)]
+                if name == "index_put" and any(args[3:4]):
+                    return accumulated(graph, *moved[:3])
                 if func._schema.name.endswith("_"):
                     moved[0] = moved[0].clone()
                 return func(*moved, **({"memory_format": torch.preserve_format} if name == "clone" else settings))

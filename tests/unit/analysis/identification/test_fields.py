@@ -76,6 +76,24 @@ def test_noise_beside_a_weight():
     assert_close(found["x"], known["x"], rtol=1e-5, atol=1e-6)
 
 
+def test_data_without_noise():
+    """The field is what the data are made of, to 1e-3 (singular values fall by 1e5, the prior of the second derivative is not
+    gone), with a sigma far below the data.
+    """
+    found = tb.identify_fields(blurred, BLUR @ TRUE, {"x": torch.zeros(P)}, {"x": tb.Smoothness(2)})
+    assert 0 < found.sigma < 1e-4 and found.fit.misfit < 1e-4
+    assert_close(found["x"], TRUE, rtol=0, atol=1e-3)
+
+
+def test_single_precision():
+    """Bare starts are of the data's dtype, whatever torch's default is."""
+    blur = BLUR.float()
+    for options in ({"weight": {"x": 0.01}}, {}):
+        found = tb.identify_fields(lambda theta: theta["x"] @ blur.T, noisy(0.02).float(), {"x": [0.0] * P},
+                                   {"x": tb.Smoothness(2)}, **options)
+        assert found["x"].dtype == torch.float32 and (found["x"] - TRUE).abs().max() < 0.3
+
+
 def test_the_corner_of_the_l_curve():
     """Two decades of weights about the corner: the L-curve's weight is no more than that from the evidence's."""
     options = dict(start={"x": torch.zeros(P)}, smoothness={"x": tb.Smoothness(2)})
@@ -173,8 +191,12 @@ def test_refusals():
             tb.identify_fields(blurred, data, start, {"x": tb.Smoothness()}, weight=weight)
     with pytest.raises(ValueError, match="absolute_sigma=False was given to identify_fields"):
         tb.identify_fields(blurred, data, start, {"x": tb.Smoothness()}, absolute_sigma=False)
-    with pytest.raises(ValueError, match="noise = 'channel' was given to identify_fields"):
+    with pytest.raises(ValueError, match="noise='channel' was given to identify_fields"):
         tb.identify_fields(blurred, data, start, {"x": tb.Smoothness()}, noise="channel")
+    for none, said in (({}, "data of no experiment"), (0 * data, "data that are all zero"),
+                       ({"one": 0 * data}, "data that are all zero")):
+        with pytest.raises(ValueError, match=said):
+            tb.identify_fields(blurred, none, start, {"x": tb.Smoothness()})
     with pytest.raises(ValueError, match="0, 1 or 2 is wanted"):
         tb.Smoothness(3)
     with pytest.raises(ValueError, match="4 or more"):

@@ -4,7 +4,7 @@ import math
 
 import pytest
 import torch
-from torch.distributions import Normal
+from torch.distributions import Gamma, LogNormal, Normal
 from torch.testing import assert_close
 from wave_cases import CLEAN, NOISE, T, wave
 
@@ -100,6 +100,30 @@ def test_the_bootstrap_scatters_as_the_covariance():
     assert_close(found.theta, again.theta)
 
 
+@pytest.mark.parametrize("sigma", [0.002, None])
+def test_repeats_say_the_same_of_any_function(sigma):
+    """Deflections of a strip in a clamp of compliance c, which linear least squares find with their normal law, or Student's t:
+    whether c is searched, or the stiffness 1/c, or its logarithm, the interval is that of c, which 4,000 repeats know to 5 % of
+    its width, and the same to a hundredth: a fit ends by a step of a hundredth of a deviation. (That of c is 10 %.)
+    """
+    s = torch.linspace(0.125, 1, 8)
+    data = s**2 * (3 - s) / 6 + s * 0.05 + 0.002 * torch.tensor([1.0, -1.0, -0.5, 0.5, 1.0, -1.0, -1.0, 1.0])
+
+    def strip(theta):
+        clamp = theta["c"] if "c" in theta else 1 / theta["k"]
+        return theta["b"][:, None] * (s**2 * (3 - s) / 6) + clamp[:, None] * s
+
+    found = []
+    for one in ({"c": 0.05}, {"k": 20.0}, {"k": tb.Parameter(20.0, "log")}):
+        fit = tb.identify(strip, data, {"b": 1.0, **one}, sigma=sigma)
+        ends = fit.interval(method="bootstrap", repeats=4000)[1]
+        found.append(ends if "c" in one else 1 / ends.flip(0))
+        if "c" in one:
+            assert ((ends - fit.interval()[1]).abs() < 0.05 * (ends[1] - ends[0])).all()
+    for other in found[1:]:
+        assert_close(other, found[0], rtol=0, atol=1e-2 * (found[0][1] - found[0][0]).item())
+
+
 def test_as_many_parameters_as_data():
     """No sigma, and nothing left to know it by: a hint says so, and profile and bootstrap are refused."""
     fit = tb.identify(lambda theta: wave(theta)[:, :2], CLEAN[:2], {"a": 1.0, "b": 1.0})
@@ -110,10 +134,27 @@ def test_as_many_parameters_as_data():
             fit.interval(method=method)
 
 
+def test_the_bootstrap_repeats_normal_priors():
+    """Readings of a sum, each number with a normal prior, and of one with a log-normal: repeats scatter as the posterior of the
+    conditional normal law (3,000 repeats: 1.3 %), and intervals are those of the covariance to what quantiles know (3 %).
+    """
+    start = {"a": tb.Parameter(torch.tensor([0.7, 0.7]), prior=Normal(torch.tensor([1.0, 0.5]), torch.tensor([0.3, 0.4]))),
+             "c": tb.Parameter(1.0, "log", own=True, prior=LogNormal(0.1, 0.05))}
+    models = {"x": lambda theta: theta["a"].sum(-1, keepdim=True), "y": lambda theta: theta["c"][:, None] + theta["a"][:, :1]}
+    data = {"x": tb.Measurement([2.0], 0.1), "y": tb.Measurement([2.0], 0.5, offset=True)}
+    fit = tb.identify(models, data, start)
+    found = fit.bootstrap(3000)
+    assert (found.status == 0).all()
+    assert_close(found.x.std(0), fit.x_covariance.diagonal().sqrt(), rtol=0.05, atol=0)
+    assert_close(found.x.T.cov(), fit.x_covariance, rtol=0, atol=0.05 * fit.x_covariance.max().item())
+    off = (fit.interval(method="bootstrap", repeats=3000) - fit.interval()).abs()[:2] / fit.deviation[:2, None]
+    assert off.max() < 0.15
+
+
 def test_bootstraps_that_are_refused():
-    """Of priors, whose spread repeated data would lack; levels that are none."""
-    with pytest.raises(ValueError, match="of a fit with priors"):
-        tb.identify(wave, CLEAN, {"a": 1.0, "b": tb.Parameter(1.0, prior=Normal(1.0, 0.1))}, sigma=0.1).bootstrap(50)
+    """Of priors that are no observation with normal noise; levels that are none."""
+    with pytest.raises(ValueError, match=r"with the prior Gamma\(.*\) of 'b' was asked for; normal and log-normal ones"):
+        tb.identify(wave, CLEAN, {"a": 1.0, "b": tb.Parameter(1.0, prior=Gamma(9.0, 9.0))}, sigma=0.1).bootstrap(50)
     found = tb.identify(wave, CLEAN + NOISE, {"a": 1.0, "b": 1.0}).bootstrap(50)
     for level in (0.0, 1.0):
         with pytest.raises(ValueError, match="between 0 and 1 is wanted"):

@@ -2,11 +2,14 @@
 
 import math
 
+import pytest
 import torch
+from torch.distributions import Beta, HalfNormal, Uniform
 from torch.testing import assert_close
 from wave_cases import CLEAN, T, wave
 
 import torchbeam as tb
+from torchbeam.analysis.identification.parameters import Parameters
 
 
 def test_parameters_by_name():
@@ -61,6 +64,32 @@ def test_starts_are_drawn():
     assert (fit.statuses == 5).sum() == 90 and (fit.statuses == 0).sum() == 10
     assert sum(sizes) < 100 + 10 * 5 * 20 and fit.misfits[fit.statuses == 5].min() >= fit.misfits[fit.statuses == 0].max()
     assert_close(fit.starts[fit.statuses == 0], torch.tensor([2.0, 0.7]).expand(10, 2), rtol=1e-5, atol=0)
+
+
+LIMITED = {  # parameter -> least and largest start, and whether they are drawn evenly by the logarithm
+    "log between bounds": (tb.Parameter(1.0, "log", bounds=(0.01, 2.0)), 0.01, 2.0, True),
+    "log below a bound": (tb.Parameter(1.0, "log", bounds=(0.0, 2.0)), 0.2, 2.0, True),
+    "between bounds": (tb.Parameter(1.0, bounds=(-3.0, 2.0)), -3.0, 2.0, False),
+    "above a bound": (tb.Parameter(1.0, bounds=(0.5, math.inf)), 0.5, 5.0, True),
+    "of a sign": (tb.Parameter(-1.0, bounds=(-math.inf, -0.5)), -5.0, -0.5, True),
+    "from zero": (tb.Parameter(0.0, scale=2.0, bounds=(-1.0, math.inf)), -1.0, 2.0, False),
+    "uniform": (tb.Parameter(0.4, prior=Uniform(0.3, 0.5)), 0.3, 0.5, False),
+    "beta, log": (tb.Parameter(0.9, "log", prior=Beta(2.0, 2.0)), 0.18, 1.0, True),
+    "truncated": (tb.Parameter(1.0, prior=HalfNormal(1.0)), 0.2, 5.0, True),
+}
+
+
+@pytest.mark.parametrize("name", LIMITED)
+def test_starts_are_drawn_within_limits(name):
+    """None is cut: between bounds and the ends of a prior's support, evenly in the coordinate, in each tenth as many."""
+    one, least, largest, by_log = LIMITED[name]
+    entries = {"a": one, "other": 1.0}
+    drawn = Parameters.of(entries, False, None, None, [], torch.zeros(3)).more_starts(1025, 5.0, 0).start[1:, 0]
+    assert one.prior is None or torch.isfinite(one.prior.log_prob(drawn)).all()
+    a, b, values = ((torch.as_tensor(v).abs().log() if by_log else torch.as_tensor(v)) for v in (least, largest, drawn))
+    share = ((values - a) / (b - a)).clamp(0, 1 - 1e-12)
+    assert_close(torch.bincount((10 * share).long(), minlength=10) / 1024, torch.full((10,), 0.1), rtol=0, atol=0.01)
+    assert share.max() > 0.98 and share.min() < 0.02
 
 
 def test_a_model_that_ignores_a_parameter():

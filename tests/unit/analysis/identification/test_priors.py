@@ -81,7 +81,10 @@ def test_a_prior_without_a_variance():
 
 
 def test_outside_of_the_prior_is_not_gone():
-    """A uniform prior is a wall: trials outside are not taken."""
-    start = {"a": 1.0, "b": tb.Parameter(0.2, prior=Uniform(0.0, 0.5))}
-    fit = tb.identify(wave, CLEAN, start, sigma=0.01)
-    assert (fit.history[..., 1] <= 0.5).all() and fit["b"] > 0.4
+    """The end of a uniform prior is a bound: the search goes along it, to the best amplitude for that rate."""
+    shape = torch.exp(-0.5 * T)
+    for transform in (None, "log"):
+        fit = tb.identify(wave, CLEAN, {"a": 1.0, "b": tb.Parameter(0.2, transform, prior=Uniform(0.0, 0.5))}, sigma=0.01)
+        assert (fit.history[..., 1] < 0.5).all() and fit.status == 0 and fit.held.tolist() == [False, True]
+        assert_close(fit.theta, torch.stack((shape @ CLEAN / (shape @ shape), torch.tensor(0.5))), rtol=1e-6, atol=0)
+        assert fit.interval()[1, 1] < 0.5

@@ -74,6 +74,9 @@ ARRAYS = {
     "places of the largest": lambda a, b: torch.gather(a, 1, b.argmax(1, keepdim=True).expand(3, 2)),
     "constant places": lambda a, b: (torch.gather(a, 1, torch.tensor([[0], [2], [1]])),
                                      a.index_select(0, torch.tensor([2, 2]))),
+    "places that come twice": lambda a, b: (
+        a.index_put((torch.tensor([2, 0, 2]),), b, accumulate=True),
+        torch.func.grad(lambda x: (x[:, [0, 0, 2]] ** 3 * b).sum())(a)),
 }
 
 
