@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..math.dense import solve_unchecked
+from .points import Points, carried
 from .region import Region
 
 CONVERGED, UNFINISHED, STUCK = 0, 1, 2
@@ -59,13 +60,13 @@ class Found:
 
 
 def search(problem: LeastSquares, x: Tensor, region: Region, iterations: int, tolerance: float,
-           known: tuple[Tensor | None, Tensor] | None = None, follow: int | None = None, negligible: float = 0.0,
+           known: tuple[Tensor, Tensor] | None = None, follow: int | None = None, negligible: float = 0.0,
            progress: Callable[[int, int, float], None] | None = None) -> Found:
     """By the method of Levenberg and Marquardt, each start (S, p) by itself, those that are not done as one batch.
 
-    known     r (S, T) and J (S, T, p) at x, which is near the end, or None and a J of places nearby: J is then carried along
-              by Broyden's update (1965), and found anew, by differences of one side, where a step does less than it promises,
-              and once before a start counts as converged
+    known     r (S, T) and J (S, T, p) at x, which is near the end: J is then carried along by Broyden's update (1965), and
+              found anew, by differences of one side, where a step does less than it promises, and once before a start
+              counts as converged
     negligible  decrease of the squares: a step that promises no more is the last
     follow    so many starts at most, those that are best at first; the others stay where they are, with the status LEFT
     progress  gets the iteration, how many starts are at work, and the least squares so far
@@ -77,127 +78,123 @@ def search(problem: LeastSquares, x: Tensor, region: Region, iterations: int, to
 
 
 class _Search:
-    """State of a search: x, r, J of all starts, damping, status; which J were found at x (`fresh`), and not roughly
+    """State of a search: where all starts are (`at`), damping, status; which J were found at x (`fresh`), and not roughly
     (`exact`); of these, which were not finite, and are those of a place before (`lacking`).
     """
 
     def __init__(self, problem: LeastSquares, x: Tensor, region: Region, tolerance: float,
-                 known: tuple[Tensor | None, Tensor] | None, follow: int | None, negligible: float) -> None:
-        self.problem, self.x, self.region, self.tolerance, self.carry = problem, x, region, tolerance, known is not None
+                 known: tuple[Tensor, Tensor] | None, follow: int | None, negligible: float) -> None:
+        self.problem, self.region, self.tolerance, self.carry = problem, region, tolerance, known is not None
         self.negligible, self.raised = negligible, list[str]()
         S = len(x)
         self.status = torch.full((S,), UNFINISHED, device=x.device)
         self.fresh = torch.ones(S, dtype=torch.bool, device=x.device)
         self.exact, self.lacking = self.fresh.clone(), ~self.fresh
         if known is None:
-            self.r, self.J = self._at_starts(len(x) if follow is None else min(follow, len(x)))
+            r, J = self._at_starts(x, len(x) if follow is None else min(follow, len(x)))
         else:
-            self.r, self.J = self._near(*known)
-        self.phi, self.slope, self.bend = problem.prior(x)
+            r, J = (k.clone() for k in known)
+        self.at = Points(x, r, J, *problem.prior(x))
         self.damping = torch.full((S,), DAMPING, dtype=x.dtype, device=x.device)
         self.size = torch.zeros_like(x)  # (S, p) squares of the columns of J, which damp: none falls at once
         self.blocked = torch.zeros_like(self.fresh)  # steps are small because longer ones fail
-        self.history, self.first = [x], self.r.clone()
+        self.history, self.first = [x], r.clone()
 
     def run(self, iterations: int, progress: Callable[[int, int, float], None] | None) -> Found:
         for k in range(iterations):
             active = (self.status == UNFINISHED).nonzero()[:, 0]
             if progress is not None:
-                progress(k, len(active), self.r.square().sum(-1).amin().item())
+                progress(k, len(active), self.at.r.square().sum(-1).amin().item())
             if not len(active):
                 break
             self._iterate(active)
-            self.history.append(self.x)
+            self.history.append(self.at.x)
         if not self.carry:
             self._refresh((~(self.fresh & self.exact) & (self.status < FAILED)).nonzero()[:, 0])
-        return Found(self.x, self.r, self.J, self.status, torch.stack(self.history), self.raised, self.first)
+        at = self.at
+        return Found(at.x, at.r, at.J, self.status, torch.stack(self.history), self.raised, self.first)
 
     def _iterate(self, active: Tensor) -> None:
         """One trial of each active start."""
-        x, r, J, damping = self.x[active], self.r[active], self.J[active], self.damping[active]
-        fresh, exact = self.fresh[active], self.exact[active]
-        self.region.sized(active, r, J)
-        region = self.region.of(active)
-        gradient = (J.mT @ r[..., None])[..., 0] + self.slope[active]
-        size = torch.maximum(J.square().sum(-2) + self.bend[active], FALL * self.size[active])
-        step = self._step(x, gradient, J, self.bend[active], damping[:, None] * size, region)
-        self.size[active] = size
-        whole = torch.isfinite(step).all(-1)
-        trial = torch.where(whole[:, None], region.cut(x, x + step), x)
-        moved = trial - x
-        at_once = not self.carry and len(active) * (2 * x.shape[1] + 1) <= AT_ONCE
-        if at_once:
-            r_trial, J_trial = self._tried(self.problem.linearised, trial, active, (r, J))
-            good = torch.isfinite(J_trial).flatten(1).all(-1)
-        else:
-            (r_trial,) = self._tried(lambda a, b: (self.problem.residuals(a, b),), trial, active, (r,))
-            J_trial, good = _carried(J, r, r_trial, moved, region) if self.carry else J, True
-        phi, slope, bend = self.problem.prior(trial)
-        before, after = r.square().sum(-1) + 2 * self.phi[active], r_trial.square().sum(-1) + 2 * phi
-        failed = ~(torch.isfinite(after) & good)
+        here, damping = self.at.of(active), self.damping[active]
+        self.region.sized(active, here.r, here.J)
+        trial, whole, at_once = self._trial(active, here)
+        moved, before, after = trial.x - here.x, here.objective, trial.objective
+        failed = ~(torch.isfinite(after) & torch.isfinite(trial.J).flatten(1).all(-1))
         lower = (after <= before) & ~failed & whole
+        promised = here.promised(moved)
+        done = whole & self._settled(here.x, moved, before, after, lower, promised) & (
+            lower | (moved == 0).all(-1) | (damping <= 1))
+        sure = (self.fresh & (self.exact | self.carry))[active] | at_once  # derivatives by which a start may fail or end
+        again, done = (done | ~lower) & ~sure, done & sure
         blocked = (self.blocked[active] | failed) & ~(lower & (damping <= 1))
-        promised = -((gradient * moved).sum(-1) * 2 + (J @ moved[..., None])[..., 0].square().sum(-1)
-                     + (self.bend[active] * moved.square()).sum(-1))
-        short = ~(before - after >= POOR * promised)
-        settled = self._settled(x, moved, before, after, lower)
-        if self.negligible:
-            settled = settled | (promised.abs() <= self.negligible)
-        done = whole & settled & (lower | (moved == 0).all(-1) | (damping <= 1))
-        take = lower[:, None]
-        self.x = self.x.index_put((active,), torch.where(take, trial, x))
-        self.r[active] = torch.where(take, r_trial, r)
-        self.J[active] = torch.where(take[..., None], J_trial, J)
-        self.phi[active] = torch.where(lower, phi, self.phi[active])
-        self.slope[active] = torch.where(take, slope, self.slope[active])
-        self.bend[active] = torch.where(take, bend, self.bend[active])
-        sure = (fresh & (exact | self.carry)) | torch.full_like(fresh, at_once)  # derivatives by which a start may fail or end
-        self.fresh[active] = (fresh & ~lower) | at_once | (done & sure)
-        self.exact[active] = exact | at_once
-        done, again = done & sure, (done | ~lower) & ~sure
         more = torch.where(lower, damping / 10, torch.where(again, damping, damping * 10))
         stuck = (done & (blocked | self.lacking[active])) | (~done & (more > LARGEST))
+        self.at.put(active[lower], trial.of(lower))
+        self.fresh[active] = (self.fresh[active] & ~lower) | at_once | done
+        self.exact[active] |= at_once
         self.damping[active], self.blocked[active] = more, blocked
         self.status[active] = torch.where(stuck, STUCK, torch.where(done, CONVERGED, UNFINISHED))
         if self.carry:
-            self._refresh(active[again | (lower & short & ~done)], rough=True)
+            poor = lower & ~(before - after >= POOR * promised)
+            self._refresh(active[again | (poor & ~done)], rough=True)
         elif not at_once:
             fast = lower & (after < FAST * before)
             self._refresh(active[fast & ~done], rough=True)
             self._refresh(active[(again | (lower & ~fast)) & ~(done | stuck)])
 
-    def _step(self, x: Tensor, gradient: Tensor, J: Tensor, bend: Tensor, damping: Tensor, region: Region) -> Tensor:
+    def _trial(self, active: Tensor, here: Points) -> tuple[Points, Tensor, bool]:
+        """What is found a damped step further; whether the step is finite (N,); whether derivatives are those of there, else
+        they are carried along, or of here.
+        """
+        region = self.region.of(active)
+        size = self.size[active] = torch.maximum(here.J.square().sum(-2) + here.bend, FALL * self.size[active])
+        step = self._step(here, self.damping[active, None] * size, region)
+        whole = torch.isfinite(step).all(-1)
+        x = torch.where(whole[:, None], region.cut(here.x, here.x + step), here.x)
+        at_once = not self.carry and len(active) * (2 * x.shape[1] + 1) <= AT_ONCE
+        if at_once:
+            r, J = self._tried(self.problem.linearised, x, active, (here.r, here.J))
+        else:
+            (r,) = self._tried(lambda a, b: (self.problem.residuals(a, b),), x, active, (here.r,))
+            J = carried(here.J, here.r, r, x - here.x, region) if self.carry else here.J
+        return Points(x, r, J, *self.problem.prior(x)), whole, at_once
+
+    @staticmethod
+    def _step(here: Points, damping: Tensor, region: Region) -> Tensor:
         """Damped step (N, p), of those parameters that no bound holds."""
-        A = J.mT @ J + torch.diag_embed(bend)
-        held = region.held(x, gradient)
-        free = ~held
-        A = A * (free[:, None] & free[..., None]) + torch.diag_embed(held.to(A))
-        eps, tiny = torch.finfo(x.dtype).eps, torch.finfo(x.dtype).tiny
+        gradient = here.gradient
+        free = ~region.held(here.x, gradient)
+        A = here.J.mT @ here.J + torch.diag_embed(here.bend)
+        A = A * (free[:, None] & free[..., None]) + torch.diag_embed((~free).to(A))
+        eps, tiny = torch.finfo(A.dtype).eps, torch.finfo(A.dtype).tiny
         damped = A + torch.diag_embed(damping + eps * A.diagonal(dim1=-2, dim2=-1) + tiny)
         return -solve_unchecked(damped, (gradient * free)[..., None])[..., 0]
 
-    def _settled(self, x: Tensor, moved: Tensor, before: Tensor, after: Tensor, lower: Tensor) -> Tensor:
-        """Whether the step is small, or what it gains."""
+    def _settled(self, x: Tensor, moved: Tensor, before: Tensor, after: Tensor, lower: Tensor, promised: Tensor) -> Tensor:
+        """Whether the step is small, or what it gains, or promised."""
         size = torch.where(self.region.additive, 1.0, x.abs() + self.tolerance)
         small = (moved.abs() <= self.tolerance * size).all(-1)
-        return small | ((before - after <= self.tolerance**2 * before) & lower)
+        idle = promised.abs() <= self.negligible if self.negligible else torch.zeros_like(small)
+        return small | idle | ((before - after <= self.tolerance**2 * before) & lower)
 
     def _refresh(self, which: Tensor, rough: bool = False) -> None:
         """Derivatives anew. Where they are not finite the old ones stay, by which no start converges."""
         if not len(which):
             return
-        _, J = self._tried(lambda a, b: self.problem.linearised(a, b, self.r[b], rough), self.x[which], which,
-                           (self.r[which], self.J[which]))
+        at = self.at
+        _, J = self._tried(lambda a, b: self.problem.linearised(a, b, at.r[b], rough), at.x[which], which,
+                           (at.r[which], at.J[which]))
         good = torch.isfinite(J).flatten(1).all(-1)
-        self.J[which] = torch.where(good[:, None, None], J, self.J[which])
+        at.J[which] = torch.where(good[:, None, None], J, at.J[which])
         self.fresh[which], self.exact[which] = True, not rough
         self.lacking[which] = ~good if self.carry or not rough else False
 
-    def _at_starts(self, follow: int) -> tuple[Tensor, Tensor]:
+    def _at_starts(self, x: Tensor, follow: int) -> tuple[Tensor, Tensor]:
         """r and J at the starts that are followed; of those that fail infinite misfits, with the status FAILED. Where all fail,
         the first error.
         """
-        S, (x, p) = len(self.x), (self.x, self.x.shape[1])
+        S, p = x.shape
         every, phi = torch.arange(S, device=x.device), self.problem.prior(x)[0]
         if follow < S:
             (r,) = self._tried(lambda a, b: (self.problem.residuals(a, b),), x, every)
@@ -213,18 +210,6 @@ class _Search:
             raise ValueError(f"a start (0 of {S}) at which the model is not finite was given; another is wanted")
         self.status = torch.where(good, self.status, FAILED)
         return torch.where(good[:, None], r, torch.inf), torch.where(good[:, None, None], J, 0)
-
-    def _near(self, r: Tensor | None, J: Tensor) -> tuple[Tensor, Tensor]:
-        """r and J that are known; J of a place nearby where r is not. Of starts that fail infinite misfits, with the status
-        FAILED.
-        """
-        if r is not None:
-            return r.clone(), J.clone()
-        every = torch.arange(len(self.x), device=self.x.device)
-        (r,) = self._tried(lambda a, b: (self.problem.residuals(a, b),), self.x, every)
-        good = torch.isfinite(r).all(-1)
-        self.status, self.fresh = torch.where(good, self.status, FAILED), torch.zeros_like(good)
-        return torch.where(good[:, None], r, torch.inf), J.clone()
 
     def _tried(self, evaluate: Callable, x: Tensor, which: Tensor, like: tuple[Tensor, ...] | None = None
                ) -> tuple[Tensor, ...]:
@@ -254,12 +239,3 @@ def _parts(evaluate: Callable, x: Tensor, which: Tensor, errors: list[Exception]
             return [None]
     return [part for half in zip(x.tensor_split(2), which.tensor_split(2), strict=True)
             for part in _parts(evaluate, *half, errors)]
-
-
-def _carried(J: Tensor, r: Tensor, r_trial: Tensor, step: Tensor, region: Region) -> Tensor:
-    """Broyden's update: J (N, T, p) changed as little as gives what the step gave, steps in the parameters' sizes."""
-    size = torch.where(region.additive, 1.0, torch.where(region.size > 0, region.size, 1.0))
-    scaled = step / size**2
-    length = (step * scaled).sum(-1)
-    off = r_trial - r - (J @ step[..., None])[..., 0]
-    return J + off[..., None] * (scaled / torch.where(length > 0, length, 1)[:, None])[:, None]

@@ -39,7 +39,7 @@ class Spread:
         held = problem.region(x).held(x, (J.mT @ r + pull)[None])[0]
         A = J.mT @ J + torch.diag(bend)
         C = _covariance(A, held)
-        free = C * ~held * ~held[:, None]
+        free = _among(~held & (A.diagonal() > 0), C)
         redundancy = noise.redundancy(J, free, problem.known)
         scale = 1.0
         if not problem.sigma_given:
@@ -51,7 +51,7 @@ class Spread:
     @property
     def free(self) -> Tensor:
         """(p, p) covariance with what is held as it is: zeros there."""
-        return self.covariance * ~self.held * ~self.held[:, None]
+        return _among(~self.held, self.covariance)
 
 
 def half_interval(quantile: Tensor, variance: Tensor, slope: Tensor) -> Tensor:
@@ -59,6 +59,11 @@ def half_interval(quantile: Tensor, variance: Tensor, slope: Tensor) -> Tensor:
     of 2 |slope| d + d^2 / variance = quantile^2.
     """
     return quantile.square() / (slope.abs() + (slope.square() + quantile.square() / variance).sqrt())
+
+
+def _among(some: Tensor, C: Tensor) -> Tensor:
+    """C (p, p) of some parameters (p,) bool, zeros elsewhere: where data tell nothing C is infinite."""
+    return torch.where(some & some[:, None], C, 0)
 
 
 def _covariance(A: Tensor, held: Tensor) -> Tensor:
@@ -89,4 +94,5 @@ def _freedom(problem: Problem, J: Tensor, C: Tensor, free: Tensor) -> Tensor:
     information = torch.einsum("cij,dji->cd", taken, taken) + torch.diag(alone)
     if len(information) == 1:  # as many parameters as data: one degree is left
         information = information.clamp(min=1)
-    return 1 / torch.einsum("cj,cd,dj->j", share, torch.linalg.inv(information), share)
+    found = 1 / torch.einsum("cj,cd,dj->j", share, torch.linalg.inv(information), share)
+    return torch.where(torch.isfinite(found), found, 1.0)  # of those that the data tell nothing of

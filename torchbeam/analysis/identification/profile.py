@@ -16,7 +16,6 @@ PLACES = (0.4, 0.75, 1.0, 1.35)  # of the half-interval that the covariance says
 WIDER = 4  # times that the outermost place is doubled where the interval is not found
 ITERATIONS = 25
 TOLERANCE = 1e-5
-NEGLIGIBLE = 1e-4  # decrease of the squares over the noise's: of the rise it is nothing
 
 
 @dataclass(frozen=True)
@@ -40,14 +39,13 @@ def profiles(problem: Problem, x: Tensor, covariance: Tensor, step: Tensor, whic
     """
     with torch.no_grad():
         none = torch.zeros(1, dtype=torch.long, device=x.device)
-        r, J = problem.linearised(x[None], none)
-        best = _objective(problem, r, x[None])
+        best = _objective(problem, problem.residuals(x[None], none), x[None])
         points = {j: {0.0: 0.0} for j in which}  # place in half-intervals -> signed root of the rise, in quantiles
         todo = [(j, side * place) for j in which for place in PLACES for side in (-1, 1)]
         for _ in range(WIDER + 2):
             held = torch.tensor([j for j, _ in todo], device=x.device)
             place = torch.tensor([c for _, c in todo], dtype=x.dtype, device=x.device)
-            rise = _least(problem, x, covariance, J, scale, held, place * step[held]) - best
+            rise = _least(problem, x, covariance, held, place * step[held]) - best
             for (j, c), value in zip(todo, (rise.clamp(min=0).sqrt() / (scale * quantile[held])).tolist(), strict=True):
                 points[j][c] = value if c > 0 else -value
             todo = [(j, c) for j in which for c in _next(points[j])]
@@ -67,10 +65,8 @@ def profiles(problem: Problem, x: Tensor, covariance: Tensor, step: Tensor, whic
     return tuple(found)
 
 
-def _least(problem: Problem, x: Tensor, covariance: Tensor, J: Tensor, scale: float, held: Tensor, away: Tensor) -> Tensor:
-    """Twice the least objective (n,) with the parameters `held` (n,) at x + away, by searches that begin with the derivatives
-    J (1, T, p) at x; infinite where no fit is found.
-    """
+def _least(problem: Problem, x: Tensor, covariance: Tensor, held: Tensor, away: Tensor) -> Tensor:
+    """Twice the least objective (n,) with the parameters `held` (n,) at x + away; infinite where no fit is found."""
     parameters = problem.parameters
     ridge = covariance[held] / covariance[held, held][:, None]
     starts = x + ridge * away[:, None]
@@ -82,8 +78,7 @@ def _least(problem: Problem, x: Tensor, covariance: Tensor, J: Tensor, scale: fl
     starts[rows, held] = least[rows, held] = largest[rows, held] = torch.where(outside, x[held], pin)
     region = Region(starts, parameters.size, parameters.transform.additive, least, largest, problem.target)
     try:
-        found = search(problem, starts, region, ITERATIONS, TOLERANCE, known=(None, J.expand(len(starts), -1, -1)),
-                       negligible=NEGLIGIBLE * scale**2)
+        found = search(problem, starts, region, ITERATIONS, TOLERANCE)
     except ValueError:  # none of them can be evaluated
         return torch.full_like(away, torch.inf)
     value = _objective(problem, found.r, found.x)

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.distributions import Beta, HalfNormal, Uniform
 from torch.testing import assert_close
-from wave_cases import CLEAN, T, wave
+from wave_cases import CLEAN, NOISE, T, wave
 
 import torchbeam as tb
 from torchbeam.analysis.identification.parameters import Parameters
@@ -95,3 +95,6 @@ def test_starts_are_drawn_within_limits(name):
 def test_a_model_that_ignores_a_parameter():
     fit = tb.identify(wave, CLEAN, {"a": 1.0, "b": 1.0, "c": tb.Parameter(2.0, "log")})
     assert fit.status == 3 and fit.unidentifiable == ("the misfit does not change with c (here 2)",)
+    fit, two = (tb.identify(wave, CLEAN + NOISE, {"a": 1.0, "b": 1.0, **more}) for more in ({"c": 2.0}, {}))
+    assert_close(fit.interval()[:2], two.interval(), rtol=0.02, atol=0)  # a degree of freedom of 38
+    assert_close(fit.interval()[2], torch.tensor([-math.inf, math.inf])) and torch.isfinite(fit.freedom).all()
