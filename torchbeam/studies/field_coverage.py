@@ -35,8 +35,8 @@ ABOUT = (
     "the heights of all nodes to {sigma:g} mm. EI of each element is found by `identify_fields`, from a uniform start, "
     "{repeats} times, and it is counted how often its {level:g} % interval (`FieldFit.interval`) holds the truth. Smooth: "
     "ln EI is drawn from the prior itself, a walk whose ends differ by {spread:g} (one deviation), another in each repeat. "
-    "Dent: EI falls evenly by 30 % from clamp to tip, and {depth:g} % less in one element, another in each repeat. Lowest: of the "
-    "elements. Error: RMS over the stated deviation. Told: how many of the {elements} numbers the data tell, on average."
+    "Dent: EI falls evenly by 30 % from clamp to tip, and is {depth:g} % less in one element, another in each repeat. Lowest: "
+    "of the elements. Error: RMS over the stated deviation. Told: how many of the {elements} numbers the data tell, on average."
 )
 
 

@@ -54,16 +54,16 @@ ABOUT = (
     "interval holds the truth: so many repeats know that to {binomial:.1f} % (one deviation). Own mesh: the data are those of "
     "the model ({coarse[0]} elements, steps of {coarse_ms:g} ms; of profile and bootstrap, of which each repeat is a batch of "
     "fits, {small[0]} elements and {small_ms:g} ms, and {resamples} sets of data); else of {fine[0]} elements and steps of "
-    "{fine_ms:g} ms; refined: the fit was carried over to {refined[0]} elements and steps of {refined_ms:g} ms by `Fit.refined`. "
-    "Clock: the sampling rate is off by {clock:g} % (one deviation), another amount in each repeat; it is a parameter with "
-    "that prior, or left out. Warned: how many fits said that misfit or residuals are no noise."
+    "{fine_ms:g} ms; refined: the fit was carried over to {refined[0]} elements and steps of {refined_ms:g} ms by "
+    "`Fit.refined`. Clock: the sampling rate is off by {clock:g} % (one deviation), another amount in each repeat; it is a "
+    "parameter with that prior, or left out. Warned: how many fits said that misfit or residuals are no noise."
 )
 
 
 @dataclass(frozen=True)
 class Case:
-    """Data and model of a row: mesh of the data and of the model, deviation of the clock, whether the clock is a parameter, sigma
-    is known.
+    """Data and model of a row: mesh of the data and of the model, deviation of the clock, whether the clock is a parameter,
+    and whether sigma is known.
     """
 
     name: str
