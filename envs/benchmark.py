@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,9 +16,12 @@ import numpy as np
 import torch
 
 from torchbeam.cli import results_folder, threads
-from torchbeam.core.results import measured_on, sentence, table, write
+from torchbeam.core.results import measured_on, sentence, table, versions, write
 from torchbeam.studies.bench import measurement
 
+from .plant import Plant
+
+TASKS = ("TipReach", "TipTrack", "FlutterHold", "Slew", "Payload")  # in space and in a plane
 BATCHES = (1, 64, 256, 1024, 4096)
 FINER = dict(elements=16, substeps=8)  # what the tip is compared with
 SWINGS, HELD = 4, 10  # episodes compared, and the intervals for which they hold an action
@@ -39,34 +43,39 @@ FIELDS = ("task", "batch", "env steps a second", "simulated s per s", "stepping 
           "error of the tip")
 
 
-class Timed:
-    """A stepper that adds up the time it takes."""
+@contextmanager
+def clocked() -> Iterator[Callable[[], float]]:
+    """A function for the seconds that beams have been simulated for since."""
+    advance, spent = Plant.advance, 0.0
 
-    def __init__(self, stepper: Any) -> None:
-        self.stepper, self.scene, self.seconds = stepper, stepper.scene, 0.0
-
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+    def timed(*args: Any) -> Any:
+        nonlocal spent
         start = time.perf_counter()
-        after = self.stepper(*args, **kwargs)
-        self.seconds += time.perf_counter() - start
+        after = advance(*args)
+        spent += time.perf_counter() - start
         return after
+
+    Plant.advance = timed
+    try:
+        yield lambda: spent
+    finally:
+        Plant.advance = advance
 
 
 def overhead(id: str, batch: int, **arguments: Any) -> float:
-    """Time of step() outside the stepper over the time inside, median over steps with actions drawn beforehand."""
+    """Time of step() beside the simulation over that of the simulation, median over steps with actions drawn beforehand."""
     env = gymnasium.make_vec(id, num_envs=batch, **arguments)
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(STEPS + 2)]
     env.reset(seed=0)
-    timed = Timed(env.state.plant.stepper)
-    env.set_state(replace(env.state, plant=replace(env.state.plant, stepper=timed)))
     shares = []
-    for action in actions:
-        timed.seconds, start = 0.0, time.perf_counter()
-        env.step(action)
-        whole = time.perf_counter() - start
-        if timed.seconds:  # not a reset
-            shares.append(whole / timed.seconds - 1)
+    with clocked() as simulated:
+        for action in actions:
+            before, start = simulated(), time.perf_counter()
+            env.step(action)
+            whole = time.perf_counter() - start
+            if spent := simulated() - before:  # not a reset of all
+                shares.append(whole / spent - 1)
     return float(np.median(shares[2:]))
 
 
@@ -133,17 +142,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         "Env steps a second by gymnasium's benchmark_vector_step, in space and in the plane; beside them the time that is not "
         "simulation and the error of the task's mesh and step. Writes envs.csv, envs.md and envs.json (with machine and "
         "versions)."))
-    parser.add_argument("--task", default="TipReach", help="its name, without torchbeam/ and version (default: %(default)s)")
-    parser.add_argument("--batches", type=int, nargs="+", default=BATCHES, help="sub-envs (default: %(default)s)")
+    parser.add_argument("--task", choices=TASKS, default=TASKS[0], help="default: %(default)s")
+    parser.add_argument("--batches", type=int, nargs="+", default=BATCHES, metavar="N",
+                        help=f"sub-envs (default: {' '.join(map(str, BATCHES))})")
     parser.add_argument("--seconds", type=float, default=2.0, help="for each measurement (default: %(default)s)")
     parser.add_argument("--threads", type=int, default=1, help="of torch (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("out/envs"), help="folder for the results (default: %(default)s)")
     given = parser.parse_args(argv)
+    for name, least in (("batches", min(given.batches)), ("threads", given.threads)):
+        if least < 1:
+            parser.error(f"--{name} {least} was given; at least 1 is wanted")
+    if not 0 < given.seconds < math.inf:
+        parser.error(f"--seconds {given.seconds:g} was given; a positive number is wanted")
     out = results_folder(parser, given.out)
     with threads(given.threads):
         rows = [row for plane in ("", "Planar")
                 for row in measure(f"torchbeam/{given.task}{plane}-v0", given.batches, given.seconds)]
         heading = measured_on()
+    heading["versions"] |= versions("llvmlite")
     text = f"{markdown(rows)}\n\n{sentence(heading)}"
     print(text)
     write(out, "envs", text, {**heading, "reference": FINER, "rows": [row._asdict() for row in rows]}, FIELDS, rows)

@@ -156,10 +156,11 @@ class BeamVectorEnv(VectorEnv):
             info, masks = self._info(after, failed, invalid, active, active | fresh if over else active)
             observation, terminated, truncated = after.observation, after.terminated, after.truncated
             if self.autoreset_mode is AutoresetMode.SAME_STEP and (done := after.done).any():
-                fresh = done
-                masks.update(final_obs=observation, _final_obs=fresh, final_info={**info, **masks}, _final_info=fresh)
-                after = self._renew(after, fresh)
-                observation = after.observation
+                final = dict(final_obs=observation, _final_obs=done, final_info={**info, **masks}, _final_info=done)
+                fresh, after = done, self._renew(after, done)
+                observation, failed = after.observation, torch.where(fresh, after.failed, failed)
+                info, masks = self._info(after, failed, invalid & ~fresh, active & ~fresh, active)
+                masks.update(final)
         self.episodes, self._going = after, after if going else None
         self._shown(fresh)
         return observation, reward, terminated, truncated, info, masks

@@ -31,11 +31,13 @@ class Sb3VecEnv(VecEnv):
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> np.ndarray:
+        if any(self._options):
+            raise ValueError("options were set for the next reset, which this adapter does not hand on; they go to that of the "
+                             "vector env, env.env.reset(options=...)")
         given = any(seed is not None for seed in self._seeds)
         observation, info = self.env.reset(seed=list(self._seeds) if given else None)
         self.reset_infos = self._each(info)
         self._reset_seeds()
-        self._reset_options()
         return observation
 
     def step_async(self, actions: np.ndarray) -> None:

@@ -183,4 +183,4 @@ class Simulation:
 
     def parameters_of(self, now: Episodes) -> dict[str, Tensor]:
         """name -> (n,), of those that vary."""
-        return {name: now.plant.params[name] for name in sorted(self.varying)}
+        return {name: now.plant.params[name].expand(len(now.steps)) for name in sorted(self.varying)}

@@ -65,9 +65,10 @@ class Slew(Task):
         return (hub, TipForce(gain=self.force[:, None] * across, follower=True))
 
     def effects(self, params: dict[str, Tensor]) -> tuple:
-        none = torch.zeros_like(params["inertia"])
+        none, frames = torch.zeros_like(params["inertia"]), self.usual.frames
         flat = torch.stack((params["inertia"] / 2, params["inertia"] / 2, params["inertia"]), -1)  # a disc, turned about z
-        return (tb.PointMass(none, inertia=torch.diag_embed(flat), node=0),)  # (k, 3) would be a matrix where k = 3
+        R = quat.matrix(frames.reshape(-1, *frames.shape[-2:])[0, 0])
+        return (tb.PointMass(none, inertia=R.mT @ torch.diag_embed(flat) @ R, node=0),)  # in section axes
 
     def sample_goal(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
         """(k, 1) rad: the angles."""
@@ -94,7 +95,7 @@ class Slew(Task):
         return rounded(now.measures["distance"], self.length)
 
     def measures(self, now: Episodes) -> dict[str, Tensor]:
-        turned = quat.multiply(quat.conjugate(now.start.rotation[:, 0]), now.beam.rotation[:, 0])
+        turned = quat.multiply(now.beam.rotation[:, 0], quat.conjugate(now.start.rotation[:, 0]))  # in frame a
         angle = now.goal[:, 0] - quat.logarithm(turned)[:, 2]  # to go, in (-3 pi / 2, 3 pi / 2]
         return {"distance": distance(now.target[:, 0], now.beam.position[:, -1]), "angle": angle}
 

@@ -116,7 +116,8 @@ class TipReachVectorEnv(BeamVectorEnv):
 
     ## Information
     `distance` (m) from tip to target, `solver_failed`, `action_invalid`; each (num_envs,) with a mask `_name`, False for
-    sub-envs that did not move. SAME_STEP adds `final_obs` (num_envs, 17) and `final_info` with their masks.
+    sub-envs that did not move. SAME_STEP adds `final_obs` (num_envs, 17) and `final_info` with their masks; where an episode
+    has ended the others are then of the one that begins, `params` too.
 
     ## Arguments
     Those of `BeamEnvConfig`, with its defaults (see `envs/config.py`), and

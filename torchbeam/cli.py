@@ -93,20 +93,21 @@ def _described(path: str, parser: argparse.ArgumentParser) -> None:
             parser.error(f"{name}: {error}")
 
 
-def results_folder(parser: argparse.ArgumentParser, path: str | Path) -> Path:
+def results_folder(parser: argparse.ArgumentParser, path: str | Path, option: str = "--out") -> Path:
     """The folder for a command's results, made with those it lies in; called before any work is begun, it ends the command with
-    a sentence and the status 2 where nothing can be written there.
+    a sentence, which names the option, and the status 2 where nothing can be written there.
     """
     try:
         return folder(path, parents=True)
     except ValueError as error:
-        parser.error(f"--out: {error}")
+        parser.error(f"{option}: {error}")
 
 
 def study(argv: Sequence[str] | None, name: str, description: str, quick: str,
-          more: Callable[[argparse.ArgumentParser], Any] | None = None) -> tuple[argparse.Namespace, Path]:
+          more: Callable[[argparse.ArgumentParser], Any] | None = None, instead: str | None = None
+          ) -> tuple[argparse.Namespace, Path]:
     """Options of a command that writes NAME.csv, NAME.md and NAME.json, --out, --quick and those that `more` adds, and the
-    folder for its results.
+    folder for its results; where the option `instead` is given, a file that is written in place of these, the folder of that.
     """
     parser = argparse.ArgumentParser(prog=f"python -m torchbeam {name}", description=(
         f"{description} Writes {name}.csv, {name}.md and {name}.json (with machine and versions)."))
@@ -115,6 +116,8 @@ def study(argv: Sequence[str] | None, name: str, description: str, quick: str,
     if more is not None:
         more(parser)
     given = parser.parse_args(argv)
+    if instead is not None and (file := getattr(given, instead)) is not None:
+        return given, results_folder(parser, file.parent, f"--{instead}")
     return given, results_folder(parser, given.out)
 
 

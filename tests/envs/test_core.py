@@ -101,10 +101,13 @@ def test_targets_can_be_held():
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
 def test_autoreset(mode):
-    """Two episodes of three steps; the first of the second comes from the same stream in every mode."""
-    env = TipReachVectorEnv(2, max_episode_steps=3, autoreset_mode=mode, **SMALL)
-    streams = TipReachVectorEnv(2, **SMALL)
-    first, second = streams.reset(seed=0)[0], streams.reset()[0]
+    """Two episodes of three steps; the first of the second comes from the same stream in every mode, and what is said of it
+    goes with it: in SameStep that of the step is in `final_info`.
+    """
+    varied = {"randomize": {"mass": (0.8, 1.2)}, **SMALL}
+    env = TipReachVectorEnv(2, max_episode_steps=3, autoreset_mode=mode, **varied)
+    streams = TipReachVectorEnv(2, **varied)
+    (first, old), (second, new) = streams.reset(seed=0), streams.reset()
     np.testing.assert_array_equal(env.reset(seed=0)[0], first)
     push = np.full((2, 2), 0.5)
     for _ in range(3):
@@ -114,6 +117,10 @@ def test_autoreset(mode):
         np.testing.assert_array_equal(observation, second)
         assert info["final_obs"].shape == (2, 17) and info["final_obs"].dtype == np.float32 and info["_final_obs"].all()
         assert (np.abs(info["final_obs"][:, 3:15]).max(1) > 0).all() and info["final_info"]["_distance"].all()
+        np.testing.assert_array_equal(info["params"]["mass"], new["params"]["mass"])
+        np.testing.assert_array_equal(info["final_info"]["params"]["mass"], old["params"]["mass"])
+        np.testing.assert_array_equal(info["distance"], new["distance"])
+        assert info["_params"].all() and not info["_distance"].any() and not info["_action_invalid"].any()
     if mode == "NextStep":
         observation, reward, terminated, truncated, info = env.step(push)
         np.testing.assert_array_equal(observation, second)
@@ -191,6 +198,9 @@ def test_windows_and_states():
     torch.testing.assert_close(env.step(action)[0], one, rtol=0, atol=0)
     with torch.no_grad():
         assert not env.step(action)[0].requires_grad
+        env.reset(options={"params": {"mass": 1.1}})
+        env.set_state(kept)  # of a time at which no parameter varied
+        assert env.step(action)[4]["params"]["mass"].tolist() == [1.0, 1.0]
 
 
 def test_sections_by_sub_env():

@@ -165,10 +165,12 @@ def test_flutter_grows_unless_it_is_held():
 
 # Slew
 
-def test_hub_and_arm_are_turned_by_the_torque():
+@pytest.mark.parametrize("up", [None, (0.0, 1.0, 0.0)])
+def test_hub_and_arm_are_turned_by_the_torque(up):
     """A stiff arm (10,000 times) under full torque for five intervals: angle = torque t^2 / 2 / (hub + arm). On N = 2 elements,
-    mass half lumped and half consistent, the arm's inertia is m L^2 / 3 (1 + 1 / (4 N^2)). What is left is its bending."""
-    env = torchbeam_envs.SlewVectorEnv(2, delay=0, **SMALL)
+    mass half lumped and half consistent, the arm's inertia is m L^2 / 3 (1 + 1 / (4 N^2)). What is left is its bending. The hub
+    turns about z, whichever way the section's axes are."""
+    env = torchbeam_envs.SlewVectorEnv(2, delay=0, up=up, **SMALL)
     env.reset(seed=0, options={"params": {"stiffness": 1e4, "inertia": [0.05, 0.1]}, "goal": [0.0]})
     for _ in range(5):
         *_, info = env.step(np.array([[1.0, 0.0, 0.0]] * 2))

@@ -10,6 +10,8 @@ from gymnasium import wrappers as single
 from gymnasium.wrappers import vector as many
 from torchbeam_envs import benchmark
 
+import torchbeam as tb
+
 ID = "torchbeam/TipReachPlanar-v0"
 SMALL = dict(elements=2, substeps=1, max_episode_steps=4)
 MODES = ["NextStep", "SameStep"]
@@ -101,6 +103,14 @@ def test_error_of_the_mesh():
     assert 1e-3 < benchmark.error(ID, **SMALL) < 0.5
 
 
+def test_overhead_is_beside_the_simulation_as_it_is_made(monkeypatch):
+    """By the call that makes all substeps of an interval at once, which the env steps by."""
+    made, repeat = [], tb.Stepper.repeat
+    monkeypatch.setattr(tb.Stepper, "repeat", lambda self, *args: made.append(1) or repeat(self, *args))
+    assert benchmark.overhead(ID, 2, **{**SMALL, "max_episode_steps": 50}) > 0
+    assert len(made) == benchmark.STEPS + 2
+
+
 def test_the_command_that_measures(tmp_path, capsys, monkeypatch):
     """Two rows in all three files."""
     pytest.importorskip("gymnasium", minversion="1.4")  # benchmark_vector_step
@@ -112,6 +122,15 @@ def test_the_command_that_measures(tmp_path, capsys, monkeypatch):
     assert [row["id"] for row in written["rows"]] == ["torchbeam/TipReach-v0", ID]
     assert (tmp_path / "envs.md").read_text().strip() in capsys.readouterr().out
     assert len((tmp_path / "envs.csv").read_text().splitlines()) == 3
+
+
+@pytest.mark.parametrize(("given", "said"), [
+    (["--task", "TipReachBlockRate"], "invalid choice"), (["--batches", "4", "0"], "--batches 0 was given"),
+    (["--seconds", "0"], "--seconds 0 was given"), (["--threads", "0"], "--threads 0 was given")])
+def test_the_command_refuses_first(given, said, capsys):
+    with pytest.raises(SystemExit):
+        benchmark.main(given)
+    assert said in capsys.readouterr().err
 
 
 def test_rows_for_the_benchmark_of_the_engine(monkeypatch):

@@ -49,6 +49,14 @@ def test_adapter_is_the_vector_env():
                 assert info["distance"] == expected[4]["distance"][i]
 
 
+def test_adapter_refuses_options():
+    """Those that stable-baselines3 would give to the members one by one."""
+    env = torchbeam_envs.Sb3VecEnv(TINY.make(2))
+    env.set_options({"goal": [1.0, 0.0, 0.0]})
+    with pytest.raises(ValueError, match="options were set"):
+        env.reset()
+
+
 def test_adapter_refuses_other_envs():
     for arguments in ({"autoreset_mode": "NextStep"}, {"output": "torch"}):
         with pytest.raises(ValueError, match="'SameStep' and numpy are wanted"):

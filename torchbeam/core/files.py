@@ -13,9 +13,18 @@ from typing import Any
 
 import torch
 
+from .validation import shown
+
 
 class NotWritten(OSError):
     """A file or folder that could not be written: one sentence that says which, and why."""
+
+
+def path_of(name: str, given: Any) -> Path:
+    """A path; ValueError for what is none."""
+    if not isinstance(given, (str, os.PathLike)) or not isinstance(text := os.fspath(given), str) or not text:
+        raise ValueError(f"{name} = {shown(given)} was given; a path is wanted")
+    return Path(text)
 
 
 def folder(path: str | Path, *, parents: bool = False) -> Path:

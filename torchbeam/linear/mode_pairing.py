@@ -63,8 +63,9 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
 
     Frequencies and shapes are differentiable, with the pairs as they are. A computed shape has no scale of its own: it gets
     the one (modal scale factor) of least squares, so that `shape - shapes` is what no scale mends, and takes one number from
-    the data of each mode. Where `shapes` are real, so is `shape`. Where two computed frequencies meet their shapes mix, and
-    neither is like a measured one: see `mac`, which is then far below 1.
+    the data of each mode, two where they are complex (`fitted` of `Measurement`). Where `shapes` are real, so is `shape`.
+    Where two computed frequencies meet their shapes mix, and neither is like a measured one: see `mac`, which is then far
+    below 1.
 
     The pairs are made the best first, for each sample by itself. A mode that no channel sees is paired last. Raises ValueError
     for fewer computed modes than measured ones, other channels, or a measured shape that is zero.

@@ -17,8 +17,26 @@ def normal_score(u: Tensor) -> Tensor:
 
 
 def normal_probability(z: Tensor) -> Tensor:
-    """Standard normal distribution function, any shape."""
-    return torch.special.ndtr(z)
+    """Standard normal distribution function, any shape, exact in the lower tail (torch.special.ndtr has no digits below -8)."""
+    return torch.erfc(-z / math.sqrt(2)) / 2
+
+
+def log_normal_probability(z: Tensor) -> Tensor:
+    """Logarithm of the standard normal distribution function, any shape: exact where that itself is 1 or 0 in rounding."""
+    return torch.special.log_ndtr(z)
+
+
+def score_of_tails(below: Tensor, above: Tensor) -> Tensor:
+    """Standard normal quantile of a probability and of what it is short of 1, any shape: the smaller of the two tells it."""
+    size = -normal_score(torch.minimum(below, above))
+    return torch.where(below < above, -size, size)
+
+
+def probability_between(low: Tensor, high: Tensor) -> Tensor:
+    """Standard normal probability of the range from low to high, any shapes that broadcast; exact in both tails."""
+    right = low > 0
+    a, b = torch.where(right, -high, low), torch.where(right, -low, high)
+    return normal_probability(b) - normal_probability(a)
 
 
 def beta_probability(x: float, a: float, b: float) -> float:

@@ -145,8 +145,8 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
 
 
 def _swung(mass: LumpedMass, x: Tensor) -> Tensor:
-    """Inertia (..., N+1, 3, 3) that nodes lose by the mass that neighbours share, where bodies have moved the centres of mass by
-    x (..., N+1, 3) from the beam's: the shared mass is the beam's alone, and does not swing with them.
+    """Inertia (..., N+1, 3, 3) that nodes lose by the mass that neighbours share, where bodies have moved the centres of mass
+    by x (..., N+1, 3) from the beam's: the shared mass is the beam's alone, and does not swing with them.
     """
     shared = mass.mass - mass.blocks(torch.ones_like(x[..., :1, :1, None]))[0][..., 0]
     return shared[..., None] * skew(x).mT @ skew(x)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.prescribed_motion import PrescribedMotion, turning
 from ..scene.scene import Scene
+from ..scene.stations import arclength
 from .constitutive_law import ElasticLaw
 from .constraints import Constraints
 from .coordinates.spatial import Space
@@ -49,7 +49,7 @@ class Model(Tree):
     @cached
     def s(self) -> Tensor:
         """(..., N+1) m, arclength of the nodes."""
-        return pad(self.length[..., 0].cumsum(-1), (1, 0))
+        return arclength(self.length[..., 0], self.scene.beam.order)
 
     @property
     def turning(self) -> bool:

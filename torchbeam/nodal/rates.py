@@ -142,8 +142,8 @@ class Rates:
                 torch.linalg.solve(inertia.rotary.J, torque[..., None])[..., 0])
 
     def _solved(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
-        """[v'; R Omega'] (..., n, w) of the nodes with unknowns, frame a, and what their balance lacks: zero, but where supports
-        hold them.
+        """[v'; R Omega'] (..., n, w) of the nodes with unknowns, frame a, and what their balance lacks: zero, but where
+        supports hold them.
         """
         model, inertia, space, first = self.model, self.free, self.free.space, self.model.constraints.first
         frame, p, free = model.frame(t), space.position, model.constraints.free

@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.arguments import count, instance
 from ..core.leaves import Tree, leaf
@@ -115,9 +116,26 @@ def stacked(sections: Sequence[Section]) -> Section:
 
 def stations_of(length: Tensor) -> Tensor:
     """Arc length (..., 2 N) m of the stations of elements of order 2, which stand for a length each."""
-    each = length.unflatten(-1, (-1, 2))
-    whole, x = each.sum(-1, keepdim=True), length.new_tensor([(1 - X) / 2, (1 + X) / 2])
-    return (whole.cumsum(-2) - whole + whole * x).flatten(-2)
+    return _within_elements(length, (-X, X)).flatten(-2)
+
+
+def arclength(length: Tensor, order: int = 1) -> Tensor:
+    """Arc length (..., N+1) m of the nodes of elements of that length (..., N) m; of order 2 (..., 2 N + 1), of lengths as in
+    `stations_of`.
+    """
+    if order == 1:
+        return pad(length.cumsum(-1), (1, 0))
+    return pad(_within_elements(length, (0.0, 1.0)).flatten(-2), (1, 0))
+
+
+def _within_elements(length: Tensor, x: tuple[float, float]) -> Tensor:
+    """Arc length (..., N, 2) m at two places x in [-1, 1] of elements of order 2. With ds/dx = J + J' x, which is the length
+    that a station stands for, s = s_0 + J (1 + x) + J' (x^2 - 1)/2: a midside node need not be in the middle.
+    """
+    first, second = length.unflatten(-1, (-1, 2))[..., None].unbind(-2)
+    mean, slope, x = (first + second) / 2, (second - first) / (2 * X), length.new_tensor(x)
+    whole = first + second
+    return whole.cumsum(-2) - whole + mean * (1 + x) + slope * (x * x - 1) / 2
 
 
 def of_elements(section: Sequence[Section] | Callable[[Tensor], Section], length: Tensor, order: int = 1) -> Section:

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ..core.functions_of_time import rate_along
 from ..core.validation import Value, as_tensor, axis_last, finite
@@ -15,6 +14,7 @@ from ..scene.axes import axes_of_nodes, orthonormal
 from ..scene.curve import carried_axes
 from ..scene.prescribed_motion import PrescribedMotion
 from ..scene.scene import Scene
+from ..scene.stations import arclength
 from .supported_nodes import Placed, at_rest, frame_motion, held_rotation, set_node
 
 
@@ -36,7 +36,7 @@ def bent(still: Placed, scene: Scene, nodes: Value, frames: Value | None, twist:
         frames = quat.from_matrix(orthonormal(as_tensor(frames, scene.dtype, scene.device), beam.count + 1, beam.count))
         rotation = frames if frames.shape[-2] == beam.count + 1 else axes_of_nodes(frames)
     else:
-        s = pad(beam.length.cumsum(-1), (1, 0))
+        s = arclength(beam.length, beam.order)
         if callable(twist):
             twist = as_tensor(twist(s), scene.dtype, scene.device)
             if twist.shape[-1:] != s.shape[-1:]:
@@ -45,7 +45,7 @@ def bent(still: Placed, scene: Scene, nodes: Value, frames: Value | None, twist:
             twist = as_tensor(twist, scene.dtype, scene.device)[..., None] * s / s[..., -1:]
 
         def axes(nodes: Tensor) -> Tensor:
-            q = carried_axes(beam.frames, beam.nodes, nodes, beam.length, twist)
+            q = carried_axes(beam.frames, beam.nodes, nodes, s.diff(dim=-1), twist)
             for support in scene.supports:
                 at = support.node
                 q = set_node(q, at, held_rotation(q[..., at, :], still.rotation[..., at, :], support))

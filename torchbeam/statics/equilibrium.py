@@ -28,7 +28,7 @@ from .arc_length import LoadedProblem, where
 from .compiled import climb as compiled
 from .continuation import NEUTRAL
 from .load_steps import climb
-from .mechanism import unheld
+from .mechanism import adrift, unheld
 from .path import stable_branch
 from .steady import Configuration, SteadyProblem
 
@@ -54,8 +54,9 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
                what is far from where it starts and hardly stiff on the way, as a slack cable or a hinged beam that swings down
     engine     "eager": torch operations. "compiled": the load is raised by native code, many samples at once on the CPU
                (llvmlite, the extra `fast`), the same answers up to rounding; what follows (gradients, `branch`) is eager.
-               "auto": compiled for many samples (32,768 and more, times elements) where llvmlite is installed and the scene is
-               taken, but for functions of the motion; else eager (TORCHBEAM_ENGINE in the environment says otherwise)
+               "auto": compiled for many samples (32,768 and more, times elements; all those of a run of `monte_carlo` count)
+               where llvmlite is installed and the scene is taken, but for functions of the motion; else eager
+               (TORCHBEAM_ENGINE in the environment says otherwise)
     inputs     by name, (..., size): by keyword, or all in a dictionary inputs={...}
 
     The load is raised in steps, per sample, where Newton's method needs it: a step in which it fails, or a node turns by more
@@ -66,7 +67,8 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     at a limit point, a RuntimeError says that there is none (with throw=False the sample is a constant); at a point of
     bifurcation a RuntimeWarning says that some do not exist.
 
-    Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form does not take and
+    A beam of which nothing holds a rigid motion, and which starts in balance, as a free one without loads, stays where it
+    starts. Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form does not take and
     RuntimeError for a sample without equilibrium; where nothing holds a rigid motion of it, the sentence says which.
     """
     choice("branch", branch, ("first", "stable"))
@@ -89,9 +91,11 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
         x, reaction, status = (relaxation.relax if relax else climb)(model, time, given, start, tolerance)
     else:
         x, reaction, status, doubtful = found
-    good = status == 0
     start = Configuration(*(v.expand(*status.shape, *v.shape[-2:]) for v in start))
     problem = SteadyProblem(model, time, given, torch.ones_like(status, dtype=scene.dtype))
+    idle = _idle(problem, start)
+    status = torch.where(idle, 0, status)
+    good = (status == 0) & ~idle
     if branch == "stable":
         unstable = good & _unstable(problem, x, start, doubtful)
         if concrete(unstable).any():
@@ -111,6 +115,9 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
         held = {name: torch.where(good[..., None], v, v.detach()) for name, v in given.items()}
         problem = replace(problem, inputs=held)
         x, reaction = _attached(problem, x, reaction, start, good)
+    if concrete(idle).any():
+        x = Configuration(*(torch.where(idle[..., None, None], a, b) for a, b in zip(start, x, strict=True)))
+        reaction = torch.where(idle[..., None, None], 0, reaction)
     failed = status != 0
     if throw and concrete(failed).any():
         alike = failed is not concrete(failed)  # one of many that torch.func.vmap has
@@ -123,11 +130,21 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
             reason = f"nothing holds {loose}; a support or a spring would ({UNRELAXED if relax else SWING})"
         raise RuntimeError(f"{which} has no equilibrium: {reason}")
     if model.conservative:
-        unstable = ~failed & _unstable(problem, x, start, None if doubtful is None else doubtful & ~failed)
+        settled = ~failed & ~idle
+        unstable = settled & _unstable(problem, x, start, None if doubtful is None else doubtful & settled)
         if concrete(unstable).any():
             warnings.warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to "
                           "another (branch='stable' looks for it)", RuntimeWarning, stacklevel=2)
     return problem.state(x, reaction, status)
+
+
+def _idle(problem: SteadyProblem, start: Configuration) -> Tensor:
+    """(...) samples with a rigid motion that nothing holds, which start in balance: they stay, for no other place is better."""
+    idle = adrift(problem.model, problem.t, problem.inputs)
+    if concrete(idle).any():
+        with no_derivatives():
+            idle = idle & (problem.residual(start)[0].measure() <= torch.finfo(start.stress.dtype).eps ** 0.5)
+    return idle.expand_as(problem.load_factor)
 
 
 def _which(mask: Tensor) -> str:

@@ -88,8 +88,8 @@ def test_beck_in_space():
 
 
 def test_a_follower_load_that_buckles_does_not_flutter():
-    """A load that follows the tip by a fifth: cos(k) = 0.2/(0.2 - 1), P = k^2 EI/L^2 (Kordas and Zyczkowski 1963), a mesh of 8 is
-    1 % off. Next to that point, where EA = 1e9 EI/L^2, rounding of the stiffness does not make pairs of the other eigenvalues.
+    """A load that follows the tip by a fifth: cos(k) = 0.2/(0.2 - 1), P = k^2 EI/L^2 (Kordas and Zyczkowski 1963), a mesh of 8
+    is 1 % off. Next to that point, where EA = 1e9 EI/L^2, rounding of the stiffness makes no pairs of the other eigenvalues.
     """
     column = tb.Beam.straight(1.0, 8, tb.Section.from_stiffness(EA=1e9, GA=1e9, GJ=0.8, EI=1.0, mass=1.0, inertia=1e-4))
     found = tb.critical_load(lambda P: tb.Scene(column, [tb.TipLoad(force=along_x(-0.8 * P)),

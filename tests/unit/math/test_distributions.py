@@ -3,12 +3,17 @@
 import math
 
 import pytest
+import torch
 
 from torchbeam.math.distributions import (
     beta_probability,
     beta_quantile,
     binomial_interval,
     binomial_ranks,
+    log_normal_probability,
+    normal_probability,
+    probability_between,
+    score_of_tails,
     student_quantile,
 )
 
@@ -59,3 +64,17 @@ def test_ranks(q, n):
     assert below(low) <= 0.05 < below(low + 1)
     assert high == n + 1 or below(high) >= 0.95
     assert below(min(high, n + 1) - 1) < 0.95
+
+
+def test_normal_in_the_far_tail():
+    """Phi(-30) = erfc(30/sqrt 2)/2, by Python's own erfc; its logarithm; the range from 9 to 10; the score it leads back to."""
+    def tail(z):
+        return math.erfc(z / 2**0.5) / 2
+
+    z = torch.tensor([-30.0, -9.0, -1.0, 2.0], dtype=torch.float64)
+    assert normal_probability(z).tolist() == pytest.approx([tail(30), tail(9), tail(1), 1 - tail(2)], rel=1e-13)
+    assert log_normal_probability(z).exp().tolist() == pytest.approx([tail(30), tail(9), tail(1), 1 - tail(2)], rel=1e-12)
+    nine, ten = z.new_tensor(9.0), z.new_tensor(10.0)
+    assert probability_between(nine, ten).item() == pytest.approx(tail(9) - tail(10), rel=1e-13)
+    assert probability_between(-ten, nine).item() == pytest.approx(1.0, rel=1e-15)
+    assert score_of_tails(normal_probability(-z), normal_probability(z)).tolist() == pytest.approx((-z).tolist(), rel=1e-12)

@@ -13,8 +13,12 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.dynamics.simulate import simulate
 from torchbeam.math import quaternions as quat
+from torchbeam.math.quadratic import at_points, threes
 from torchbeam.nodal.coordinates.planar import Plane
 from torchbeam.nodal.coordinates.quadratic import QuadraticPlane, QuadraticSpace
+from torchbeam.nodal.discretise import discretise
+from torchbeam.nodal.loads import Nodes, external
+from torchbeam.scene.stations import stations_of
 from torchbeam.studies.common_case import Case
 
 N, BATCH = 2, (5,)
@@ -206,3 +210,21 @@ def test_what_does_not_take_them_says_so():
     with pytest.raises(ValueError, match="elements of order 2"):
         tb.simulate(scene, [0.0, 0.1], form="minimal", method="rk4", options={"step_size": 0.1})
     assert "elements of order 2" in str(tb.describe(scene)) and "2 elements of order 2" in repr(scene)
+
+
+def test_places_and_loads_where_midside_nodes_are_off_the_middle():
+    """Nodes at s of unequal intervals: the model has them there, as the beam is straight; a force per length that is linear in
+    s, and one by element, load the beam by their integrals, to rounding.
+    """
+    s = torch.tensor([0, 0.19, 0.4, 0.57, 0.7, 0.9, 1.1])
+    section = tb.Section.from_stiffness(EA=1.0, GA=1.0, GJ=1.0, EI=1.0, mass=1.0)
+    beam = tb.Beam.from_nodes(torch.stack((s, 0 * s, 0 * s), -1), section, order=2)
+    q, each = torch.tensor([0.0, 2, 3]), torch.tensor([0.3, 0.8, 0.1])
+    by_place, by_element = tb.Along(lambda s, t: s[..., None] * q), tb.PerElement(each[:, None] * q)
+    for force, total in ((by_place, 1.1**2 / 2), (by_element, (each * s[::2].diff()).sum())):
+        model = discretise(tb.Scene(beam, [tb.LineLoad(force=force)]))
+        assert_close(model.s, s)
+        load = external(model, Nodes(beam.nodes, beam.frames), torch.tensor(0.0), {})
+        assert_close(load[:, :3].sum(0), total * q)
+    values, _ = at_points(s)
+    assert_close(stations_of(beam.length), (values @ torch.stack(threes(s, 0), -1)[..., None])[..., 0].flatten())

@@ -105,8 +105,8 @@ def off_axis(**options):
 
 
 @pytest.mark.parametrize("supports", [
-    (tb.Support(0, rotation="xz"),), (tb.Support(0), tb.Support(-1, rotation="")), (tb.Support(0), tb.Support(2, "yz", "")), ()],
-    ids=["a hinge", "a pin beside a clamp", "a slide", "free"])
+    (tb.Support(0, rotation="xz"),), (tb.Support(0), tb.Support(-1, rotation="")), (tb.Support(0), tb.Support(2, "yz", "")),
+    ()], ids=["a hinge", "a pin beside a clamp", "a slide", "free"])
 def test_reactions_balance_the_rate_of_momentum(supports):
     """d/dt (m v_c) summed = loads + reactions, and the same of moments about frame a's origin, where masses lie off their
     nodes: a body swings about a node that is held in part, and the support feels it. By forward mode.

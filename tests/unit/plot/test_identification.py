@@ -65,9 +65,10 @@ def test_single_readings_have_no_curve():
 
 
 def test_the_band_of_sigma_that_only_weighs():
-    """Residuals' band: 1.96 of the noise that the misfit says, whatever factor sigma has."""
+    """Residuals' band: 1.96 of the noise that the misfit says over T - 1 degrees of freedom, whatever factor sigma has."""
     for sigma in (None, 7.0):
         one = tb.identify(lambda theta: theta["b"][:, None] * T, 2 * T + NOISE[:, 0], {"b": 1.0}, sigma=sigma,
                           absolute_sigma=False)
         band = tb.plot.fit(one)[1].collections[0].get_paths()[0].vertices[:, 1].max()
-        assert band == pytest.approx(1.96 * (one.y - 2 * T - NOISE[:, 0]).square().mean().sqrt().item())
+        squares = (one.y - 2 * T - NOISE[:, 0]).square().sum()
+        assert band == pytest.approx(1.96 * (squares / (len(T) - 1)).sqrt().item())

@@ -259,6 +259,30 @@ def test_a_mechanism_among_beams_of_their_own():
         tb.equilibrium(scene)
 
 
+@pytest.mark.parametrize("order, N", [(1, 16), (2, 6)])
+def test_what_nothing_holds_and_nothing_loads_stays(order, N):
+    """A free beam without loads is in equilibrium where it is, whatever rounding makes of its stiffness: no error and no
+    warning; modes take that. (beta L)^2 of Euler's free beam: three of rigid motions, 22.3733, 61.6728; mesh and shear 0.5 %.
+    """
+    free = tb.Scene(tb.Beam.straight(torch.tensor([1.0, 2.0]), N, tb.Section.from_stiffness(1e6, 1e6, 0.3, 1.0, mass=1.0),
+                                     order=order), [tb.PointMass(0.0)], supports=(), plane="xz")
+    state = tb.equilibrium(free)
+    assert (state.status == 0).all() and (state.position == tb.rest(free).position).all() and (state.stress == 0).all()
+    known = torch.tensor([0.0, 0.0, 0.0, 22.3733, 61.6728])
+    assert_close(tb.modes(free, count=5).frequency, torch.stack((known, known / 4)), rtol=5e-3, atol=1e-3)
+
+
+def test_what_stays_beside_what_springs_hold():
+    """Springs of one sample alone, at rest: its tip has the derivative 1/k by a force there, its neighbour's has none."""
+    force = torch.zeros(2, 3, requires_grad=True)
+    spring = tb.Spring(-1, torch.tensor([5.0, 0.0]), to=(1.0, 0.0, 0.0))
+    beam = tb.Beam.straight(1.0, 3, tb.Section.from_stiffness(1e6, 1e6, 0.3, 1.0, mass=1.0))
+    state = tb.equilibrium(tb.Scene(beam, [spring, tb.TipLoad(force=force)], supports=HINGE))
+    assert (state.status == 0).all()
+    (slope,) = torch.autograd.grad(state.tip.position[:, 2].sum(), force)
+    assert_close(slope[:, 2], torch.tensor([0.2, 0.0]), rtol=1e-8, atol=1e-12)
+
+
 CABLE = tb.Section.from_stiffness(EA=1e4, GA=5e3, GJ=1e-4, EI=1e-4, mass=1.0, inertia=1e-5)
 
 

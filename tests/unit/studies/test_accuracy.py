@@ -71,6 +71,19 @@ def test_references_are_written(tmp_path, monkeypatch):
     assert references.difference(torch.tensor(found["tip"]), references.load()["follower"].tip) < 0.02
 
 
+def test_references_by_the_command(tmp_path, capsys, monkeypatch):
+    """They go where they are said to, nothing is made elsewhere, and a place that cannot be is refused before they are made."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(references, "write", lambda path: iter([f"to {path}"]))
+    assert main(["--references", "some/references.json"]) == 0
+    assert "to some/references.json" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["some"]
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SystemExit):
+        main(["--references", "file/references.json"])
+    assert "--references: the file 'file' was given for a folder" in capsys.readouterr().err
+
+
 def test_pairs_are_balanced():
     """The cheapest mesh and step whose errors add up: of three meshes and three steps, by hand."""
     meshes = [Of(4, 0.04, 4), Of(8, 0.01, 8), Of(16, 0.0025, 16)]

@@ -98,22 +98,24 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     problem = Problem.of(experiments, parameters, boolean("absolute_sigma", absolute_sigma), own)
     problem = replace(problem, relative_step=step)
     x = problem.parameters.x
+    region = problem.region(x)
     with torch.no_grad():
         way = derivatives if derivatives in ("forward", "difference") else _chosen(problem, x)
         problem = replace(problem, method=way)
         most = count("follow", follow) if starts > 1 else None
         with _line(progress, len(x)) as report:
             def run(problem: Problem, ends: Tensor, which: Tensor) -> Found:
-                region = problem.region(x).of(which)
+                here = (region if len(which) == len(x) else region.of(which)).against(problem.target)
                 if derivatives == "adjoint":
-                    return _by_adjoint(problem, ends, region, limit, tolerance)
-                return search(problem, ends, region, limit, tolerance, follow=most and min(most, len(ends)), progress=report)
+                    return _by_adjoint(problem, ends, here, limit, tolerance)
+                return search(problem, ends, here, limit, tolerance, follow=most and min(most, len(ends)), progress=report)
 
             if own is not None and own.names:
                 problem, found = search_by_channel(problem, x, run)
             else:
                 found = run(problem, x, torch.arange(len(x), device=x.device))
-        return Fit.of(problem, found, problem.region(x), derivatives if derivatives == "adjoint" else way, tolerance)
+        region = region.against(problem.target)
+        return Fit.of(problem, found, region, derivatives if derivatives == "adjoint" else way, tolerance)
 
 
 def _chosen(problem: Problem, x: Tensor) -> str:

@@ -30,9 +30,9 @@ class Measurement:
     clock   relative error of the clock, or the name of a parameter that is it: where it shows s, (1 + clock) s have passed
     offset  each channel reads a constant more than what is there, a parameter beside the others
     drift   each channel reads a straight line more, per s, or per the series' length where it has no times
+    name    in sentences and pictures; None = the sensor's
     fitted  how many numbers the model itself takes from the values, as `pair_modes` the scale of each shape: so many degrees of
             freedom less has the noise
-    name    in sentences and pictures; None = the sensor's
 
     Raises ValueError for values without a number, other shapes, a sigma that is not positive, a sensor without times; a
     delay, a clock or a rate without a sensor.
@@ -47,8 +47,8 @@ class Measurement:
     clock: Value | str = 0.0
     offset: bool = False
     drift: bool = False
-    fitted: int = 0
     name: str | None = None
+    fitted: int = 0
 
     def __post_init__(self) -> None:
         dtype, device = common_dtype(self.values)

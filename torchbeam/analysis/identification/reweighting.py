@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from ...solvers.least_squares import FAILED, LEFT, Found
+from ...solvers.least_squares import CONVERGED, FAILED, LEFT, UNFINISHED, Found
 from .covariance import Spread
 from .problem import Problem
 
@@ -30,14 +30,15 @@ def search_by_channel(problem: Problem, x: Tensor, run: Run) -> tuple[Problem, F
     found = first.of(every[best:best + 1])
     for _ in range(ROUNDS):
         factor = _factor(problem, found, least)
-        problem = problem.reweighted(factor)
+        problem, settled = problem.reweighted(factor), bool(factor.log().abs().max() < SAME)
         found = run(problem, found.x, every[best:best + 1])
-        if factor.log().abs().max() < SAME:
+        if settled:
             break
     last = found if len(x) == 1 else run(problem, first.x.index_put((every[best],), found.x[0]), every)
+    status = last.status if settled else torch.where(last.status == CONVERGED, UNFINISHED, last.status)
     start = None if first.first is None else (first.first + begun.target) / begun.weight * problem.weight - problem.target
     history = torch.cat((first.history, last.history[1:]))
-    return problem, Found(last.x, last.r, last.J, last.status, history, first.raised + last.raised, start)
+    return problem, Found(last.x, last.r, last.J, status, history, first.raised + last.raised, start)
 
 
 def _best(problem: Problem, found: Found) -> int:

@@ -1,4 +1,4 @@
-"""Chunk size of a run: from measured throughput and memory."""
+"""Chunk size of a run: by the number of samples, or from measured throughput and memory."""
 
 from __future__ import annotations
 
@@ -13,6 +13,16 @@ LEAST, MOST, STEP = 32, 2**17, 4
 LONGEST = 20.0  # seconds of a chunk: what a killed worker loses, and a progress line waits for
 GAIN = 1.1  # throughput over that of a smaller chunk, below which it is not worth more memory
 SHARE = 0.5  # of the free memory, for all workers together
+USUAL = 256, 1024  # least and most of a chunk that nobody chose
+CHUNKS = 64  # of a run, at least, before its chunks grow: so many workers have something to do
+
+
+def usual_chunk(n: int) -> int:
+    """Samples a call of a run of n samples: the same wherever it is computed, and little memory, as what y takes on its way is
+    not known.
+    """
+    least, most = USUAL
+    return min(max(2 ** max((n // CHUNKS).bit_length() - 1, 0), least), most)
 
 
 def chunk_size(work: Any, n: int) -> int:

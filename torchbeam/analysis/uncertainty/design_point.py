@@ -22,6 +22,11 @@ class DesignPoints:
     z: Tensor
     beta: Tensor
 
+    @property
+    def usual(self) -> bool:
+        """Whether the medians lie within the event: it is more likely than not."""
+        return self.beta[0].item() < 0
+
 
 def design_points(limit: LimitState, starts: int, seed: int, steps: int = 60) -> DesignPoints:
     """Design points from several starts at once: the medians, and random ones.
@@ -60,8 +65,10 @@ def design_points(limit: LimitState, starts: int, seed: int, steps: int = 60) ->
         new = limit.gradient(z[going])
         y, slope = y.index_put((going.nonzero()[:, 0],), new[0]), slope.index_put((going.nonzero()[:, 0],), new[1])
     if not ends.any():
+        blunt = limit.work.joint.without_tails
+        also = f" (the law of {blunt[0]!r} does not tell values more than 7 deviations up apart)" if blunt else ""
         raise ValueError(f"no design point was found from {starts} starts in {steps} steps; a y that is smooth and comes to "
-                         "the threshold is wanted, or method=\"subset\"")
+                         f"the threshold is wanted{also}, or method=\"subset\"")
     z, slope = z[ends], slope[ends]
     beta = (z * slope / slope.norm(dim=-1, keepdim=True)).sum(-1)
     order = beta.abs().argsort()

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from ...core.arguments import number
-from ...core.validation import as_tensor
-from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
+from ...core.validation import as_tensor, shown
+from ...math.distributions import binomial_interval, binomial_ranks, normal_probability, student_quantile
 
 FEW = 5  # samples of a replicate beyond a quantile or threshold, below which replicates do not tell the error
 RESAMPLES = 1000  # of a bootstrap
@@ -59,6 +60,13 @@ class Estimate:
         return f"Estimate({found} at {100 * self.level:g} % by {self.method}; {self.samples} samples{lost})"
 
 
+def replicated_well(groups: int, samples: int) -> bool:
+    """Whether the scatter of so many replicates with good samples tells the error: of one it does not, and of one sample in
+    each the samples themselves do, which are independent.
+    """
+    return groups > 1 and samples >= 2 * groups
+
+
 def level_of(name: str, level: float) -> float:
     """A probability in (0, 1); ValueError otherwise."""
     level = number(name, level)
@@ -71,7 +79,7 @@ def probabilities(levels: Any) -> Tensor:
     """Levels of quantiles, () or (K,), float64; ValueError for what are no probabilities."""
     given = as_tensor(levels, torch.float64)
     if given.ndim > 1 or not ((given >= 0) & (given <= 1)).all():
-        raise ValueError(f"levels = {levels!r} were given; probabilities, one or a sequence, are wanted")
+        raise ValueError(f"levels = {shown(levels)} were given; probabilities, one or a sequence, are wanted")
     return given
 
 
@@ -99,8 +107,9 @@ def quantile(groups: Sequence[Tensor], levels: Tensor, level: float, reasons: Ma
     for k, q in enumerate(levels.tolist()):
         if len(groups) > 1 and not few[k]:
             half = share_half(torch.stack([(y <= centre[k]).double().mean(0) for y in groups]), level, len(pooled))
-            for bound, place in ((low, q - half), (high, q + half)):
-                bound[k] = at_levels(pooled, place.clamp(0, 1))
+            for bound, place, side in ((low, q - half, -math.inf), (high, q + half, math.inf)):
+                within = (place >= 0) & (place <= 1)
+                bound[k] = torch.where(within, at_levels(pooled, place.clamp(0, 1)), side)
             methods.add(f"{len(groups)} replicates")
             continue
         ranks = binomial_ranks(q, len(pooled), level)
@@ -132,22 +141,43 @@ def probability(groups: Sequence[Tensor], level: float, reasons: Mapping[str, in
     return Estimate(centre, low, high, level, n, method, reasons)
 
 
-def replicated(groups: Sequence[Tensor], statistic: Statistic, level: float, reasons: Mapping[str, int]) -> Estimate:
-    """Any statistic of all samples, with Student's interval from its scatter among the replicates."""
+def replicated(groups: Sequence[Tensor], statistic: Statistic, level: float, reasons: Mapping[str, int], fewest: int = 1
+               ) -> Estimate:
+    """Any statistic of all samples, with Student's interval from its scatter among replicates of `fewest` samples or more."""
     pooled = torch.cat(list(groups))
-    centre, each = statistic(pooled), torch.stack([statistic(y) for y in groups])
+    centre, each = _values(statistic, [pooled, *(y for y in groups if len(y) >= fewest)]).tensor_split([1])
     half = student_half(each, level)
-    return Estimate(centre, centre - half, centre + half, level, len(pooled), f"{len(groups)} replicates", reasons)
+    return Estimate(centre[0], centre[0] - half, centre[0] + half, level, len(pooled), f"{len(each)} replicates", reasons)
 
 
 def bootstrap(y: Tensor, statistic: Statistic, level: float, reasons: Mapping[str, int]) -> Estimate:
     """Any statistic of independent samples y (n, ...), with the interval between percentiles of that of samples drawn from
-    them. (Efron 1979.)
+    them (Efron 1979), further out by sqrt(n/(n - 1)) and by Student's law, without which few samples make it too short
+    (Hesterberg 2015, section 5.3); infinite of one sample.
     """
     draw = torch.Generator().manual_seed(0)
-    each = torch.stack([statistic(y[torch.randint(len(y), (len(y),), generator=draw)]) for _ in range(RESAMPLES)])
-    low, high = quantile_of_sorted(each.sort(0).values, each.new_tensor([(1 - level) / 2, (1 + level) / 2]))
-    return Estimate(statistic(y), low, high, level, len(y), "bootstrap", reasons)
+    drawn = (y[torch.randint(len(y), (len(y),), generator=draw)] for _ in range(RESAMPLES))
+    centre, each = _values(statistic, chain((y,), drawn)).tensor_split([1])
+    if len(y) == 1:
+        half = torch.full_like(centre[0], math.inf)
+        return Estimate(centre[0], -half, half, level, 1, "bootstrap", reasons)
+    far = each.new_tensor(math.sqrt(len(y) / (len(y) - 1)) * student_quantile((1 + level) / 2, len(y) - 1))
+    low, high = quantile_of_sorted(each.sort(0).values, normal_probability(torch.stack((-far, far))))
+    return Estimate(centre[0], low, high, level, len(y), "bootstrap", reasons)
+
+
+def _values(statistic: Statistic, samples: Iterable[Tensor]) -> Tensor:
+    """Values (K, ...) of a statistic of K sets of samples; ValueError where they are no tensors of one shape."""
+    values: list[Tensor] = []
+    for y in samples:
+        value = statistic(y)
+        if not isinstance(value, Tensor) or value.is_complex():
+            raise ValueError(f"a statistic that gave a {type(value).__name__} was given; a tensor of real numbers is wanted")
+        if values and value.shape != values[0].shape:
+            raise ValueError(f"a statistic that gave {tuple(values[0].shape)} of all samples and {tuple(value.shape)} of some "
+                             "was given; one shape is wanted")
+        values.append(value.detach().double())
+    return torch.stack(values)
 
 
 def student_half(each: Tensor, level: float) -> Tensor:

@@ -18,12 +18,14 @@ from torch import Tensor
 from ...core.arguments import count
 from ...core.arguments import function as checked_function
 from ...core.files import NotWritten
-from ...core.validation import precision
+from ...core.repetition import one_of
+from ...core.validation import precision, shown
 from .chunks import Chunk, ChunkFolder
 from .designs import SOBOL_POINTS
 from .joint_law import JointLaw
 from .progress import Progress, Report
 from .samples import FAILED
+from .transfer import packed, unpacked
 
 Function = Callable[..., Any]  # theta (N, p) -> y (N, ...), or (y, status (N,))
 AHEAD = 1024  # chunks that an executor is given before the first of them is back
@@ -33,7 +35,7 @@ AHEAD = 1024  # chunks that an executor is given before the first of them is bac
 class Job:
     """One chunk of work: samples first to last - 1 of a design. Calling it gives theta, y and status, and whether they are
     written: into the folder, where there is one and this machine sees it. Another process computes on one thread, with the
-    caller's default dtype.
+    caller's default dtype, and gives its result packed.
     """
 
     function: Function
@@ -46,24 +48,29 @@ class Job:
     folder: ChunkFolder | None
     caller: tuple[str, int]
     default: torch.dtype
+    total: int
     reduce: Callable[[Chunk], Any] | None = None
 
     def __call__(self) -> tuple[Any, bool]:
-        if _here() != self.caller:
+        elsewhere = _here() != self.caller
+        if elsewhere:
             torch.set_num_threads(1)
             torch.set_default_dtype(self.default)
         theta = self.design.theta(self.joint, self.first, self.last).detach().to(self.dtype)
-        chunk = theta, *evaluated(self.function, self.joint, theta.clone(), self.by_name)
+        with one_of(self.total / (self.last - self.first)):
+            chunk = theta, *evaluated(self.function, self.joint, theta.clone(), self.by_name)
         written = self.folder is not None and self.folder.reachable
         if written:
             self.folder.put(self.first, chunk)
-        return chunk if self.reduce is None else self.reduce(chunk), written
+        result = chunk if self.reduce is None else self.reduce(chunk)
+        return packed(result) if elsewhere else result, written
 
 
 @dataclass(frozen=True)
 class Evaluation:
     """A function, the laws and design of its parameters, and how it is evaluated.
 
+    total   samples of the run, as far as that is known: what is worth compiling depends on them all
     reduce  what becomes of a chunk where it was computed, without a folder: something with `failed`, the number of samples
     """
 
@@ -75,6 +82,7 @@ class Evaluation:
     by_name: bool = False
     executor: Executor | None = None
     folder: ChunkFolder | None = None
+    total: int = 1
     reduce: Callable[[Chunk], Any] | None = None
 
     def chunks(self, first: int, last: int, progress: Progress | None = None) -> Generator[Any, None, None]:
@@ -85,7 +93,7 @@ class Evaluation:
         if self.folder is not None and todo:
             self.folder.writable()
         jobs = (Job(self.function, self.joint, self.design.part(a, b), a, b, self.dtype, self.by_name, self.folder, _here(),
-                    torch.get_default_dtype(), self.reduce) for a, b in todo)
+                    torch.get_default_dtype(), self.total, self.reduce) for a, b in todo)
         made = (job() for job in jobs) if self.executor is None else _gathered(self.executor, jobs)
         try:
             for a, b in ends:
@@ -119,10 +127,17 @@ def called(function: Function, joint: JointLaw, theta: Tensor, by_name: bool) ->
     for name, value, wanted in (("y", y, f"({n}, ...)"), ("a status", status, f"({n},)")):
         if not isinstance(value, Tensor):
             raise ValueError(f"a function that gave {name} as a {type(value).__name__} was given; a tensor {wanted} is wanted")
-        if value.shape[:1] != (n,) or (value is status and value.ndim != 1):
+        if value.shape[:1] != (n,) or (value is status and value.ndim != 1) or not value.numel():
             raise ValueError(f"a function that gave {name} {tuple(value.shape)} was given; {wanted} is wanted")
-    if y.is_complex():
-        raise ValueError("a function that gave a complex y was given; real numbers are wanted")
+        if value.layout != torch.strided or value.is_meta:
+            raise ValueError(f"a function that gave {name} in the layout {value.layout} on {value.device} was given; numbers, "
+                             "one beside the other, are wanted")
+        if value.is_complex():
+            raise ValueError(f"a function that gave a complex {name.split()[-1]} was given; real numbers are wanted")
+    if status.is_floating_point() and not (status == status.round()).all():
+        raise ValueError("a function that gave a status between whole numbers was given; 0 for good samples, and whole numbers "
+                         "for those that failed, are wanted")
+    y = y.float() if y.dtype in (torch.float16, torch.bfloat16) else y
     status, finite = status.long().to(y.device), torch.isfinite(y).reshape(n, -1).all(-1)
     return y, torch.where((status == 0) & ~finite, FAILED, status)
 
@@ -143,14 +158,14 @@ def settings(function: Any, n: Any, seed: Any, chunk: Any, executor: Any, dtype:
     """n, seed, chunk and dtype, if these and the others are what they should be; ValueError otherwise."""
     checked_function("function", function)
     if executor is not None and not hasattr(executor, "submit"):
-        raise ValueError(f"executor = {executor!r} was given; a concurrent.futures.Executor is wanted")
+        raise ValueError(f"executor = {shown(executor)} was given; a concurrent.futures.Executor is wanted")
     if isinstance(version, bool) or not isinstance(version, (str, int, type(None))):
-        raise ValueError(f"version = {version!r} was given; a text or a whole number is wanted")
+        raise ValueError(f"version = {shown(version)} was given; a text or a whole number is wanted")
     if dtype is not None and not isinstance(dtype, torch.dtype):
-        raise ValueError(f"dtype = {dtype!r} was given; torch.float32 or torch.float64 is wanted")
-    if count("seed", seed, 0) >= 2**63:
+        raise ValueError(f"dtype = {shown(dtype)} was given; torch.float32 or torch.float64 is wanted")
+    if (seed := count("seed", seed, 0)) >= 2**63:
         raise ValueError(f"seed = {seed} was given; one below 2^63 is wanted")
-    if count("n", n) > SOBOL_POINTS:
+    if (n := count("n", n)) > SOBOL_POINTS:
         raise ValueError(f"n = {n} was given; the sequence has 2^30 points")
     return n, seed, count("chunk", chunk), precision(dtype or torch.get_default_dtype())
 
@@ -183,14 +198,20 @@ def _gathered(executor: Executor, jobs: Iterable[Callable[[], Any]]) -> Generato
         for job in jobs:
             waiting.append(executor.submit(job))
             if len(waiting) >= AHEAD:
-                yield waiting.popleft().result()
+                yield _result(waiting.popleft())
         while waiting:
-            yield waiting.popleft().result()
+            yield _result(waiting.popleft())
     finally:
         for future in waiting:
             future.cancel()
 
 
+def _result(future: Any) -> tuple[Any, bool]:
+    """What a job gave, once it is there."""
+    result, written = future.result()
+    return unpacked(result), written
+
+
 def progress_of(report: Report | bool | None, total: int) -> Progress | None:
     """Progress of a run of so many samples, told to a function or, with True, to the terminal; ValueError for anything else."""
-    return None if report in (None, False) else Progress(total, time.monotonic(), report)
+    return None if report is None or report is False else Progress(total, time.monotonic(), report)

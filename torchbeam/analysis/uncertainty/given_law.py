@@ -1,4 +1,4 @@
-"""Law as a user gives it: from text, checked, and its values, of a uniform variate or of a normal score."""
+"""Law as a user gives it: from text, checked, and its values of a uniform variate."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-import torch
 from torch import Tensor
 
-from ...math.distributions import normal_probability
+from ...core.validation import shown
+from .law_scores import why_none
 from .laws import Constant, Empirical, Gumbel, Law, LogNormal, Normal, Triangular, Truncated, Uniform, Weibull
 from .random_field import RandomField
 
@@ -44,14 +44,16 @@ def of_text(what: str, given: Any) -> Law:
 def checked(name: Any, law: Law) -> Law:
     """`law` if it is one; ValueError otherwise."""
     if not isinstance(name, str):
-        raise ValueError(f"a law was given for {name!r}; a name is wanted")
+        raise ValueError(f"a law was given for {shown(name)}; a name is wanted")
     if isinstance(law, (tuple, list)):
         numbers = len(law) == 2 and all(isinstance(v, (int, float)) and abs(v) < math.inf for v in law)
         if not numbers or not law[0] < law[1]:
-            raise ValueError(f"the law {law!r} was given for {name!r}; (least, largest) is wanted")
+            raise ValueError(f"the law {shown(law)} was given for {name!r}; (least, largest) is wanted")
     elif not (hasattr(law, "icdf") or hasattr(law, "of_scores") or callable(law)):
-        raise ValueError(f"the law {law!r} was given for {name!r}; a pair, a torchbeam.laws.Constant, a distribution with icdf "
-                         "or a function is wanted")
+        raise ValueError(f"the law {shown(law)} was given for {name!r}; a pair, a torchbeam.laws.Constant, a distribution with "
+                         "icdf or a function is wanted")
+    elif why := why_none(law):
+        raise ValueError(f"the law {shown(law)} was given for {name!r}, which {why}; another is wanted, or a function of u")
     return law
 
 
@@ -60,15 +62,3 @@ def of_uniform(law: Law, u: Tensor) -> Tensor:
     if isinstance(law, (tuple, list)):
         return law[0] + (law[1] - law[0]) * u
     return law.icdf(u) if hasattr(law, "icdf") else law(u)
-
-
-def of_score(law: Law, z: Tensor) -> Tensor:
-    """Values (N,) of normal scores z (N,); exact in the far tails where the law is normal or lognormal."""
-    if hasattr(law, "of_score"):
-        return law.of_score(z)
-    if type(law) is torch.distributions.Normal:
-        return law.loc + law.scale * z
-    if type(law) is torch.distributions.LogNormal:
-        return (law.loc + law.scale * z).exp()
-    least = torch.finfo(z.dtype).tiny
-    return of_uniform(law, normal_probability(z).clamp(least, 1 - torch.finfo(z.dtype).eps / 2))

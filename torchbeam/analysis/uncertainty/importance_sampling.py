@@ -16,7 +16,8 @@ def importance_sampling(limit: LimitState, points: DesignPoints, n: int, replica
     """Probability (replicates,) of y > threshold by each of several Sobol sequences.
 
     Samples follow the mixture of normal laws around the points, h(z) = sum_i w_i phi(z - z_i), w_i as Phi(-beta_i) (Melchers
-    1989): p = mean([y > threshold] phi(z)/h(z)), and phi(z)/h(z) = 1/sum_i w_i exp(z . z_i - |z_i|^2/2).
+    1989): p = mean([y > threshold] phi(z)/h(z)), and phi(z)/h(z) = 1/sum_i w_i exp(z . z_i - |z_i|^2/2). Where the medians lie
+    within the event, it is the rest that the points are next to, and p = 1 - mean([y <= threshold] phi(z)/h(z)).
     """
     d, each = limit.work.joint.dimension, n // replicates
     share = normal_probability(-points.beta.abs())
@@ -26,13 +27,16 @@ def importance_sampling(limit: LimitState, points: DesignPoints, n: int, replica
     z = points.z[which] + normal_score(u[:, 1:])
     exponent = z @ points.z.mT - points.z.square().sum(-1) / 2
     ratio = (-torch.logsumexp(share.log() + exponent, -1)).exp()
-    return torch.where(limit(z) > limit.threshold, ratio, 0.0).reshape(replicates, each).mean(-1)
+    hits = limit(z) > limit.threshold
+    if points.usual:
+        return 1 - torch.where(hits, 0.0, ratio).reshape(replicates, each).mean(-1)
+    return torch.where(hits, ratio, 0.0).reshape(replicates, each).mean(-1)
 
 
 def interval(each: Tensor, level: float) -> tuple[float, float, float]:
-    """Mean of replicates and Student's interval of it; from 0 to 1 where no sample was within the event."""
+    """Mean of replicates and Student's interval of it; from 0 to 1 where no sample was within the event, or none outside."""
     mean = each.mean().item()
-    if mean == 0:
-        return 0.0, 0.0, 1.0
-    half = student_half(each, level).item()
+    if mean in (0.0, 1.0):
+        return mean, 0.0, 1.0
+    half = mean * student_half(each / mean, level).item()  # squares of 1e-170 would be 0
     return mean, max(mean - half, 0.0), min(mean + half, 1.0)

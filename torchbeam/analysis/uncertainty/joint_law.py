@@ -10,9 +10,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.validation import as_tensor, finite
+from ...core.arguments import number
+from ...core.validation import as_tensor, finite, shown
 from ...math.distributions import normal_score
-from .given_law import checked, of_score, of_uniform
+from .given_law import checked, of_uniform
+from .law_scores import has_tails, of_score
 from .laws import Constant, Law
 
 Correlation = Any  # (p, p) over the laws in their order, or {("EI", "mass"): 0.5}
@@ -37,7 +39,7 @@ class JointLaw:
     def of(cls, laws: Any, correlation: Correlation = None) -> JointLaw:
         """From what a user gives; ValueError where that is no dict of laws, or no correlation of them."""
         if not isinstance(laws, Mapping):
-            raise ValueError(f"laws = {laws!r} was given; a dict, name -> law, is wanted")
+            raise ValueError(f"laws = {shown(laws)} was given; a dict, name -> law, is wanted")
         if not laws:
             raise ValueError("no laws were given; one for each parameter is wanted")
         laws = {name: checked(name, law) for name, law in laws.items()}
@@ -78,14 +80,23 @@ class JointLaw:
 
     def of_score(self, z: Tensor) -> Tensor:
         """theta (N, columns), float64, of independent normal scores z (N, dimension)."""
-        if self.correlation is None:
-            return self._columns(z, of_score, lambda part: part)
+        return self._columns(torch.cat(self._scores(z), -1), of_score, lambda part: part)
+
+    @property
+    def without_tails(self) -> list[str]:
+        """Names of laws that tell values of probabilities alone, and so not the far upper tail."""
+        return [name for name, law in self.laws.items() if self._mixes(law) and not has_tails(law)]
+
+    def _scores(self, z: Tensor) -> list[Tensor]:
+        """Normal scores of each law, (N, variates), of independent ones z (N, dimension)."""
         scores = list(z.split(list(self.dimensions.values()), -1))
         mixed = [k for k, law in enumerate(self.laws.values()) if self._mixes(law)]
+        if self.correlation is None or not mixed:
+            return scores
         root = torch.linalg.cholesky(self.correlation[mixed][:, mixed])
         for k, column in zip(mixed, (torch.cat([scores[k] for k in mixed], -1) @ root.mT).split(1, -1), strict=True):
             scores[k] = column
-        return self._columns(torch.cat(scores, -1), of_score, lambda part: part)
+        return scores
 
     def named(self, theta: Tensor) -> dict[str, Tensor]:
         """Columns by the names of laws: (N,), of a field (N, places)."""
@@ -125,12 +136,12 @@ def _correlation(given: Correlation, laws: dict[str, Law]) -> Tensor:
     if isinstance(given, Mapping):
         matrix = torch.eye(p, dtype=torch.float64)
         for pair, value in given.items():
-            if not isinstance(pair, tuple) or len(pair) != 2 or not set(pair) <= set(names) or pair[0] == pair[1]:
-                raise ValueError(f"a correlation of {pair!r} was given; two of {', '.join(names)} are wanted")
+            if not isinstance(pair, tuple) or len(pair) != 2 or any(one not in names for one in pair) or pair[0] == pair[1]:
+                raise ValueError(f"a correlation of {shown(pair)} was given; two of {', '.join(names)} are wanted")
             if pair[::-1] in given:
                 raise ValueError(f"a correlation of {pair!r} and one of {pair[::-1]!r} were given; one of the two is wanted")
             i, j = map(names.index, pair)
-            matrix[i, j] = matrix[j, i] = as_tensor(value, torch.float64)
+            matrix[i, j] = matrix[j, i] = number(f"the correlation of {pair!r}", value)
     else:
         matrix = as_tensor(given, torch.float64).cpu()
     finite("correlation", matrix)

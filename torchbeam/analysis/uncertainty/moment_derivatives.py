@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -9,6 +10,8 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean
+from ...core.arguments import function as checked_function
+from ...core.repetition import one_of
 from ...core.validation import Value, as_tensor, finite, precision
 from .designs import Sobol
 from .estimate import Estimate, level_of, student_half
@@ -52,6 +55,7 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
     gradient.
     """
     level = level_of("interval", interval)
+    checked_function("laws", laws)
     boolean("by_name", by_name)
     q = finite("q", as_tensor(q, q.dtype if isinstance(q, Tensor) and q.is_floating_point() else torch.get_default_dtype()))
     if q.ndim != 1:
@@ -60,13 +64,14 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
     joint = JointLaw.of(laws(q), correlation)
     n, seed, chunk, _ = settings(function, n, seed, chunk, None, precision(q.dtype), None)
     points = points_of(n, replicates, fewest=2, least=2)
-    plan, sums, lost = Sobol(joint.dimension, seed, points), [], []
+    plan, sums, lost, about = Sobol(joint.dimension, seed, points), [], [], None
     for k in range(replicates):
         total = None
         for first in range(k * points, (k + 1) * points, chunk):
             last = min(first + chunk, (k + 1) * points)
             joint = JointLaw.of(laws(q), correlation)  # a graph of its own
-            part, y, status = _sums(function, joint, plan, first, last, q, by_name)
+            with one_of(n / (last - first)):
+                part, y, status, about = _sums(function, joint, plan, first, last, q, by_name, about)
             total = part if total is None else tuple(a + b for a, b in zip(total, part, strict=True))
             lost.append((y, status))
         sums.append(total)
@@ -75,20 +80,25 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
     if len(good) < 2:
         raise ValueError(f"nearly all {n} samples failed ({', '.join(reasons)}); there are no moments of so few")
     each = [torch.stack(part) for part in zip(*map(_moments, good), strict=True)]
-    pooled = _moments(tuple(sum(part) for part in zip(*good, strict=True)))
-    samples = int(sum(total[0] for total in good))
+    pooled = list(_moments(tuple(sum(part) for part in zip(*sums, strict=True))))
+    pooled[0] = pooled[0] + about
+    samples = int(sum(total[0] for total in sums))
     halves = [student_half(scatter, level) for scatter in each]
     method = f"{len(good)} replicates"
     return MomentDerivatives(*(Estimate(centre, centre - half, centre + half, level, samples, method, reasons)
                                for centre, half in zip(pooled, halves, strict=True)))
 
 
-def _sums(function: Function, joint: JointLaw, plan: Sobol, first: int, last: int, q: Tensor, by_name: bool
-          ) -> tuple[tuple[Tensor, ...], Tensor, Tensor]:
-    """Number of good samples; sums of y and y^2 (...), and of their derivatives (m, ...); y and status of all."""
+def _sums(function: Function, joint: JointLaw, plan: Sobol, first: int, last: int, q: Tensor, by_name: bool,
+          about: Tensor | None) -> tuple[tuple[Tensor, ...], Tensor, Tensor, Tensor | None]:
+    """Number of good samples; sums of d = y - about and of d^2 (...), and of their derivatives (m, ...); y and status of all;
+    about (...), the mean of the first chunk that has good samples: squares of y itself cancel where its mean is large.
+    """
     theta = joint.of_uniform(plan.uniform(first, last)).to(q.dtype)
     y, status = called(function, joint, theta, by_name)
-    values = y.reshape(len(y), -1)[status == 0].double()  # squares of float32 cancel where the mean is large
+    good = y[status == 0].double()
+    about = good.detach().mean(0) if about is None and len(good) else about
+    values = (good if about is None else good - about).reshape(len(good), math.prod(y.shape[1:]))
     moments = (values.sum(0), values.square().sum(0))
     by = [[torch.autograd.grad(number, q, retain_graph=True, allow_unused=True)[0] for number in moment.unbind()]
           for moment in moments] if y.requires_grad else [[None]]
@@ -99,11 +109,11 @@ def _sums(function: Function, joint: JointLaw, plan: Sobol, first: int, last: in
     shape = y.shape[1:]
     sums = (torch.tensor(float(len(values)), dtype=torch.float64),
             *(m.detach().reshape(shape) for m in moments), *(b.double().reshape(len(q), *shape) for b in by))
-    return sums, y.detach().cpu(), status.cpu()
+    return sums, y.detach().cpu(), status.cpu(), about
 
 
 def _moments(sums: tuple[Tensor, ...]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Mean, deviation and their derivatives, of sums."""
+    """Mean of d, deviation and their derivatives, of sums."""
     n, total, squares, total_by, squares_by = sums
     mean, mean_by = total / n, total_by / n
     variance = (squares / n - mean.square()) * n / (n - 1)

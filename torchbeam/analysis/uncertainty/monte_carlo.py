@@ -11,9 +11,10 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean, choice
+from ...core.files import path_of
 from ...core.memory import check_memory
 from ...core.validation import Value, as_tensor, finite, shown
-from .chunk_size import chunk_size
+from .chunk_size import chunk_size, usual_chunk
 from .chunks import ChunkFolder
 from .designs import Given, Plain, Sobol
 from .estimate import Estimate
@@ -21,7 +22,7 @@ from .evaluation import Evaluation, Function, one_kind, points_of, progress_of, 
 from .joint_law import Correlation, JointLaw
 from .laws import Law
 from .progress import Report
-from .samples import Samples
+from .samples import Samples, checked_sentences
 
 DESIGNS = {"sobol": Sobol, "plain": Plain}
 FEWEST, MOST = 8, 64  # replicates of a run until an error is reached
@@ -31,7 +32,8 @@ Until = float | tuple[float, Callable[[Samples], Estimate]]
 
 def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: int | None = None, *,
                 correlation: Correlation | None = None, theta: Value | None = None, design: str = "sobol",
-                replicates: int | None = None, until: Until | None = None, seed: int = 0, chunk: int | str = 256,
+                replicates: int | None = None, until: Until | None = None, seed: int = 0,
+                chunk: int | str | None = None,
                 executor: Executor | None = None, out: str | Path | None = None, dtype: torch.dtype | None = None,
                 version: str | int | None = None, by_name: bool = False, sentences: Mapping[int, str] | None = None,
                 progress: Report | bool | None = None) -> Samples:
@@ -42,7 +44,7 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
               `RandomField` is a column for each of its places; anything with `icdf`, such as torch.distributions.Normal(1.0,
               0.1); or a function of u (N,), uniform in (0, 1), that gives (N,)
     n         samples: those of one scrambled Sobol sequence (Matousek 1998), best a power of two. The first n of a longer run
-              with the same seed are the same
+              with the same seed are the same (y but for rounding, where so many make native code worth while)
 
     correlation  (p, p) of the laws, or {("EI", "mass"): 0.5}: of their normal scores, by a Gaussian copula
     theta        (n, p) samples of your own in place of a design; `laws` are then names alone, or laws that are not used
@@ -55,7 +57,8 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
                  another quantity, such as (0.02, lambda samples: samples.quantile(0.99, 0.95)). It is looked at after 8, 12,
                  16, 24 ... replicates; looking often makes the interval a little too short
     chunk     samples a call. Chunk i is a function of (seed, i) alone: who computes it, when, or how often does not matter.
-              "auto": measured, from throughput and memory; a folder keeps its own
+              None: 256; 512 from 32,768 samples on, 1,024 from 65,536 on. "auto": measured, from throughput and memory. With
+              either a folder keeps its own
     executor  any concurrent.futures.Executor, such as ProcessPoolExecutor, or a Dask cluster's Client.get_executor(); None =
               here, one after the other. Function and laws must then pickle; other processes compute on one thread
     out       a folder: each chunk is a file there, and what is there already is not computed again; a run that was killed
@@ -83,15 +86,20 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
     else:
         joint = JointLaw.of(laws, correlation)
     choice("design", design, DESIGNS)
+    out = None if out is None else path_of("out", out)
     boolean("by_name", by_name)
-    auto, chunk = chunk == "auto", 1 if chunk == "auto" else chunk
+    reasons = checked_sentences(sentences)
+    auto, own = isinstance(chunk, str) and chunk == "auto", chunk is None
+    chunk = 1 if auto or own else chunk
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     n, points = _shares(n, replicates, until, None if theta is None else "theta")
     plan = Given(theta.to(dtype)) if theta is not None else DESIGNS[design](joint.dimension, seed, points)
-    if auto:
-        chunk = chunk_of(out) or chunk_size(Evaluation(function, joint, plan, dtype, 1, by_name, executor), n)
+    if own:
+        chunk = chunk_of(out) or usual_chunk(n)
+    elif auto:
+        chunk = chunk_of(out) or chunk_size(Evaluation(function, joint, plan, dtype, 1, by_name, executor, total=n), n)
     work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor,
-                      folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label))
+                      folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label), n)
     done, chunks, at = 0, [], progress_of(progress, n)
     for end in _stages(n, points, until):
         for part in work.chunks(done, end, at):
@@ -103,7 +111,7 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
         firsts = torch.tensor([0, *(len(c[0]) for c in chunks)]).cumsum(0).tolist()
         one_kind(zip(firsts, chunks, strict=False))
         samples = Samples(joint.names, *(torch.cat(part) for part in zip(*chunks, strict=True)),
-                          1 if plan.independent or points is None else done // points, plan.independent, dict(sentences or {}))
+                          1 if plan.independent or points is None else done // points, plan.independent, reasons)
         if until is not None and _reached(samples, until):
             break
     return samples
@@ -120,7 +128,8 @@ def folder_of(out: str | Path | None, function: Function, joint: JointLaw, versi
 
 def chunk_of(out: str | Path | None) -> int | None:
     """Chunk of the run that is in a folder; None where there is none."""
-    return None if out is None else ChunkFolder.setting(out, "chunk")
+    found = None if out is None else ChunkFolder.setting(out, "chunk")
+    return found if isinstance(found, int) and found > 0 else None
 
 
 def _own(laws: Any, theta: Value, n: int | None, dtype: torch.dtype | None, correlation: Any) -> tuple[JointLaw, Tensor]:
@@ -181,4 +190,8 @@ def _reached(samples: Samples, until: Until) -> bool:
     if not (samples.status == 0).any():
         return False
     error, statistic = until if isinstance(until, (tuple, list)) else (until, lambda given: given.mean_interval(LEVEL))
-    return bool((statistic(samples).relative_error <= error).all())
+    found = statistic(samples)
+    if not isinstance(found, Estimate):
+        raise ValueError(f"until with a function that gave a {type(found).__name__} was given; a torchbeam.Estimate, with its "
+                         "interval, is wanted")
+    return bool((found.relative_error <= error).all())

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean, choice
-from ...core.files import NotWritten, save
+from ...core.files import NotWritten, path_of, save
 from .chunks import ChunkFolder, loaded
 from .evaluation import Evaluation, Function, points_of, progress_of, settings
 from .joint_law import Correlation, JointLaw
@@ -22,6 +22,7 @@ from .laws import Law
 from .moments import Moments
 from .monte_carlo import DESIGNS, folder_of
 from .progress import Report
+from .samples import checked_sentences
 from .sketch import Sketch
 from .stream import Stream, Summarise
 
@@ -47,6 +48,7 @@ def monte_carlo_stream(function: Function, laws: Mapping[str, Law], n: int, *, r
     """
     joint = JointLaw.of(laws, correlation)
     choice("design", design, DESIGNS)
+    out = None if out is None else path_of("out", out)
     boolean("by_name", by_name)
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     points = points_of(n, replicates)
@@ -56,7 +58,8 @@ def monte_carlo_stream(function: Function, laws: Mapping[str, Law], n: int, *, r
     stream, done = (Stream(joint.names, plan.independent), 0) if folder is None else _taken_up(folder, joint, plan.independent)
     if done > n:
         raise ValueError(f"n = {n} was given for a folder with the summary of {done} samples; at least as many are wanted")
-    work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor, reduce=Summarise(dict(sentences or {})))
+    work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor, total=n,
+                      reduce=Summarise(checked_sentences(sentences)))
     at, written = progress_of(progress, n), time.monotonic()
     if at is not None and done:
         at.add(done, stream.failed, True)

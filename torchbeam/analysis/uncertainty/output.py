@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.files import csv_text, folder, write
+from ...core.arguments import number
+from ...core.files import csv_text, folder, path_of, write
+from ...core.validation import shown
 
 LEVELS = (0.01, 0.05, 0.5, 0.95, 0.99)
 COLUMNS = ("quantity", "y", "estimate", "low", "high", "level")
@@ -36,11 +38,18 @@ def to_xarray(samples: Any, dims: Sequence[str] | None = None, coords: dict[str,
     """
     xarray = _imported("xarray")
     _apart(samples, ["y"])
-    dims = tuple(f"axis_{k}" for k in range(1, samples.y.ndim)) if dims is None else tuple(dims)
-    if len(dims) != samples.y.ndim - 1:
-        raise ValueError(f"dims = {dims} were given for a y {tuple(samples.y.shape[1:])}; a name for each axis is wanted")
+    dims = tuple(f"axis_{k}" for k in range(1, samples.y.ndim)) if dims is None else dims
+    names = isinstance(dims, Sequence) and not isinstance(dims, str) and all(isinstance(name, str) for name in dims)
+    if not names or len(dims) != samples.y.ndim - 1 or len({"sample", *dims}) <= len(dims):
+        raise ValueError(f"dims = {shown(dims)} were given for a y {tuple(samples.y.shape[1:])}; a name for each axis is "
+                         "wanted")
+    coords = {} if coords is None else coords
+    taken = {*samples.names, "y", "status", "replicate", "sample"}
+    if not isinstance(coords, Mapping) or taken & {*coords}:
+        raise ValueError(f"coords = {shown(coords)} were given; a dict, name -> places, of other names than "
+                         f"{', '.join(sorted(taken))} is wanted")
     columns = {name: ("sample", column.numpy()) for name, column in zip(samples.names, samples.theta.unbind(-1), strict=True)}
-    coords = {name: value.numpy() if isinstance(value, Tensor) else value for name, value in (coords or {}).items()}
+    coords = {name: value.numpy() if isinstance(value, Tensor) else value for name, value in coords.items()}
     return xarray.Dataset({**columns, "y": (("sample", *dims), samples.y.numpy()), "status": ("sample", samples.status.numpy()),
                            "replicate": ("sample", samples.replicate.numpy())}, coords)
 
@@ -59,7 +68,8 @@ class Summary:
         rows = []
         for name, one in found.items():
             rows += _rows(name, one, interval)
-        quantiles = self.quantile(tuple(levels), interval)
+        levels, thresholds = (_several(name, given) for name, given in (("levels", levels), ("thresholds", thresholds)))
+        quantiles = self.quantile(levels, interval)
         for k, level in enumerate(levels):
             rows += _rows(f"quantile {level:g}", [part[k] for part in quantiles], interval)
         for threshold in thresholds:
@@ -70,7 +80,7 @@ class Summary:
     def write_summary(self, path: str | Path, levels: Sequence[float] = LEVELS, interval: float = 0.95,
                       thresholds: Sequence[float] = ()) -> Path:
         """The summary in a file: .json, or .csv for its rows alone. ValueError for another ending; files.NotWritten."""
-        path = Path(path)
+        path = path_of("path", path)
         if path.suffix not in (".json", ".csv"):
             raise ValueError(f"the file {path.name!r} was given; one that ends in .json or .csv is wanted")
         folder(path.parent)
@@ -80,6 +90,12 @@ class Summary:
         else:
             write(path, csv_text([COLUMNS, *([row[name] for name in COLUMNS] for row in found["statistics"])]))
         return path
+
+
+def _several(name: str, given: Any) -> tuple[float, ...]:
+    if isinstance(given, (str, bytes, Mapping)) or not isinstance(given, Iterable) or getattr(given, "ndim", 1) != 1:
+        raise ValueError(f"{name} = {shown(given)} were given; a sequence of numbers is wanted")
+    return tuple(number(name, one) for one in given)
 
 
 def _rows(name: str, estimate: Any, level: float) -> list[dict[str, Any]]:

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ...core.validation import shown
+
 Report = Callable[[Any], None]  # is given the Progress after each chunk
 EVERY, LOG = 0.5, 10.0  # seconds between two lines on a terminal, and in a file
 
@@ -30,7 +32,7 @@ class Progress:
 
     def __post_init__(self) -> None:
         if self.report is not True and not callable(self.report):
-            raise ValueError(f"progress = {self.report!r} was given; a function or True is wanted")
+            raise ValueError(f"progress = {shown(self.report)} was given; a function or True is wanted")
 
     def add(self, samples: int, failed: int, found: bool) -> None:
         """Count a chunk, and tell."""

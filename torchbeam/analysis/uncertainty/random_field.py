@@ -31,7 +31,7 @@ class RandomField:
     At s a normal field is mean + deviation sum_k sqrt(lambda_k) phi_k(s) z_k, z independent and standard normal, where lambda
     and phi are the eigenvalues and eigenfunctions of the correlation on [s_0, s_m] (Loeve 1978; Ghanem and Spanos 1991, section
     2.3). They are found by Gauss-Legendre quadrature and Nystrom's interpolation. What is left out makes the deviation a little
-    smaller: `captured` (m,) is the share of the variance that is there at each place.
+    smaller, not the mean: `captured` (m,) is the share of the variance that is there at each place.
     """
 
     s: Value
@@ -51,12 +51,12 @@ class RandomField:
             if isinstance(given, Tensor) and given.requires_grad:
                 raise ValueError(f"RandomField's {name} that carries a gradient was given; a number is wanted")
             object.__setattr__(self, name, number(f"RandomField's {name}", given))
+        choice("RandomField's kernel", self.kernel, KERNELS)
+        choice("RandomField's marginal", self.marginal, MARGINALS)
         positive = ("deviation", "correlation_length", *(("mean",) if self.marginal == "lognormal" else ()))
         for name in positive:
             if not getattr(self, name) > 0:
                 raise ValueError(f"RandomField's {name} = {getattr(self, name):g} was given; a positive number is wanted")
-        choice("RandomField's kernel", self.kernel, KERNELS)
-        choice("RandomField's marginal", self.marginal, MARGINALS)
         object.__setattr__(self, "s", s)
         eigenvalue, shape = self._expansion(None if self.terms is None else count("RandomField's terms", self.terms))
         object.__setattr__(self, "eigenvalue", eigenvalue)
@@ -84,7 +84,7 @@ class RandomField:
         if self.marginal == "normal":
             return self.mean + self.deviation * field
         variance = math.log1p((self.deviation / self.mean) ** 2)
-        return (math.log(self.mean) - variance / 2 + math.sqrt(variance) * field).exp()
+        return (math.log(self.mean) - variance * self.captured.to(z.dtype) / 2 + math.sqrt(variance) * field).exp()
 
     def _correlation(self, r: Tensor) -> Tensor:
         r = r.abs() / self.correlation_length

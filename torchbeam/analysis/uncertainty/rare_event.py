@@ -85,7 +85,7 @@ def rare_event(function: Function, laws: Mapping[str, Law], threshold: float, n:
     choice("method", method, METHODS)
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, None)
     joint.random()  # there is one
-    limit = LimitState(Evaluation(function, joint, None, dtype, chunk, by_name, executor), threshold)
+    limit = LimitState(Evaluation(function, joint, None, dtype, chunk, by_name, executor, total=n), threshold)
     runs = (10 if method == "subset" else 16) if replicates is None else count("replicates", replicates, 2)
     if method == "subset":
         least = round(5 / SHARE)

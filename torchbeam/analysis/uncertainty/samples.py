@@ -9,8 +9,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...core.arguments import boolean
+from ...core.arguments import function as checked_function
 from ...core.status import STATUS
-from ...core.validation import Value, as_tensor, broadcast, finite
+from ...core.validation import Value, as_tensor, broadcast, finite, shown
 from . import estimate, output
 from .estimate import Estimate, Statistic, level_of, probabilities
 
@@ -81,7 +83,11 @@ class Samples(output.Summary):
         return found if given.ndim else replace(found, estimate=found.estimate[0], low=found.low[0], high=found.high[0])
 
     def mean_interval(self, level: float = 0.95) -> Estimate:
-        """Mean (...), with Student's interval: of the means of replicates, or of the samples."""
+        """Mean (...), with Student's interval: of the means of replicates, or of the samples. Of a y of yes and no that of a
+        probability.
+        """
+        if self.y.dtype == torch.bool:
+            return self.exceedance(0.5, level_of("level", level))
         return estimate.mean(self._groups(), level_of("level", level), self.reasons)
 
     def deviation_interval(self, level: float = 0.95) -> Estimate:
@@ -93,9 +99,10 @@ class Samples(output.Summary):
         bootstrap.
         """
         level, groups = level_of("level", level), self._groups()
-        if len(groups) > 1:
-            return estimate.replicated(groups, function, level, self.reasons)
-        return estimate.bootstrap(groups[0], function, level, self.reasons)
+        checked_function("function", function)
+        if sum(len(y) > 1 for y in groups) > 1:
+            return estimate.replicated(groups, function, level, self.reasons, fewest=2)
+        return estimate.bootstrap(torch.cat(groups), function, level, self.reasons)
 
     def exceedance(self, x: Any, interval: float = 0.95, *, failed_exceed: bool | None = None) -> Estimate:
         """Probability that y > x, for thresholds x that broadcast with one sample's y.
@@ -107,6 +114,7 @@ class Samples(output.Summary):
         values = self.y.reshape(len(self), *[1] * max(x.ndim - (self.y.ndim - 1), 0), *self.y.shape[1:])
         above, good = values > x, self.status == 0
         if failed_exceed is not None:
+            boolean("failed_exceed", failed_exceed)
             above, good = torch.where(good.reshape(-1, *[1] * (above.ndim - 1)), above, bool(failed_exceed)), good | True
         return estimate.probability(self._groups(above, good), level_of("interval", interval), self.reasons)
 
@@ -125,11 +133,16 @@ class Samples(output.Summary):
         if len(groups) == 1 and not self.independent:
             raise ValueError("the convergence of one Sobol sequence was asked for; replicates are wanted")
         groups = groups if len(groups) > 1 else list(groups[0].chunk(16))
+        if len(groups) == 1:
+            raise ValueError("the convergence of one good sample was asked for; several are wanted")
         least = min(map(len, groups))
         n = torch.tensor([2**k for k in range(least.bit_length())])
         sums = torch.stack([y[:least].cumsum(0)[n - 1] for y in groups])
         means = sums / n.reshape(-1, *[1] * (sums.ndim - 2))
-        centre = torch.cat(groups).mean(0) if reference is None else as_tensor(reference, torch.float64)
+        centre = torch.cat(groups).mean(0) if reference is None else finite("reference", as_tensor(reference, torch.float64))
+        if broadcast("the reference and y of a sample", centre.shape, self.y.shape[1:]) != self.y.shape[1:]:
+            raise ValueError(f"a reference {tuple(centre.shape)} was given for a y {tuple(self.y.shape[1:])}; one for each "
+                             "number is wanted")
         freedom = len(groups) - (reference is None)
         return n, ((means - centre).square().sum(0) / freedom).sqrt()
 
@@ -142,13 +155,13 @@ class Samples(output.Summary):
         return output.to_xarray(self, dims, coords)
 
     def _groups(self, y: Tensor | None = None, good: Tensor | None = None) -> list[Tensor]:
-        """Good samples of each replicate that has several; all of them, where none has."""
+        """Good samples of each replicate that has some; all of them together, where replicates do not tell the error."""
         y = self.y.double() if y is None else y
         good = self.status == 0 if good is None else good
         groups = [part[chosen] for part, chosen in zip(y.chunk(self.replicates), good.chunk(self.replicates), strict=True)]
         whole = self._filled(torch.cat(groups))
-        groups = [group for group in groups if len(group) > 1]
-        return groups if groups else [whole]  # of replicates of one sample each, samples are independent
+        groups = [group for group in groups if len(group)]
+        return groups if estimate.replicated_well(len(groups), len(whole)) else [whole]
 
     def _numbers(self) -> Tensor:
         """y of the good samples, at least one, in floating point."""
@@ -165,6 +178,15 @@ class Samples(output.Summary):
             "; 0 failed")
         times = f" in {self.replicates} replicates" if self.replicates > 1 else ""
         return f"Samples({len(self.y)} of {', '.join(self.names)}{times}{lost}; y {tuple(self.y.shape[1:])})"
+
+
+def checked_sentences(given: Any) -> dict[int, str]:
+    """Sentences by status; ValueError for what are none."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping) or not all(isinstance(code, int) and isinstance(given[code], str) for code in given):
+        raise ValueError(f"sentences = {shown(given)} were given; a dict, status -> text, is wanted")
+    return dict(given)
 
 
 def reasons_of(y: Tensor, status: Tensor, sentences: Mapping[int, str]) -> dict[str, int]:

@@ -67,11 +67,16 @@ class Sketch:
         return torch.where(self.keys < 0, -outer, inner), torch.where(self.keys < 0, -inner, outer), self.counts
 
     def at_ranks(self, ranks: Tensor) -> Tensor:
-        """Values (R,) of the samples of these ranks (R,), 0 to total - 1 and parts of one, to the relative `error`."""
+        """Values (R,) of the samples of these ranks (R,), 0 to total - 1, each sample's to the relative `error`; linear between
+        those of whole ranks.
+        """
         low, high, counts = self.bins()
-        k = torch.searchsorted(counts.cumsum(0), ranks.double().contiguous(), right=True).clamp_max(len(counts) - 1)
+        ranks = ranks.double()
+        below = ranks.floor()
+        whole = torch.stack((below, below + 1))
+        k = torch.searchsorted(counts.cumsum(0), whole, right=True).clamp_max(len(counts) - 1)
         middle = 2 * low * high / torch.where(self.keys == 0, 1.0, low + high)  # equally far, relatively, from both ends
-        return middle[k]
+        return torch.lerp(*middle[k], ranks - below)
 
     def above(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Least and largest number (...) of samples above x (...): those of the bin that x lies in are not told apart."""

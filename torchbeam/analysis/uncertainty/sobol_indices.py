@@ -11,12 +11,14 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean
+from ...core.files import path_of
+from .chunk_size import usual_chunk
 from .designs import Exchanged, Sobol
 from .estimate import level_of, student_half
 from .evaluation import Evaluation, Function, one_kind, points_of, progress_of, settings
 from .joint_law import JointLaw
 from .laws import Law
-from .monte_carlo import folder_of
+from .monte_carlo import chunk_of, folder_of
 from .progress import Report
 from .samples import reasons_of
 
@@ -53,9 +55,9 @@ class SobolIndices:
 
 
 def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replicates: int = 16, interval: float = 0.95,
-                  seed: int = 0, chunk: int = 256, executor: Executor | None = None, out: str | Path | None = None,
-                  dtype: torch.dtype | None = None, version: str | int | None = None, by_name: bool = False,
-                  progress: Report | bool | None = None) -> SobolIndices:
+                  seed: int = 0, chunk: int | None = None, executor: Executor | None = None,
+                  out: str | Path | None = None, dtype: torch.dtype | None = None, version: str | int | None = None,
+                  by_name: bool = False, progress: Report | bool | None = None) -> SobolIndices:
     """First and total Sobol indices of a function of independent random parameters.
 
     n           points of each of the two samples A and B, shared out to the replicates: a multiple of them, best by a power of
@@ -67,12 +69,14 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
         first = mean((y_B - mean)(y_i - y_A))/V        (Saltelli et al. 2010)
         total = mean((y_A - y_i)^2)/(2 V)              (Jansen 1999)
 
-    A group of p + 2 in which one failed is left out. Indices of a y that does not vary are NaN. Raises ValueError as
-    `monte_carlo` does, and where all groups failed.
+    A group of p + 2 in which one failed is left out. Indices of a y that does not vary are NaN; intervals are infinite where
+    one replicate alone has good groups. Raises ValueError as `monte_carlo` does, and where all groups failed.
     """
     joint = JointLaw.of(laws)
     boolean("by_name", by_name)
     level = level_of("interval", interval)
+    out = None if out is None else path_of("out", out)
+    own, chunk = chunk is None, 1 if chunk is None else chunk
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     points = points_of(n, replicates, fewest=2, least=2)
     random = joint.random()
@@ -81,8 +85,10 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
     parts = owner == torch.arange(len(names))[:, None]
     plan = Exchanged(Sobol(2 * joint.dimension, seed, points), parts)
     size = len(names) + 2
+    chunk = (chunk_of(out) or usual_chunk(n * size)) if own else chunk
     work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor,
-                      folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label))
+                      folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label),
+                      n * size)
     chunks = list(work.chunks(0, n * size, progress_of(progress, n * size)))
     one_kind((k * chunk, part) for k, part in enumerate(chunks))
     _, y, status = (torch.cat(part) for part in zip(*chunks, strict=True))
@@ -91,13 +97,22 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
     if not good.any():
         raise ValueError(f"all {n} groups have samples that failed ({', '.join(reasons)}); there are no indices of none")
     values = y.double().reshape(n, size, *y.shape[1:])
-    groups = [g[ok] for g, ok in zip(values.chunk(replicates), good.chunk(replicates), strict=True)]
+    groups = [g[ok] for g, ok in zip(values.chunk(replicates), good.chunk(replicates), strict=True) if ok.any()]
     found = _indices(torch.cat(groups))  # (2, p, ...)
-    without = torch.stack([_indices(torch.cat(groups[:k] + groups[k + 1:])) for k in range(replicates)])
-    pseudo = replicates * found - (replicates - 1) * without
-    half = student_half(pseudo, level)
+    half = _half(groups, found, level)
     return SobolIndices(names, found[0], found[1], found - half, found + half, level, _variance(values[good]), n * size,
                         int((~good).sum()), reasons)
+
+
+def _half(groups: list[Tensor], found: Tensor, level: float) -> Tensor:
+    """Half the interval (2, p, ...) of the indices found in all groups of replicates, by the jackknife; infinite where groups
+    are good in one replicate alone.
+    """
+    R = len(groups)
+    if R == 1:
+        return found.abs() + torch.inf
+    without = torch.stack([_indices(torch.cat(groups[:k] + groups[k + 1:])) for k in range(R)])
+    return student_half(R * found - (R - 1) * without, level)
 
 
 def _indices(y: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ...core.validation import Value, as_tensor, broadcast, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
-from .estimate import FEW, Estimate, level_of, probabilities, share_half, student_half
+from .estimate import FEW, Estimate, level_of, probabilities, replicated_well, share_half, student_half
 from .moments import Moments
 from .output import Summary
 from .samples import reasons_of
@@ -125,7 +125,9 @@ class Stream(Summary):
         return max(sketch.error for sketch in self._pooled())
 
     def mean_interval(self, level: float = 0.95) -> Estimate:
-        """Mean (...), with Student's interval: of the means of replicates, or of the samples."""
+        """Mean (...), with Student's interval: of the means of replicates, or of the samples. (Of a y of yes and no take the
+        exceedance of 0.5, whose interval is that of a probability.)
+        """
         known, whole, level = self._known(), self.all, level_of("level", level)
         if self._groups > 1:
             half = student_half(torch.stack([one.mean for one in known]), level)
@@ -133,7 +135,7 @@ class Stream(Summary):
             half = student_quantile((1 + level) / 2, whole.n - 1) * whole.deviation / math.sqrt(whole.n)
         else:
             half = whole.mean.abs() + math.inf
-        return self._estimate(whole.mean, whole.mean - half, whole.mean + half, level)
+        return self._estimate(whole.mean, whole.mean - half, whole.mean + half, level, torch.tensor(self._groups == 1))
 
     def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
         """Quantiles, (...) of one level and (levels, ...) of several, to the relative `error`; with `interval` an `Estimate` of
@@ -145,22 +147,23 @@ class Stream(Summary):
         if interval is None:
             return self._shaped(centre, given)
         level = level_of("interval", interval)
-        low, high = centre.clone(), centre.clone()
+        ends = []
         groups = self._groups
-        for k, q in enumerate(several.tolist()):
-            few = groups == 1 or n / groups * min(q, 1 - q) < FEW
-            ranks = [rank - 1 for rank in binomial_ranks(q, n, level)] if few else []
-            for j, sketch in enumerate(pooled):
-                if few:
-                    ends = ranks
-                else:
-                    half = self._share_error(j, centre[k, j], level, n) * n
-                    ends = [max(q * (n - 1) - half, 0), min(q * (n - 1) + half, n - 1)]
-                for bound, rank, side in ((low, ends[0], -1), (high, ends[1], 1)):
-                    at = torch.tensor([rank], dtype=torch.float64)  # float32 tells ranks apart up to 2^24
-                    value = sketch.at_ranks(at)[0].item() if 0 <= rank <= n - 1 else side * math.inf
-                    bound[k, j] = value if math.isinf(value) else value + side * abs(value) * sketch.error
-        return self._estimate(*(self._shaped(x, given) for x in (centre, low, high)), level)
+        few = (n / groups * torch.minimum(several, 1 - several) < FEW) | (groups == 1)
+        counted = [[rank - 1 for rank in binomial_ranks(q, n, level)] for q in several[few].tolist()]
+        counted = torch.tensor(counted, dtype=torch.float64).reshape(-1, 2)
+        for j, sketch in enumerate(pooled):
+            ranks = torch.stack((several, several), -1) * (n - 1)
+            if not few.all():
+                half = self._share_error(j, centre[:, j], level, n)[:, None] * n
+                ranks = ranks + torch.cat((-half, half), -1)
+            ranks[few] = counted
+            values = sketch.at_ranks(ranks.flatten().clamp(0, n - 1)).reshape(-1, 2)
+            values = values + values.abs() * sketch.error * torch.tensor([-1.0, 1.0], dtype=torch.float64)
+            values = torch.where(ranks < 0, -torch.inf, torch.where(ranks > n - 1, torch.inf, values))
+            ends.append(values)
+        low, high = torch.stack(ends, -2).unbind(-1)
+        return self._estimate(*(self._shaped(x, given) for x in (centre, low, high)), level, few)
 
     def exceedance(self, x: Value, interval: float = 0.95) -> Estimate:
         """Probability that y > x, for thresholds x that broadcast with one y. Samples in the bin that x lies in are taken half:
@@ -170,17 +173,19 @@ class Stream(Summary):
         x = finite("x", as_tensor(x, torch.float64))
         shape = broadcast("the thresholds and y of a sample", x.shape, torch.Size(self.shape))
         numbers = torch.arange(max(math.prod(self.shape), 1)).reshape(self.shape).expand(shape).flatten().tolist()
-        rows = []
+        rows, fews = [], []
         for j, at in zip(numbers, x.expand(shape).flatten(), strict=True):
             least, most = (v.item() for v in pooled[j].above(at))
             few = groups == 1 or min(least, n - most) < FEW * groups
             if few:
                 low, high = binomial_interval(least, n, level)[0], binomial_interval(most, n, level)[1]
             else:
-                half = self._share_error(j, at, level, n)
+                half = self._share_error(j, at, level, n).item()
                 low, high = max(least / n - half, 0.0), min(most / n + half, 1.0)
             rows.append(((least + most) / 2 / n, low, high))
-        return self._estimate(*(part.reshape(shape) for part in torch.tensor(rows, dtype=torch.float64).unbind(-1)), level)
+            fews.append(few)
+        parts = torch.tensor(rows, dtype=torch.float64).reshape(-1, 3).unbind(-1)
+        return self._estimate(*(part.reshape(shape) for part in parts), level, torch.tensor(fews))
 
     def histogram(self, edges: Value) -> Tensor:
         """Shares (..., bins) of the good samples between edges (bins + 1,); a sketch's bins that an edge cuts go half to each
@@ -192,11 +197,11 @@ class Stream(Summary):
         above = torch.stack([sum(sketch.above(edges)) / 2 for sketch in self._pooled()])
         return (-above.diff(dim=-1) / self.all.n).reshape(*self.shape, -1)
 
-    def _share_error(self, j: int, x: Tensor, level: float, n: int) -> float:
-        """Half the interval of P(y > x) from its shares in the replicates; at least the rule of three."""
+    def _share_error(self, j: int, x: Tensor, level: float, n: int) -> Tensor:
+        """Half the intervals (...) of P(y > x) from its shares in the replicates, x (...); at least the rule of three."""
         known = [(sketches[j], one.n) for sketches, one in zip(self.sketches, self.moments, strict=True) if one is not None]
         shares = torch.stack([sum(sketch.above(x)) / 2 / size for sketch, size in known])
-        return share_half(shares, level, n).item()
+        return share_half(shares, level, n)
 
     def _known(self) -> list[Moments]:
         known = [one for one in self.moments if one is not None]
@@ -207,7 +212,8 @@ class Stream(Summary):
     @property
     def _groups(self) -> int:
         """Groups whose scatter tells the error; 1 = samples do."""
-        return 1 if self.independent else len(self._known())
+        groups = 1 if self.independent else len(self._known())
+        return groups if replicated_well(groups, self.all.n) else 1
 
     def _pooled(self) -> list[Sketch]:
         """Sketches of all replicates together, one for each number of y."""
@@ -222,9 +228,12 @@ class Stream(Summary):
         found = rows.reshape(-1, *self.shape)
         return found if given.ndim else found[0]
 
-    def _estimate(self, centre: Tensor, low: Tensor, high: Tensor, level: float) -> Estimate:
-        return Estimate(centre, low, high, level, self.all.n, f"{self._groups} replicates" if self._groups > 1 else "counts",
-                        dict(sorted(self.reasons.items(), key=lambda item: -item[1])))
+    def _estimate(self, centre: Tensor, low: Tensor, high: Tensor, level: float, counted: Tensor) -> Estimate:
+        """counted: whether samples were counted in place of replicates, number by number."""
+        method = "counts" if counted.all() else f"{self._groups} replicates"
+        method += ", or counts where they are few" if counted.any() and not counted.all() else ""
+        reasons = dict(sorted(self.reasons.items(), key=lambda item: -item[1]))
+        return Estimate(centre, low, high, level, self.all.n, method, reasons)
 
     def __repr__(self) -> str:
         lost = f"{self.failed} failed" + "".join(f", {n}: {why}" for why, n in self.reasons.items())

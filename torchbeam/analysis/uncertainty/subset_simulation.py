@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ...math.distributions import binomial_interval
 from .estimate import student_half
 from .limit_state import LimitState
 
@@ -19,17 +20,26 @@ EQUAL = 0.1  # of those that go on: samples at the bound itself, for which a lev
 
 @dataclass(frozen=True)
 class SubsetRuns:
-    """Independent runs: probability (runs,) by each; thresholds (levels, runs) on the way, NaN after the last of a run."""
+    """Independent runs: probability (runs,) by each; thresholds (levels, runs) on the way, NaN after the last of a run; samples
+    of a level of each.
+    """
 
     probability: Tensor
     thresholds: Tensor
+    samples: int
 
     def interval(self, level: float) -> tuple[float, float, float]:
-        """Mean of the runs and its interval: Student's of the logarithm, to first order, since runs differ by factors."""
+        """Mean of the runs and its interval: Student's of the logarithm, to first order, since runs differ by factors. Where
+        all ended with the first level, whose samples are independent, Clopper and Pearson's; where none came to the threshold,
+        up to ten times the probability of the last level, which itself is known to a factor.
+        """
         p = self.probability
         mean = p.mean().item()
         if mean == 0:
-            return 0.0, 0.0, SHARE**LEVELS
+            return 0.0, 0.0, SHARE ** (LEVELS - 1)
+        if self.thresholds.isnan().all():
+            trials = len(p) * self.samples
+            return mean, *binomial_interval(round(mean * trials), trials, level)
         factor = math.exp(student_half(p, level).item() / mean)
         return mean, mean / factor, min(mean * factor, 1.0)
 
@@ -81,4 +91,4 @@ def subset_simulation(limit: LimitState, samples: int, runs: int, seed: int) -> 
             rate = taken.double().mean(-1)[:, None, None]
             scale = (scale * ((rate - ACCEPTED) / math.sqrt(step + 1)).exp()).clamp(0.01, 1.0)
         z, y = torch.cat(states, 1), torch.cat(values, 1)
-    return SubsetRuns(probability, torch.stack(thresholds))
+    return SubsetRuns(probability, torch.stack(thresholds), samples)

@@ -10,10 +10,9 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean
-from ...core.validation import precision
 from ...math.distributions import normal_score
 from .estimate import level_of
-from .evaluation import Function, evaluated
+from .evaluation import Function, evaluated, settings
 from .joint_law import JointLaw
 from .laws import Law
 
@@ -62,7 +61,7 @@ def tornado(function: Function, laws: Mapping[str, Law], *, level: float = 0.9, 
     """
     joint, level = JointLaw.of(laws), level_of("level", level)
     boolean("by_name", by_name)
-    dtype = precision(dtype or torch.get_default_dtype())
+    dtype = settings(function, 1, 0, 1, None, dtype, None)[-1]
     names = list(random := joint.random())
     firsts = [0, *accumulate(random.values())]  # variates of each: a constant has none
     z = torch.zeros(2 * len(names) + 1, joint.dimension, dtype=torch.float64)

@@ -16,7 +16,7 @@ from .kinds import Kinds, without_side
 from .layout import BETWEEN, ELEMENTS, ENDS, INNER, MOVES, NODES, ONE, OWN, SUPPORTS, TURNS, Layout
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .tracing import Tracing
+from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
 ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
@@ -28,9 +28,9 @@ class AdjointProgram(NativeProgram):
     driver = AdjointDriver
 
     def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, wanted: frozenset[str],
-                 key: str | None = None) -> None:
+                 key: str | None = None, traced: Traced | None = None) -> None:
         self.wanted = wanted
-        super().__init__(local, kinds, held, key)
+        super().__init__(local, kinds, held, key, traced)
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         wanted, w, shapes, node = sorted(self.wanted), self.w, self.shapes, traced.node

@@ -129,11 +129,12 @@ class Differentiated(torch.autograd.Function):
     def forward(ctx: Any, adjoint: Adjoint, start: list[Tensor], made: list[Tensor], *wanted: Tensor) -> tuple[Tensor, ...]:
         ctx.adjoint = adjoint
         ctx.set_materialize_grads(False)
-        ctx.save_for_backward(*start, *made)
+        # constants are read by where they lie: saved, so that torch refuses those that were written to in the meantime
+        ctx.save_for_backward(*start, *made, *(one.value for one in (*adjoint.changing, *adjoint.constant)))
         return tuple(made)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
-        saved = ctx.saved_tensors
-        return None, None, None, *ctx.adjoint.cotangents(saved[:len(grads)], saved[len(grads):], grads)
+        saved, count = ctx.saved_tensors, len(grads)
+        return None, None, None, *ctx.adjoint.cotangents(saved[:count], saved[count:2 * count], grads)

@@ -24,7 +24,7 @@ from .kept import store_layout, stored_layout
 from .kinds import Kinds, without_side
 from .layout import Layout
 from .local_functions import LocalFunctions
-from .tracing import Tracing
+from .tracing import Traced, Tracing
 
 SMALL = 60  # operations of a function that is rather written into the driver than called
 LOG = logging.getLogger("torchbeam")
@@ -37,6 +37,7 @@ class NotCompiled(RuntimeError):
 class NativeProgram:
     """kinds: that there are of nodes and elements; held: whether there are supports; key: of the structure, by which the
     layout and the object code are kept on disk, so that another process need not trace; None = by the code's text alone.
+    traced: by a program of the same structure, see `Tracing`, for what users wrote may read other things than it did then.
 
     functions  by name, as the driver calls them
     w, k       numbers of a node's unknowns, and of an element's stress
@@ -46,7 +47,9 @@ class NativeProgram:
 
     driver: type[ChainCode]
 
-    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, key: str | None = None) -> None:
+    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, key: str | None = None, traced: Traced | None = None
+                 ) -> None:
+        self.traced: Traced | None = {} if traced is None and key is None else traced
         self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
         self.state, self.element_state, self.sample_state = local.state, local.element_state, local.sample_state
         self.key, self.seconds = key, 0.0
@@ -66,7 +69,7 @@ class NativeProgram:
     @cached_property
     def functions(self) -> dict[str, Function]:
         begin, local = time.perf_counter(), self._untraced
-        tracing = Tracing(local)
+        tracing = Tracing(local, self.traced)
         self.shapes = tracing.shapes
         found = self._functions(tracing, local)
         self.seconds, self._untraced = time.perf_counter() - begin, None

@@ -207,17 +207,11 @@ def program_of(local: LocalFunctions, kinds: Kinds, held: bool, around: Surround
     return found[0]
 
 
-def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str], around: Surroundings | None = NOTHING
-               ) -> AdjointProgram:
-    """The adjoint of a program, for these constants; around: as in `program_of`. Raises RuntimeError where that has changed
-    since, and there is no adjoint yet: it would be that of another program.
-    """
+def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str]) -> AdjointProgram:
+    """The adjoint of a program, for these constants: of what users' functions were when it was made."""
     if wanted not in program.adjoints:
-        if around is not None and not around.unchanged():
-            raise RuntimeError("a first gradient was asked for after what a function of the motion reads has changed; another "
-                               "Stepper is wanted")
         key = None if program.key is None else key_of(program.key, *sorted(wanted))
-        program.adjoints[wanted] = AdjointProgram(local, program.kinds, program.held, wanted, key)
+        program.adjoints[wanted] = AdjointProgram(local, program.kinds, program.held, wanted, key, program.traced)
     return program.adjoints[wanted]
 
 

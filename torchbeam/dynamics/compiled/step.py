@@ -232,5 +232,5 @@ class CompiledStep:
     def _adjoint(self, names: frozenset[str]) -> Chain:
         """Of the cotangents of constants of these names."""
         if names not in self._adjoints:
-            self._adjoints[names] = Chain(adjoint_of(self.program, self.local, names, self.around), self.model, self.kinds)
+            self._adjoints[names] = Chain(adjoint_of(self.program, self.local, names), self.model, self.kinds)
         return self._adjoints[names]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import torch
 
@@ -13,15 +14,18 @@ from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 
 Shapes = dict[str, tuple[int, ...]]
+Traced = dict[tuple, Function]  # by their names, kinds and shapes
+OF_LOADS = ("node", "finish")  # functions that ask loads, and so what users wrote
 
 
 class Tracing:
     """shapes: of the states' and unknowns' fields; constants: of a node's, an element's, the common and a support's ones; node,
-    element: all that a function of a node, or of an element, may read.
+    element: all that a function of a node, or of an element, may read; known: functions of `OF_LOADS` that were traced before,
+    and are not traced again, to which those that are traced now are added; None = none are to be known.
     """
 
-    def __init__(self, local: LocalFunctions) -> None:
-        self.like = local.model.length.detach()
+    def __init__(self, local: LocalFunctions, known: Traced | None = None) -> None:
+        self.like, self.known = local.model.length.detach(), known
         space = local.model.space
         p, s, k = space.position, space.spin, space.strain
         q = space.identity(self.like.new_zeros(p)).shape[-1]
@@ -46,6 +50,15 @@ class Tracing:
 
     def __call__(self, function: Callable, shapes: Shapes) -> Function:
         """The function of fields of these shapes, without those that it does not read."""
+        name = function.func.__name__ if isinstance(function, partial) else function.__name__
+        if self.known is None or name not in OF_LOADS:
+            return self._traced(function, shapes)
+        key = name, *function.args, *shapes.items()
+        if key not in self.known:
+            self.known[key] = self._traced(function, shapes)
+        return self.known[key].taking({}, {})  # in a graph of its own, that grows
+
+    def _traced(self, function: Callable, shapes: Shapes) -> Function:
         generator = torch.Generator().manual_seed(0)
         given = {name: torch.rand(shape, generator=generator, dtype=self.like.dtype) for name, shape in shapes.items()}
         found = trace(function, given)

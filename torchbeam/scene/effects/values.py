@@ -72,7 +72,7 @@ class Along(ByPlace):
 class PerElement(ByPlace):
     """A line load's value for each element: (..., N, 3) per metre, or a function t -> (..., N, 3).
 
-    A node takes the mean of its two elements, by their lengths: the load that it gathers is then half of each.
+    A node takes the mean of its two elements, by the lengths that they give it: all nodes together bear what the elements do.
     """
 
     value: Value | Callable[[Tensor], Tensor] = leaf(2)
@@ -103,14 +103,23 @@ class PerElement(ByPlace):
 
 
 def _mean_of_elements(value: Tensor, s: Tensor) -> Tensor:
-    """At the nodes with the arclengths s (..., N+1), (..., N+1, c), from values (..., N, c) of the elements."""
-    h = s.diff(dim=-1)[..., None]
-    intervals = h.shape[-2] // value.shape[-2]  # of an element
-    value = value if intervals == 1 else value.repeat_interleave(intervals, -2)
-    ends = torch.zeros_like(h[..., :1, :])
-    before, after = torch.cat((ends, h), -2), torch.cat((h, ends), -2)
-    first, last = value[..., :1, :], value[..., -1:, :]
-    return (before * torch.cat((first, value), -2) + after * torch.cat((value, last), -2)) / (before + after)
+    """At the nodes with the arclengths s (..., N+1), (..., N+1, c), from values (..., N, c) of the elements; of two elements by
+    the lengths that they give the node, see `Model.tributary_length`: half of each, or with a midside node at the distances a
+    and b from the ends a/2 - b/6 at the first of these and b/2 - a/6 at the other.
+    """
+    first = last = s.diff(dim=-1)[..., None]
+    midside = first.shape[-2] > value.shape[-2]
+    if midside:
+        a, b = first[..., ::2, :], first[..., 1::2, :]
+        first, last = 3 * a - b, 3 * b - a
+    none = torch.zeros_like(first[..., :1, :])
+    before, after = torch.cat((none, last), -2), torch.cat((first, none), -2)
+    left, right = torch.cat((value[..., :1, :], value), -2), torch.cat((value, value[..., -1:, :]), -2)
+    mean = (before * left + after * right) / (before + after)
+    if not midside:
+        return mean
+    inner = torch.stack(torch.broadcast_tensors(mean[..., :-1, :], value), -2).flatten(-3, -2)
+    return torch.cat((inner, mean[..., -1:, :]), -2)
 
 
 def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:

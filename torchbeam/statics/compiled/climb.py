@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch._C import _functorch as functorch
 
+from ...core.repetition import repetitions
 from ...core.validation import broadcast
 from ...dynamics.compiled.call import Call, Chain, Field
 from ...dynamics.compiled.constants import Constants
@@ -70,13 +71,14 @@ def climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: 
 
 def automatic_climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool
                     ) -> Climbed | None:
-    """The same where "auto" takes native code: for many samples of what it takes, but for functions of the motion. What fails
-    in the compiler is warned of; None where it is to be done eagerly.
+    """The same where "auto" takes native code: for many samples of what it takes, those of all calls of a run, but for
+    functions of the motion. What fails in the compiler is warned of; None where it is to be done eagerly.
     """
     if meaning() == "compiled":
         return climb(model, t, inputs, x, tolerance, judged)
     samples = broadcast("a scene, a start and inputs", model.scene.batch_shape, *(v.shape[:-2] for v in x),
                         *(v.shape[:-1] for v in inputs.values())).numel()
+    samples *= repetitions()
     if meaning() == "eager" or samples * model.count < WORTH or by_function(model) or refusal(model) is not None:
         return None
     try:

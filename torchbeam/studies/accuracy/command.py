@@ -58,7 +58,7 @@ class Progress:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Which setting is cheapest for an error: elements, methods and forms over five motions, beside other programs."""
-    given, out = study(argv, "accuracy", ABOUT, QUICK_ABOUT, _options)
+    given, out = study(argv, "accuracy", ABOUT, QUICK_ABOUT, _options, instead="references")
     with threads(1):
         if given.references is not None:
             for line in references.write(given.references):
@@ -79,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--motions", nargs="+", metavar="MOTION", choices=[motion.name for motion in MOTIONS],
-                        help=f"of {', '.join(motion.name for motion in MOTIONS)} (default: all)")
+                        help=f"of {', '.join(repr(motion.name) for motion in MOTIONS)} (default: all)")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="CPU time, about (default: %(default)g)")
     peers.options(parser)
     parser.add_argument("--references", type=Path, metavar="FILE",

@@ -35,7 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for samples and answers")
     parser.add_argument("--n", type=int, help="samples, in place of those of the configuration")
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster, such as tcp://host:8786 (extra mc)")
+    where.add_argument("--scheduler", metavar="ADDRESS",
+                       help="of a Dask cluster: tcp://HOST:8786, or the .json file that its scheduler writes (extra mc)")
     where.add_argument("--workers", type=int, default=None, metavar="N", help="processes here, of one thread each")
     parser.add_argument("--quiet", action="store_true", help="no progress on the terminal")
     given = parser.parse_args(argv)
@@ -56,8 +57,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("\nstopped; the same command goes on where it was", file=sys.stderr)
         return 130
     except (CancelledError, BrokenExecutor, OSError) as error:
-        print(f"\nthe workers were lost ({type(error).__name__}: {error}); the same command goes on where it was",
-              file=sys.stderr)
+        why = ": ".join(filter(None, (type(error).__name__, str(error))))
+        print(f"\nthe workers were lost ({why}); the same command goes on where it was", file=sys.stderr)
         return 1
     _report(config, result, out)
     return 0

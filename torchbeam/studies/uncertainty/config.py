@@ -67,7 +67,8 @@ def read(path: Path) -> Config:
             given["correlation"] = {tuple(name.strip() for name in pair.split(",")): value
                                     for pair, value in given["correlation"].items()}
         if isinstance(given.get("sentences"), dict):
-            given["sentences"] = {int(code): text for code, text in given["sentences"].items()}
+            codes = [int(code) if code.removeprefix("-").isdecimal() else code for code in given["sentences"]]
+            given["sentences"] = dict(zip(codes, given["sentences"].values(), strict=True))
         if unknown := [name for name in given if name not in KNOWN]:
             raise ValueError(f"{unknown[0]!r} was given in {path.name}; {', '.join(KNOWN)} are there")
     for name in ("function", "laws"):

@@ -40,6 +40,7 @@ TOTALS = {"static": 1_000_000, "rollout": 100_000}  # samples
 SHARE, QUICK = 16, 10  # one part in so many: of the samples, for the first rows; of all of them, with --quick
 CHUNKS = {"static": (256, 1024, 4096, 16384), "rollout": (64, 256, 1024, 4096)}
 ELEMENTS, STEP = 8, 0.01  # s
+WARM = 4096  # samples that equilibria are compiled for, whatever the chunk
 LAWS = {"EI": LogNormal(1.0, 0.2), "P": Normal(1.0, 0.15)}
 COLUMNS = ("what", "run", "processes", "chunk", "samples", "seconds", "CPU us/sample", "samples/s", "failed", "MB of memory",
            "bytes/sample on disk")
@@ -109,7 +110,7 @@ def run(what: str, kind: str, samples: int, chunk: int, processes: int) -> Row:
     try:
         with threads(1), (pool or nullcontext()):
             options = dict(replicates=16, by_name=True, executor=pool, dtype=torch.float64)
-            first = chunk if pool is None else 2 * processes * chunk  # processes begin, and compile
+            first = max(chunk if pool is None else 2 * processes * chunk, min(samples, WARM))  # processes begin, and compile
             monte_carlo(FUNCTIONS[what], LAWS, first, chunk=chunk, seed=1, **{**options, "replicates": None})
             taken = peak_memory()
             begun, cpu = time.perf_counter(), time.process_time()

@@ -7,7 +7,8 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.analysis.uncertainty.given_law import of_score, of_uniform
+from torchbeam.analysis.uncertainty.given_law import of_uniform
+from torchbeam.analysis.uncertainty.law_scores import of_score
 
 U = (torch.arange(20000) + 0.5) / 20000
 WEIBULL = math.gamma(1.5)
@@ -67,10 +68,56 @@ def test_scores():
     far = torch.tensor([12.0])
     for law in (tb.laws.Normal(2.0, 0.3), torch.distributions.Normal(2.0, 0.3)):
         assert_close(of_score(law, far), torch.tensor([5.6]), rtol=1e-6, atol=0)
-    assert torch.isfinite(of_score(tb.laws.Gumbel(0.0, 1.0), far)).all()
+    assert torch.isfinite(of_score(torch.distributions.Laplace(0.0, 1.0), torch.tensor([-12.0, 12.0]))).all()
+
+
+def tail(z):
+    return math.erfc(z / 2**0.5) / 2
+
+
+def test_far_tails():
+    """12 deviations out, where a probability is 1 but for rounding: by hand, from P(X > x) = Phi(-12). So for torch's laws, and
+    on the lower side. A truncated law has the tail of its own law, or of the range that is left of it.
+    """
+    z, q = torch.tensor([12.0]), tail(12)
+    wanted = {
+        tb.laws.Uniform(-2.0, 0.0): -2 * q, tb.laws.Triangular(-4.0, -1.0, 0.0): -((4 * q) ** 0.5),
+        tb.laws.Weibull(2.0, 2.0): 2 * (-math.log(q)) ** 0.5, tb.laws.Gumbel(1.0, 0.5): 1 - 0.5 * math.log(-math.log1p(-q)),
+        torch.distributions.Weibull(2.0, 2.0): 2 * (-math.log(q)) ** 0.5,
+        torch.distributions.Exponential(0.5): -2 * math.log(q),
+        torch.distributions.LogNormal(1.0, 0.5): math.exp(1 + 6),
+        tb.laws.Truncated(tb.laws.Weibull(1.0), 3.0): 3 - math.log(q),
+    }
+    for law, x in wanted.items():
+        assert of_score(law, z).item() == pytest.approx(x, rel=1e-12), law
+        if hasattr(law, "score"):
+            assert_close(law.score(of_score(law, z)), z, rtol=1e-12, atol=0)
+    assert of_score((-2.0, 0.0), z).item() == pytest.approx(-2 * q, rel=1e-12)
+    assert tb.laws.Weibull(2.0, 2.0).of_score(-z).item() == pytest.approx(2 * q**0.5, rel=1e-12)
+    far = tb.laws.Truncated(tb.laws.Normal(0.0, 1.0), 9.0, 10.0)  # of a probability of 1e-19
+    x = far.icdf(U)
+    shares = [(tail(9) - tail(v)) / (tail(9) - tail(10)) for v in x[::4000].tolist()]
+    assert shares == pytest.approx(U[::4000].tolist(), rel=1e-9) and x.min() >= 9 and x.max() <= 10
+    assert_close(far.cdf(x), U, rtol=1e-9, atol=0)
+
+
+def test_slopes_at_the_ends():
+    """Of a law whose mode is an end, and 20 deviations out: finite, and those of differences where these tell them."""
+    for law in (tb.laws.Triangular(0.0, 0.0, 1.0), tb.laws.Triangular(0.0, 1.0, 1.0), tb.laws.Truncated((0.0, 1.0), 0.2),
+                tb.laws.Gumbel(0.0, 1.0), tb.laws.Weibull(1.0, 2.0)):
+        z = torch.tensor([-20.0, -1.0, 0.5, 1.0, 20.0], requires_grad=True)
+        slope, = torch.autograd.grad(of_score(law, z).sum(), z)
+        h, at = 1e-5, z.detach()[1:4]
+        assert torch.isfinite(slope).all(), law
+        assert_close(slope[1:4], (of_score(law, at + h) - of_score(law, at - h)) / (2 * h), rtol=1e-7, atol=0)
 
 
 REFUSED = {
+    "of several numbers": (lambda: tb.laws.Truncated(torch.distributions.Normal(torch.zeros(3), torch.ones(3)), 0.0),
+                           r"was given to Truncated, which has \(3,\) numbers, not one"),
+    "truncated without quantiles": (lambda: tb.laws.Truncated(torch.distributions.Beta(1.0, 2.0), 0.0), "has no quantiles"),
+    "beyond what a law tells": (lambda: tb.laws.Truncated(torch.distributions.Laplace(0.0, 1.0), 30.0), "a wider range"),
+    "a marginal": (lambda: tb.laws.RandomField([0.0, 1.0], 1.0, 0.1, 1.0, marginal=torch.ones(2)), "'lognormal', 'normal' are"),
     "constant": (lambda: tb.laws.Constant(math.nan), "Constant's value = nan was given"),
     "uniform": (lambda: tb.laws.Uniform(1.0, 1.0), "Uniform from 1 to 1 was given; least below largest"),
     "normal": (lambda: tb.laws.Normal(1.0, 0.0), "Normal's deviation = 0 was given; a positive"),

@@ -76,7 +76,24 @@ def test_single_precision_far_from_zero():
     assert_close(found.deviation_by.estimate, torch.tensor([0.0, 1.0]), rtol=0.02, atol=0.02, check_dtype=False)
 
 
+def test_double_precision_far_from_zero():
+    """y = 1e8 + x in float64: squares of y, 1e16, end at 2."""
+    found = tb.moment_derivatives(lambda theta: 1e8 + theta[:, 0], lambda q: {"x": tb.laws.Normal(q[0], q[1])},
+                                  torch.tensor([0.0, 0.1]), 1024)
+    assert found.mean.estimate.item() - 1e8 == pytest.approx(0.0, abs=1e-3)
+    assert found.deviation.estimate.item() == pytest.approx(0.1, rel=0.02)
+    assert_close(found.deviation_by.estimate, torch.tensor([0.0, 1.0]), rtol=0, atol=0.02)
+
+
+def test_replicates_with_one_good_sample():
+    """They count for the moments, though they have no deviation of their own."""
+    found = tb.moment_derivatives(lambda theta: torch.where(theta[:, 0] > 0.6, torch.nan, theta[:, 0]),
+                                  lambda q: {"x": lambda u: q[0] * u}, torch.tensor([1.0]), 32)
+    assert found.mean.samples + found.mean.failed == 32 and torch.isfinite(found.deviation.low)
+
+
 REFUSED = {
+    "laws as a dict": (dict(laws={"a": (0.0, 1.0)}), r"laws = \{'a': \(0.0, 1.0\)\} was given; a function"),
     "no gradient": (dict(function=lambda theta: theta.detach()), "carries no gradient"),
     "a gradient by something else": (dict(function=lambda theta: theta.detach() * torch.ones(1, requires_grad=True)),
                                      "carries no gradient by q"),

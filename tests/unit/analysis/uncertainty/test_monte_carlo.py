@@ -9,11 +9,13 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from threading import Timer
 
+import numpy as np
 import pytest
 import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam.core.repetition import repetitions
 
 NORMAL = torch.distributions.Normal(torch.tensor(1.0, dtype=torch.float64), torch.tensor(0.2, dtype=torch.float64))
 LAWS = {"a": (0.0, 2.0), "b": NORMAL, "c": torch.exp}
@@ -57,10 +59,16 @@ def test_the_default_dtype_does_not_matter():
 
 
 def test_other_processes():
-    """Two spawned workers: what this process gets, to the bit."""
+    """Two spawned workers: what this process gets, to the bit; and no open file stays behind a chunk."""
+    before, opened = _open_files(), []
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        there = tb.monte_carlo(torch.sin, LAWS, 64, chunk=16, executor=pool)
-    assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64).y).all()
+        there = tb.monte_carlo(torch.sin, LAWS, 64, chunk=1, executor=pool, progress=lambda _: opened.append(_open_files()))
+    assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64, chunk=1).y).all()
+    assert max(opened) < before + 32  # pipes of two processes, and nothing that is left of each chunk
+
+
+def _open_files():
+    return len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else 0
 
 
 def _doze(theta):
@@ -131,6 +139,37 @@ def test_beams():
     assert_close(found.mean, one * math.log(2), rtol=1e-3, atol=0)
 
 
+def test_chunks_that_nobody_chose(tmp_path):
+    """256; of many samples up to 1,024, and in a folder what that has. What the function calls knows how many there are."""
+    sizes = []
+
+    def noted(theta):
+        sizes.append((len(theta), len(theta) * repetitions()))
+        return theta[:, 0]
+
+    for n, chunk in ((100, 100), (1000, 256), (2**15, 512), (10**5, 1024)):
+        sizes.clear()
+        tb.monte_carlo(noted, LAWS, n)
+        assert sizes[0] == (chunk, pytest.approx(n)) and sum(size for size, _ in sizes) == n
+    tb.monte_carlo(noted, LAWS, 100, chunk=64, out=tmp_path, version=1)
+    sizes.clear()
+    tb.monte_carlo(noted, LAWS, 200, out=tmp_path, version=1)
+    assert [size for size, _ in sizes] == [64, 64, 8] and repetitions() == 1
+
+
+def test_constants_alone():
+    """Laws without scatter, and a correlation of none of them: the same sample again and again."""
+    laws = {"a": tb.laws.Constant(1.0), "b": tb.laws.Constant(2.0)}
+    for correlation in (None, {}, torch.eye(2)):
+        assert (tb.monte_carlo(product, laws, 4, correlation=correlation).y == 2).all()
+
+
+def test_half_precision_is_kept_as_single():
+    """A y of a network in bfloat16: NumPy, and so a table, knows no such numbers."""
+    found = tb.monte_carlo(lambda theta: theta[:, 0].bfloat16(), LAWS, 8)
+    assert found.y.dtype == torch.float32 and torch.isfinite(found.mean)
+
+
 CASES = {
     "no laws": (dict(laws={}), "no laws were given"),
     "no function": (dict(function=3), "function = 3 was given"),
@@ -153,6 +192,23 @@ CASES = {
     "version": (dict(version=1.5), "version = 1.5 was given"),
     "y that is no tensor": (dict(function=lambda theta: theta.tolist()), "gave y as a list"),
     "a status too short": (dict(function=lambda theta: (theta, torch.zeros(3))), r"gave a status \(3,\) was given; \(8,\)"),
+    "sentences": (dict(sentences="buckled"), "sentences = 'buckled' were given; a dict, status -> text"),
+    "sentences by text": (dict(sentences={"3": "buckled"}), "a dict, status -> text, is wanted"),
+    "constants with a correlation": (dict(laws={"a": tb.laws.Constant(1.0), "b": tb.laws.Constant(2.0)},
+                                          correlation={("a", "b"): 0.5}), "of 'a' was given, which is a constant"),
+    "several correlations": (dict(correlation={("a", "b"): [0.1, 0.2]}), r"the correlation of \('a', 'b'\) = \[0.1, 0.2\] was"),
+    "a correlation of lists": (dict(correlation={(("a",), "b"): 0.1}), r"a correlation of \(\('a',\), 'b'\) was given; two of"),
+    "path": (dict(out=3), "out = 3 was given; a path is wanted"),
+    "no path": (dict(out=""), "out = '' was given; a path is wanted"),
+    "chunk as an array": (dict(chunk=np.array([1, 2])), r"chunk = array\(\[1, 2\]\) was given; a whole number"),
+    "progress as a tensor": (dict(progress=torch.ones(2)), "progress = tensor.* was given; a function or True"),
+    "y without numbers": (dict(function=lambda theta: theta[:, :0]), r"gave y \(8, 0\) was given"),
+    "y on no device": (dict(function=lambda theta: theta.to("meta")), "on meta was given; numbers"),
+    "a sparse y": (dict(function=lambda theta: theta.to_sparse()), "in the layout torch.sparse_coo"),
+    "half a status": (dict(function=lambda theta: (theta, theta[:, 0] * 0 + 0.5)), "a status between whole numbers"),
+    "a complex status": (dict(function=lambda theta: (theta, theta[:, 0] * 1j)), "a complex status was given"),
+    "law without quantiles": (dict(laws={"a": torch.distributions.Gamma(1.0, 2.0)}), r"which has no quantiles \(icdf\); an"),
+    "law of as many numbers": (dict(laws={"a": torch.distributions.Normal(torch.zeros(8), 1.0)}), r"which has \(8,\) numbers"),
     "y of two kinds": (dict(function=lambda theta: theta.new_zeros(len(theta), len(theta)), chunk=5), "from sample 5 on"),
     "another y": (dict(function=lambda theta: theta[:2]), r"y \(2, 3\) was given; \(8, ...\) is wanted"),
 }

@@ -14,6 +14,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.analysis.uncertainty import monte_carlo_stream as module
+from torchbeam.analysis.uncertainty.sketch import Sketch
 from torchbeam.core import files
 
 LAWS = {"a": (0.0, 1.0), "x": tb.laws.Normal(0.0, 1.0)}
@@ -60,6 +61,24 @@ def test_quantiles_and_probabilities(both):
     wanted = torch.stack([torch.histc(y, 11, -6, 60) for y in kept.good.unbind(-1)]) / len(kept.good)
     assert_close(stream.histogram(edges), wanted, rtol=0, atol=2e-3)
     assert "buckled" in repr(stream) and stream.failed == kept.failed
+
+
+def test_bins_are_counted_once(both, monkeypatch):
+    """An interval of three quantiles of two numbers: two times per number for those of all, once for each of 16 replicates."""
+    counted, bins = [], Sketch.bins
+    monkeypatch.setattr(Sketch, "bins", lambda self: (counted.append(self), bins(self))[1])
+    stream = both[1]
+    stream.quantile((0.05, 0.5, 0.95), 0.95)
+    assert len(counted) == 2 * 2 + (0 if stream.independent else 2 * 16)
+
+
+def test_methods(both):
+    """It says how an interval was found, number by number where they differ."""
+    stream = both[1]
+    if not stream.independent:
+        assert stream.quantile(0.5, 0.95).method == "16 replicates" and stream.quantile(0.9999, 0.95).method == "counts"
+        assert stream.quantile((0.5, 0.9999), 0.95).method == "16 replicates, or counts where they are few"
+        assert stream.exceedance(1e9).method == "counts" and stream.exceedance(1.0).method == "16 replicates"
 
 
 def test_taken_up_again(tmp_path, monkeypatch):

@@ -45,6 +45,9 @@ def test_xarray(samples):
     assert samples.to_xarray()["y"].dims == ("sample", "axis_1")
     with pytest.raises(ValueError, match="a name for each axis"):
         samples.to_xarray(dims=())
+    for coords in (3, {"a": [0.0, 1.0]}):
+        with pytest.raises(ValueError, match=r"coords = .* were given; a dict, name -> places, of other names than a, f\[0\]"):
+            samples.to_xarray(coords=coords)
 
 
 @pytest.mark.parametrize("name", ["pandas", "xarray"])

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 import torch
 from torch.testing import assert_close
@@ -50,6 +51,16 @@ def test_covariance(kernel, share):
     assert_close(samples.y.mean(0), torch.full((10,), 5.0), rtol=1e-3, atol=0)
     assert_close(torch.cov(samples.y.mT), 4 * made, rtol=0, atol=0.1)
     assert f"{field.terms} terms" in repr(field)
+
+
+def test_mean_with_few_terms():
+    """Two terms of a rough lognormal field hold a half of its variance at the ends, and all of its mean (Gauss and Hermite)."""
+    field = tb.laws.RandomField(torch.linspace(0, 1, 5), 3.0, 1.5, 0.3, terms=2)
+    x, w = (torch.from_numpy(v) for v in np.polynomial.hermite_e.hermegauss(24))
+    weights = (w[:, None] * w).flatten() / (2 * math.pi)
+    mean = weights @ field.of_scores(torch.cartesian_prod(x, x))
+    assert field.captured.min() < 0.6
+    assert_close(mean, torch.full((5,), 3.0), rtol=1e-9, atol=0)
 
 
 def test_lognormal():

@@ -10,6 +10,7 @@ import torchbeam as tb
 from torchbeam.analysis.uncertainty.evaluation import Evaluation
 from torchbeam.analysis.uncertainty.joint_law import JointLaw
 from torchbeam.analysis.uncertainty.limit_state import LimitState
+from torchbeam.math.distributions import binomial_interval
 
 NORMALS = {name: tb.laws.Normal(0.0, 1.0) for name in "abcd"}
 BETA = 4.753424  # Phi(-BETA) = 1e-6
@@ -66,6 +67,39 @@ def test_two_regions():
         found = tb.rare_event(lambda theta: theta[:, 0].abs(), NORMALS, 4.0, n, method=method, starts=8)
         assert found.low < 2 * tail(4.0) < found.high, method
         assert found.points is None or found.points[:, 0].abs().tolist() == pytest.approx([4.0, 4.0], rel=1e-4)
+
+
+def test_likely_events():
+    """All samples hit: an interval to one side, Clopper and Pearson's. More likely than not: the rest is what is sampled, to
+    10 % of itself. Never reached in thirty levels: a bound.
+    """
+    sure = tb.rare_event(linear, NORMALS, -100.0, 500)
+    assert (sure.probability, sure.high) == (1.0, 1.0) and sure.low == pytest.approx(0.025 ** (1 / 500))
+    likely = tb.rare_event(linear, NORMALS, -4.0, 1024, method="importance")
+    assert 1 - likely.probability == pytest.approx(tail(4.0), rel=0.1) and likely.low < 1 - tail(4.0) < likely.high < 1
+    usual = tb.rare_event(linear, NORMALS, -1.0, 2000, seed=1)
+    hits = round(usual.probability * 2000)
+    assert usual.low < tail(-1.0) < usual.high and (usual.low, usual.high) == binomial_interval(hits, 2000, 0.95)
+    never = tb.rare_event(linear, NORMALS, 1e3, 500)
+    assert (never.probability, never.low) == (0, 0) and 1e-30 < never.high < 1e-28
+
+
+def test_far_tails():
+    """P(X > x) = exp(-x^2) of a Weibull law, at 1e-20, beyond what a probability tells; torch's as well. Linear at 1e-198: the
+    interval has a width. A law that is a function of u tells its lower tail, and says that it has no upper one.
+    """
+    x = math.sqrt(20 * math.log(10))
+    for law in (tb.laws.Weibull(1.0, 2.0), torch.distributions.Weibull(1.0, 2.0)):
+        found = tb.rare_event(lambda theta: theta[:, 0], {"x": law}, x, 256, method="importance")
+        assert found.form == pytest.approx(1e-20, rel=1e-3) and found.low < 1e-20 < found.high
+        assert found.probability == pytest.approx(1e-20, rel=0.15)
+    far = tb.rare_event(linear, NORMALS, 30.0, 256, method="importance")
+    assert far.form == pytest.approx(tail(30.0), rel=1e-2) and far.low < 0.99 * far.high
+    assert far.low < tail(30.0) < far.high
+    down = tb.rare_event(lambda theta: -theta[:, 0], {"x": torch.log}, 46.0517, 256, method="importance")
+    assert down.probability == pytest.approx(1e-20, rel=0.15)
+    with pytest.raises(ValueError, match=r"\(the law of 'x' does not tell values more than 7 deviations up apart\)"):
+        tb.rare_event(lambda theta: theta[:, 0], {"x": torch.special.ndtri}, 9.0, 256, method="importance")
 
 
 def test_curved():

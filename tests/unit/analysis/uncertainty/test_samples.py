@@ -9,6 +9,7 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.analysis.uncertainty.estimate import quantile_of_sorted
 from torchbeam.analysis.uncertainty.samples import Samples
+from torchbeam.analysis.uncertainty.stream import Summarise
 
 LAWS = {"a": (0.0, 1.0), "b": (0.0, 1.0)}
 
@@ -134,6 +135,48 @@ def test_one_sample_a_replicate():
     assert stream.deviation.isnan()
 
 
+def test_replicates_with_few_good_samples():
+    """Four replicates of four, of which the first has one good sample and the last none: all nine count, in Samples and in a
+    Stream alike; the deviation's error comes from those that have one, of one replicate from a bootstrap.
+    """
+    y = torch.tensor([1.0, 0, 0, 0, 2, 3, 5, 4, 6, 2, 3, 9, 0, 0, 0, 0])
+    bad = torch.tensor([0, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1])
+    own = Samples(("x",), y[:, None], y, bad, 4)
+    stream = tb.monte_carlo_stream(lambda theta: (y[:len(theta)], bad[:len(theta)]), LAWS, 16, replicates=1, chunk=16)
+    stream.moments.clear()
+    stream.sketches.clear()
+    for k, part in enumerate((y.chunk(4), bad.chunk(4))[0]):
+        stream.merge(k, Summarise({})((part[:, None], part, bad[4 * k:4 * k + 4])))
+    groups = [y[:1], y[4:8], y[8:12]]
+    means = torch.stack([group.mean() for group in groups])
+    half = means.std() / 3**0.5 * 4.302653  # t of 2
+    for found in (own, stream):
+        mean, low, high = found.mean_interval()
+        assert mean == pytest.approx(35 / 9) and found.mean_interval().samples == 9
+        assert_close(torch.stack((low, high)), torch.stack((mean - half, mean + half)), rtol=1e-6, atol=0)
+        assert found.exceedance(2.5).estimate == pytest.approx(6 / 9) and found.quantile(0.5) == pytest.approx(3.0, rel=1e-3)
+    spread = own.deviation_interval()
+    assert spread.method == "2 replicates" and torch.isfinite(spread.low) and spread.estimate == own.deviation
+    alone = Samples(("x",), y[:, None], y, torch.where(torch.arange(16) < 8, bad, 1), 4).deviation_interval()
+    assert alone.method == "bootstrap" and alone.samples == 5 and 0 <= alone.low < alone.estimate < alone.high
+    last = Samples(("x",), y[:, None], y, (torch.arange(16) != 5).long(), 4).statistic(lambda y: y.mean(0))
+    assert (last.estimate, last.low, last.high) == (3.0, -math.inf, math.inf)
+
+
+def test_two_replicates_tell_little():
+    """Of two, Student's factor is 12.7: a bound that would lie beyond all samples is not there."""
+    y = torch.cat((torch.linspace(0, 1, 100), torch.linspace(0.5, 1.5, 100)))
+    own = Samples(("x",), y[:, None], y, torch.zeros(200, dtype=torch.long), 2)
+    _, low, high = own.quantile(0.5, interval=0.95)
+    assert low == -math.inf and high == math.inf
+
+
+def test_sure_successes():
+    """A y that is true in all of 256 samples: not surely always."""
+    found = tb.monte_carlo(lambda theta: theta[:, 0] > -1, LAWS, 256, replicates=16).mean_interval()
+    assert found.estimate == 1 and found.low == pytest.approx(0.025 ** (1 / 256)) and found.high == 1
+
+
 def test_ranks_of_many():
     """Samples beyond 2^24, which float32 does not count: the last of them is found."""
     y = torch.zeros(2**24 + 4)
@@ -215,9 +258,18 @@ REFUSED = {
     "interval": (lambda s: s.quantile(0.5, interval=0.0), "interval = 0 was given"),
     "threshold": (lambda s: s.exceedance(math.nan), "x holds nan"),
     "until": (lambda s: tb.monte_carlo(total, LAWS, 256, until=2.0), "until = 2.0 was given; a relative error"),
+    "until of a number": (lambda s: tb.monte_carlo(total, LAWS, 256, until=(0.1, lambda s: s.mean)), "gave a Tensor was given"),
     "until with few": (lambda s: tb.monte_carlo(total, LAWS, 4, until=0.1), "for 4 replicates; at least 8"),
     "progress": (lambda s: tb.monte_carlo(total, LAWS, 4, progress=3), "progress = 3 was given; a function or True"),
     "chunk": (lambda s: tb.monte_carlo(total, LAWS, 4, chunk="big"), "chunk = 'big' was given"),
+    "statistic": (lambda s: s.statistic(3), "function = 3 was given; a function"),
+    "statistic that is no tensor": (lambda s: s.statistic(len), "a statistic that gave a int was given; a tensor"),
+    "statistic of several shapes": (lambda s: s.statistic(lambda y: y.unique()), r"gave \(8,\) of all samples and \(\d,\) of"),
+    "failed that exceed": (lambda s: s.exceedance(0.5, failed_exceed=3), "failed_exceed = 3 was given; True or False"),
+    "reference": (lambda s: s.convergence([1.0, 2.0]), r"with the batch axes|a reference \(2,\)"),
+    "levels of a summary": (lambda s: s.summary(levels=0.5), "levels = 0.5 were given; a sequence of numbers"),
+    "thresholds of a summary": (lambda s: s.summary(thresholds="ab"), "thresholds = 'ab' were given"),
+    "path of a summary": (lambda s: s.write_summary(3), "path = 3 was given; a path"),
 }
 
 
@@ -225,4 +277,4 @@ REFUSED = {
 def test_refused(name):
     call, sentence = REFUSED[name]
     with pytest.raises(ValueError, match=sentence):
-        call(tb.monte_carlo(total, LAWS, 8))
+        call(tb.monte_carlo(total, LAWS, 8, design="plain"))

@@ -38,6 +38,12 @@ def test_quantiles(name):
     assert found.error < 1e-2 or name in ("over 300 decades", "of both signs", "with zeros")
 
 
+def test_between_whole_ranks():
+    """The median of 1 and 3 is 2."""
+    found = sketch(torch.tensor([3.0, 1.0])).at_ranks(torch.tensor([0.0, 0.5, 1.0]))
+    assert found.tolist() == pytest.approx([1, 2, 3], rel=1e-8)
+
+
 @pytest.mark.parametrize("name", SETS)
 def test_above(name):
     """Between the counts that a threshold's bin leaves open, which are few."""

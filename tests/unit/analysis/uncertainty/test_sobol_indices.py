@@ -63,6 +63,28 @@ def test_failed_groups_are_left_out(tmp_path):
     assert sum(calls) == 5120 and (again.total == found.total).all()
 
 
+def test_replicates_without_good_groups():
+    """y = a + 2 b fails in whole replicates: those do not count for the interval, which is that of the others; of one that is
+    left it is infinite.
+    """
+    def function(good):
+        calls = []
+
+        def failing(theta):
+            calls.append(len(theta))
+            return torch.where(torch.tensor(len(calls) in good), theta[:, 0] + 2 * theta[:, 1], torch.nan)
+        return failing
+
+    laws, run = {"a": (0.0, 1.0), "b": (0.0, 1.0)}, dict(n=64, replicates=4, chunk=64)
+    half, one = (tb.sobol_indices(function(good), laws, **run) for good in ((1, 2), (3,)))
+    y = tb.sobol_indices(function((1, 2, 3, 4)), laws, **{**run, "n": 32, "replicates": 2})
+    for name in ("first", "total", "low", "high"):
+        assert_close(getattr(half, name), getattr(y, name))
+    assert half.failed == 32 and torch.isfinite(half.high).all()
+    assert one.failed == 48 and torch.isfinite(one.first).all()
+    assert (one.high == math.inf).all() and (one.low == -math.inf).all()
+
+
 def test_salib():
     """The same estimators at the same samples: equal."""
     sobol = pytest.importorskip("SALib.analyze.sobol")

@@ -39,5 +39,7 @@ def test_of_histories_with_a_field_and_a_failure():
 def test_refused():
     with pytest.raises(ValueError, match="all constant"):
         tb.tornado(torch.sin, {"a": tb.laws.Constant(1.0)})
+    with pytest.raises(ValueError, match="function = 3 was given; a function"):
+        tb.tornado(3, LAWS)
     with pytest.raises(ValueError, match="level = 1 was given"):
         tb.tornado(torch.sin, LAWS, level=1)

@@ -10,6 +10,7 @@ from compiled_step_cases import inputs_of, section, straight
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam.core.repetition import one_of
 from torchbeam.dynamics.compiled.native import NotCompiled
 from torchbeam.nodal.discretise import discretise
 from torchbeam.statics.compiled import climb as compiled
@@ -248,6 +249,8 @@ def test_auto_compiles_for_many_samples(monkeypatch):
 
     monkeypatch.setenv("TORCHBEAM_ENGINE", "auto")
     assert made() == 0 and made(engine="compiled") == 1
+    with one_of(1024):  # calls of 4 samples of 8 elements
+        assert made() == 1
     monkeypatch.setattr(compiled, "WORTH", 32)
     assert made() == 1 and made(engine="eager") == made(own) == made(relax=True) == 0
     monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")

@@ -6,11 +6,14 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import BrokenExecutor, Future
+from types import SimpleNamespace
 
 import pytest
 import torch
 
 import torchbeam as tb
+from torchbeam.studies.uncertainty.cluster import Cluster as Workers
 from torchbeam.studies.uncertainty.command import main
 from torchbeam.studies.uncertainty.config import read
 
@@ -117,6 +120,7 @@ BAD = {
     "thresholds": (*config(thresholds=["x"]), "'x' was given; numbers"),
     "interval": (*config(interval=95), "interval = 95 was given; a probability between 0 and 1"),
     "keep": (*config(keep="no"), "keep = 'no' was given"),
+    "sentences": (*config(sentences={"x": "buckled"}), "a dict, status -> text, is wanted"),
     "a name of another": ("json.py", "n = 1", "another module is called 'json'"),
     "of a stream": (*config(keep=False, until=0.1), "'until' was given with keep = False"),
 }
@@ -184,7 +188,7 @@ def test_cluster(model, tmp_path):
         assert process.wait(120) == 1 and "goes on where it was" in process.communicate()[1]
     assert 14 <= chunks(tmp_path / "lost") < 32
     with Cluster(tmp_path, 2) as cluster:
-        again = command(path, tmp_path / "lost", "--scheduler", cluster.address)
+        again = command(path, tmp_path / "lost", "--scheduler", str(cluster.file))
         assert again.wait(120) == 0, again.communicate()[1]
     assert summary(tmp_path / "lost")["statistics"] == summary(tmp_path / "whole")["statistics"]
 
@@ -220,6 +224,25 @@ class Cluster:
             process.wait()
 
 
+def test_no_scheduler(model, tmp_path, capsys, monkeypatch):
+    """A scheduler's file that never comes is not waited for without end."""
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("torchbeam.studies.uncertainty.cluster.BEGINNING", 0.0)
+    monkeypatch.setattr("torchbeam.studies.uncertainty.cluster.POLL", 0.0)
+    assert main([str(model()), "--out", str(tmp_path / "out"), "--quiet", "--scheduler", str(tmp_path / "scheduler.json")]) == 1
+    assert "no scheduler has written the file" in capsys.readouterr().err
+
+
+def test_a_chunk_that_kills_its_workers():
+    """Dask gives up after some of them: an error of lost workers, with the samples that it was about."""
+    killed = pytest.importorskip("distributed.scheduler").KilledWorker
+    future = Future()
+    future.set_exception(killed("a task", SimpleNamespace(address="tcp://host:1"), 3))
+    client = SimpleNamespace(get_executor=lambda **options: SimpleNamespace(submit=lambda job: future))
+    with pytest.raises(BrokenExecutor, match=r"^samples 16 to 31 were on 4 workers that died$"):
+        Workers(client, killed).submit(SimpleNamespace(first=16, last=32)).result()
+
+
 def chunks(folder):
     return len(list(folder.glob("samples/chunk-*.pt")))
 
@@ -244,7 +267,6 @@ def cmdline(pid):
 
 def test_a_folder_that_workers_do_not_see(tmp_path):
     """A worker on another machine: the caller writes its chunks; the dtype there is the caller's."""
-    from concurrent.futures import Future
     from dataclasses import replace
 
     class Elsewhere:

@@ -1,0 +1,57 @@
+"""Law of values that were observed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...core.validation import as_tensor, finite
+from ...math.distributions import normal_probability, score_of_tails
+from .parametric_laws import set_fields
+
+
+@dataclass(frozen=True)
+class Empirical:
+    """Values that were observed, each as likely as the others, or by `weights`.
+
+    values   (K,);  weights (K,) positive, of any sum
+    """
+
+    values: Tensor
+    weights: Tensor | None = None
+
+    def __post_init__(self) -> None:
+        values = finite("Empirical's values", as_tensor(self.values, torch.float64)).cpu()
+        weights = torch.ones_like(values) if self.weights is None else as_tensor(self.weights, torch.float64).cpu()
+        if values.ndim != 1 or not len(values) or weights.shape != values.shape or not (weights > 0).all() or not (
+                torch.isfinite(weights).all()):
+            raise ValueError(f"values {tuple(values.shape)} and weights {tuple(weights.shape)} were given to Empirical; (K,) "
+                             "finite values, and positive weights of as many, are wanted")
+        values, order = values.sort()
+        weights = weights[order] / weights.max()
+        set_fields(self, values=values, weights=weights / weights.sum())
+
+    def icdf(self, u: Tensor) -> Tensor:
+        place = torch.searchsorted(self._below[1:], u.double().contiguous())
+        return self.values[place.clamp_max(len(self.values) - 1)]
+
+    def of_score(self, z: Tensor) -> Tensor:
+        return self.icdf(normal_probability(z))
+
+    def cdf(self, x: Tensor) -> Tensor:
+        return self._below[torch.searchsorted(self.values, x.double().contiguous(), right=True)]
+
+    def score(self, x: Tensor) -> Tensor:
+        below = self.cdf(x)
+        return score_of_tails(below, 1 - below)
+
+    @property
+    def _below(self) -> Tensor:
+        """Probabilities (K + 1,) of values below the k-th, from 0 to 1."""
+        below = torch.cat((self.weights.new_zeros(1), self.weights.cumsum(0)))
+        return below / below[-1]
+
+    def __repr__(self) -> str:
+        return f"Empirical({len(self.values)} values from {self.values[0].item():.4g} to {self.values[-1].item():.4g})"
