@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.special import ndtr, ndtri
 
 from ...core.arguments import count
-from ...solvers.least_squares import CONVERGED, search
+from ...solvers.least_squares import search
 from . import student
 from .problem import Problem
 from .transform import Transform
@@ -35,17 +35,15 @@ class Bootstrap:
     def interval(self, level: float = 0.95) -> Tensor:
         """(p, 2): bias-corrected percentiles of the repeats (Efron and Tibshirani 1993, 14.3, without acceleration: normal
         noise of a known size has none), the same by whatever function of the parameters. A share of R repeats is at place
-        (R + 1) times it in their order (Davison and Hinkley 1997, 5.2).
+        (R + 1) times it in their order (Davison and Hinkley 1997, 5.2). One that has not converged counts where it is: those
+        that ran away are the outermost.
         """
-        tail = student.tail(level)
-        good = self.x[self.status == CONVERGED]
-        if len(good) < 2 / tail:
-            raise ValueError(f"{len(good)} repeats that converged are too few for a level of {level:g}; "
-                             f"{int(2 / tail) + 1} or more are wanted")
-        least = torch.full_like(self.x_fit, 1 / (len(good) + 1))
-        below = torch.minimum(torch.maximum((good < self.x_fit).to(good).mean(0), least), 1 - least)
-        ends = [_at(good.sort(0).values, ndtr(2 * ndtri(below) + ndtri(torch.full_like(below, share))))
-                for share in (tail, 1 - tail)]
+        x, tail = self.x, student.tail(level)
+        if len(x) < 2 / tail:
+            raise ValueError(f"{len(x)} repeats are too few for a level of {level:g}; {int(2 / tail) + 1} or more are wanted")
+        least = 1 / (len(x) + 1)
+        bias = ndtri((x < self.x_fit).to(x).mean(0).clamp(least, 1 - least))
+        ends = [_at(x.sort(0).values, ndtr(2 * bias + student.quantile(share, torch.inf))) for share in (tail, 1 - tail)]
         return torch.stack([self.transform.theta(end) for end in ends], -1)
 
 

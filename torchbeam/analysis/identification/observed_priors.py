@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch
 from torch import Tensor
-from torch.distributions import LogNormal, Normal
+from torch.distributions import LogNormal, Normal, Uniform
 
 from .measurement import Measurement
 from .parameters import Entry
@@ -17,17 +17,17 @@ def with_priors_observed(problem: Problem) -> Problem:
     """The same least squares, with priors among the data, so that both can be repeated: as randomised searches for the mode do
     (Oliver, He and Reynolds 1996, 5th Eur. Conf. Math. Oil Recovery; Bardsley, Solonen, Haario and Laine 2014, SIAM J. Sci.
     Comput. 36, A1895). A normal prior is an observation of its parameter; a log-normal one, mean m and deviation s of the
-    logarithm, one of that by m - s^2, where the density of the parameter itself has its mode.
+    logarithm, one of that by m - s^2, where the density of the parameter itself has its mode. A uniform one is bounds.
 
     Raises ValueError for other priors, which are none.
     """
-    priors, like = problem.parameters.priors, problem.weight
-    if not priors:
-        return problem
-    seen = tuple(_observation(entry, like) for entry in priors)
-    sigma, values = (torch.cat([getattr(e.measurements[0], name).flatten() for e in seen]) for name in ("sigma", "values"))
-    rows, q = len(values), len(problem.basis)
-    parameters = replace(problem.parameters, entries=tuple(replace(e, prior=None) for e in problem.parameters.entries))
+    parameters, like = problem.parameters, problem.weight
+    seen = tuple(_observation(entry, like) for entry in parameters.priors if type(entry.prior) is not Uniform)
+    sigma, values = (torch.cat([like[:0], *(getattr(e.measurements[0], name).flatten() for e in seen)])
+                     for name in ("sigma", "values"))
+    rows, q, (least, largest) = len(values), len(problem.basis), parameters.limits
+    parameters = replace(parameters, entries=tuple(replace(e, prior=None) for e in parameters.entries), least=least,
+                         largest=largest)
     noise = replace(problem.noise, channel=torch.cat((problem.noise.channel, problem.noise.channel.new_full((rows,), -1))))
     return replace(problem, experiments=(*problem.experiments, *seen), parameters=parameters, noise=noise,
                    known=torch.cat((problem.known, torch.ones_like(values, dtype=torch.bool))),
@@ -39,8 +39,8 @@ def with_priors_observed(problem: Problem) -> Problem:
 def _observation(entry: Entry, like: Tensor) -> Experiment:
     law, name = entry.prior, entry.name
     if type(law) not in (Normal, LogNormal):
-        raise ValueError(f"a bootstrap of a fit with the prior {law} of {name!r} was asked for; normal and log-normal ones are "
-                         "repeated as observations, and the intervals 'laplace' and 'profile' count any")
+        raise ValueError(f"a bootstrap of a fit with the prior {law} of {name!r} was asked for; normal, log-normal and "
+                         "uniform ones can be repeated, and the intervals 'laplace' and 'profile' count any")
     centre, deviation = (torch.as_tensor(v).to(like).expand(entry.shape) for v in (law.loc, law.scale))
     log = type(law) is LogNormal
     seen = Measurement(centre - deviation**2 if log else centre, deviation)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 import torch
-from torch.distributions import Gamma, LogNormal, Normal
+from torch.distributions import Gamma, LogNormal, Normal, Uniform
 from torch.testing import assert_close
 from wave_cases import CLEAN, NOISE, T, wave
 
@@ -124,6 +124,15 @@ def test_repeats_say_the_same_of_any_function(sigma):
         assert_close(other, found[0], rtol=0, atol=1e-2 * (found[0][1] - found[0][0]).item())
 
 
+def test_repeats_between_the_ends_of_a_uniform_prior():
+    """As between bounds; a tenth of the repeats end at the nearer one, which is the interval's end."""
+    fits = [tb.identify(wave, CLEAN + NOISE, {"a": 1.0, "b": tb.Parameter(0.7, **limits)}, sigma=0.05)
+            for limits in ({"prior": Uniform(0.69, 0.9)}, {"bounds": (0.69, 0.9)})]
+    prior, bounds = (fit.interval(method="bootstrap") for fit in fits)
+    assert_close(prior, bounds, rtol=1e-9, atol=0)
+    assert_close(prior[1, 0].item(), 0.69, rtol=1e-9, atol=0)
+
+
 def test_as_many_parameters_as_data():
     """No sigma, and nothing left to know it by: a hint says so, and profile and bootstrap are refused."""
     fit = tb.identify(lambda theta: wave(theta)[:, :2], CLEAN[:2], {"a": 1.0, "b": 1.0})
@@ -153,9 +162,11 @@ def test_the_bootstrap_repeats_normal_priors():
 
 def test_bootstraps_that_are_refused():
     """Of priors that are no observation with normal noise; levels that are none."""
-    with pytest.raises(ValueError, match=r"with the prior Gamma\(.*\) of 'b' was asked for; normal and log-normal ones"):
+    with pytest.raises(ValueError, match=r"with the prior Gamma\(.*\) of 'b' was asked for; normal, log-normal"):
         tb.identify(wave, CLEAN, {"a": 1.0, "b": tb.Parameter(1.0, prior=Gamma(9.0, 9.0))}, sigma=0.1).bootstrap(50)
     found = tb.identify(wave, CLEAN + NOISE, {"a": 1.0, "b": 1.0}).bootstrap(50)
+    with pytest.raises(ValueError, match=r"50 repeats are too few for a level of 0\.95; 80 or more"):
+        found.interval()
     for level in (0.0, 1.0):
         with pytest.raises(ValueError, match="between 0 and 1 is wanted"):
             found.interval(level)
