@@ -14,6 +14,7 @@ from torch import Tensor
 T = TypeVar("T")
 S = TypeVar("S")
 AT_ONCE = 50  # repeats
+LARGEST = 4096  # samples of a call
 
 
 @dataclass
@@ -26,7 +27,7 @@ class _Call:
 
 class BatchedCalls:
     """Calls function(x (n, ...)) -> y (n, ...) of so many workers. Each waits until all that are still at work do; what they
-    ask for is then one batch for each function.
+    ask for is then one batch for each function, in parts of LARGEST samples.
     """
 
     def __init__(self, workers: int) -> None:
@@ -56,8 +57,8 @@ class BatchedCalls:
         for function in dict.fromkeys(call.function for call in calls):
             some = [call for call in calls if call.function is function]
             try:
-                parts = function(torch.cat([call.x for call in some])).split([len(call.x) for call in some])
-                for call, part in zip(some, parts, strict=True):
+                y = torch.cat([function(x) for x in torch.cat([call.x for call in some]).split(LARGEST)])
+                for call, part in zip(some, y.split([len(call.x) for call in some]), strict=True):
                     call.y = part
             except Exception as error:
                 for call in some:
