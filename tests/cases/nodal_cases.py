@@ -55,7 +55,8 @@ def scene(N=4, batch=(), seed=0, effects=None, damping=None, order=1, **options)
     nodes = torch.cat((torch.zeros(*batch, 1, 3), steps.cumsum(-2)), -2)
     effects = loads(batch) if effects is None else list(effects)
     if damping:
-        effects.append(tb.Damping(0.1 * torch.rand((*batch, 6)) if damping == "six" else 0.1 * torch.rand(batch)))
+        six = damping == "six"
+        effects.append(tb.Damping(0.1 * torch.rand((*batch, 6) if six else batch), six=six))
     sections = [section(batch, **options) for _ in range(N // order)]
     return tb.Scene(tb.Beam.from_nodes(nodes, sections, order=order), effects)
 

@@ -157,7 +157,7 @@ def test_an_argument_of_reset_of_the_wrong_kind_gets_a_sentence(given, message):
             single.reset(**given)
 
 
-@pytest.mark.parametrize("task", ["TipReach", "TipTrack", "Payload", "FlutterHold"])
+@pytest.mark.parametrize("task", ["TipReach", "TipTrack", "Payload", "FlutterHold", "Slew"])
 def test_a_turned_beam_does_the_same(task):
     """Without gravity, about which directions differ: along y with its section turned likewise, everything is turned by 90
     degrees about z. Actions push along the tip's own axes, so rewards are the same; to the solver's tolerance."""
@@ -167,7 +167,7 @@ def test_a_turned_beam_does_the_same(task):
     one.reset(seed=0)
     turned.reset(seed=0)
     for k in range(4):
-        action = np.random.default_rng(k).uniform(-1, 1, (2, 2))
+        action = np.random.default_rng(k).uniform(-1, 1, one.action_space.shape)
         a, b = one.step(action), turned.step(action)
         np.testing.assert_allclose(a[1], b[1], rtol=1e-6)
     p, q = one.state.beam.position, turned.state.beam.position

@@ -195,7 +195,7 @@ def test_energy_grows_by_the_power_of_what_acts(name):
     each = (loads * motion).sum(-1)
     power = each.sum()
     if scene.has_prescribed_motion:
-        power = power + (rates.reaction(T, nodes, net)[..., 0, :] * motion[..., 0, :]).sum()
+        power = power + (rates.reaction(T, nodes, rates.unpack(T, y)[1], net)[..., 0, :] * motion[..., 0, :]).sum()
     if model.law.damped:
         stress = times(model.law.C, times(model.law.retardation, strain_rate[..., None]))[..., 0]
         lost = (model.length * strain_rate * stress).sum()

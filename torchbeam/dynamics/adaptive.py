@@ -9,7 +9,7 @@
    can become unstable: that of each step would raise an undamped mode far above the steps by 5/3 a step), and the next pair
    tells what that was worth. Modes of large amplitude come to lie within the steps as these shrink; of small ones it is seen
    that they do not matter.
-3. A gradient is that of the last two runs, their steps as they are (frozen).
+3. A gradient is that of the last two runs, their steps as they are (frozen: shares of the time, should that change).
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from torch._C import _functorch as functorch
 from torch.autograd import forward_ad
 
 from ..core.derivatives import no_derivatives
+from ..core.leaves import wants_gradient
 from ..core.status import SUCCESS, TOO_MANY
 from ..core.validation import concrete
 from ..scene.effects import PerInterval
@@ -110,16 +111,17 @@ def adaptive(stepper: Stepper, start: State, t: Tensor, inputs: dict[str, Any], 
         raise ValueError("rtol or atol was given within torch.func.vmap, where samples cannot have steps of their own; batch "
                          "axes of the scene are wanted, or a step")
     order = stepper.method.ORDER
-    stops = t.detach() if any(isinstance(v, PerInterval) for v in inputs.values()) else t.detach()[[0, -1]]
+    stops = t if any(isinstance(v, PerInterval) for v in inputs.values()) else t[[0, -1]]
     runs = _Runs(stepper, start, inputs, order)
     with no_derivatives():
         plain = _Runs(stepper, start.map(lambda x: x.detach()), inputs, order)
-        steps = controlled(stepper, plain.start, stops, inputs, tolerance, order, most, first, events)
+        steps = controlled(stepper, plain.start, stops.detach(), inputs, tolerance, order, most, first, events)
         times, count = _times(steps, t.detach()), len(t)
         proof = _proof(plain, steps, times, tolerance, count, most)
     states = proof.states
-    if _recorded(runs, steps):
-        states = _again(runs, steps.sequence, proof.level, times)
+    if wants_gradient(t) or _recorded(runs, steps):
+        sequence = steps.sequence.between(stops)
+        states = _again(runs, sequence, proof.level, _times(steps._replace(sequence=sequence), t))
     event = _event(states[count + CHECKS:], steps, events, runs.motion)
     return Adapted(_held(states[:count], start, t, steps, proof, event), event, steps, proof)
 

@@ -21,6 +21,7 @@ from ..scene.scene import Scene
 from ..state.state import State, rest
 from .simulate import FORMS, simulate
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
+from .torchdiffeq_bridge import AllFailed
 
 
 class ExplicitStepper:
@@ -77,7 +78,7 @@ class ExplicitStepper:
             warnings.simplefilter("ignore", RuntimeWarning)  # a status says it
             try:
                 run = simulate(self.scene, span, state, self.method, form=self.form, inputs=given, **self.options, **own)
-            except RuntimeError:  # every sample failed
+            except AllFailed:
                 return replace(state, status=torch.where(moving, FAILED, state.status))
         good = moving & (run.status == 0)
         after = run.state[-1]

@@ -162,8 +162,9 @@ class GeneralizedAlphaMethod(Method):
     def begin(self, state: State, model: Model, dt: Tensor, trial: Callable[[State], State]) -> AlphaState:
         if isinstance(state, AlphaState):
             return state
-        after, enter = trial(state), model.space.to_reduced
-        before, end = (MidpointProblem(model, enter(s), dt, dt, {}).element.strain for s in (state, after))
+        after = trial(state)
+        reduced = map(model.space.to_reduced, (state, after))
+        before, end = (model.strain(model.kinematics(s.position, s.rotation)) for s in reduced)
         rates = model.space.motion(after.velocity - state.velocity, after.spin - state.spin)
         return AlphaState.between(state, *rates, end - before, dt)
 

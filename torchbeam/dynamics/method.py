@@ -79,6 +79,10 @@ class Method:
         """Schemes of a step of dt, with the samples (...) bool that each makes; None = all."""
         return [(self.WHOLE, None)]
 
+    def longest(self, model: Model) -> Tensor | None:
+        """Length (...) s of the longest step that the method takes of a model; None = any."""
+        return None
+
     def alone(self, model: Model, dt: Tensor) -> Composition | None:
         """The one composition that a step of dt, or steps of dt (K), are made by, of all samples; None where there are more."""
         found = self.schemes(model, dt)

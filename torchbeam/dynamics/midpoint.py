@@ -121,9 +121,7 @@ class MidpointProblem(Tree):
             m = set_node(m, one.node, one.m) if one.rotation else m
         space = self.model.space
         for at, axis in self.model.constraints.hinges:
-            before = self.start.rotation[..., at, :]
-            turned = space.of_nodes(at).hinged(space.multiply(before, m[..., at, :]), before, axis)
-            m = set_node(m, at, space.multiply(space.inverse(before), turned))
+            m = set_node(m, at, space.of_nodes(at).hinged_turn(m[..., at, :], self.start.rotation[..., at, :], axis))
         return x._replace(u=u, m=m)
 
     def about_hinges(self, spin: Tensor, rotation: Tensor) -> Tensor:

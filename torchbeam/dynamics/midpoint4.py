@@ -70,6 +70,10 @@ class Midpoint4(Method):
             raise ValueError("conserve was given; midpoint4 keeps the energy to fifth order a step ('midpoint' takes it)")
         return cls()
 
+    def longest(self, model: Model) -> Tensor | None:
+        rates = [concrete(load.alpha.detach()) for load in model.scene.loads if isinstance(load, MassDamping)]
+        return torch.stack(torch.broadcast_tensors(*(HEAVY / rate for rate in rates))).amin(0) if rates else None
+
     def schemes(self, model: Model, dt: Tensor) -> list[tuple[Scheme, Tensor | None]]:
         length, said = concrete(dt.detach()), "was given to steps of {:g} s by midpoint4; {}, or 'midpoint'"
         for load in model.scene.loads:

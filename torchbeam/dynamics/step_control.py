@@ -9,8 +9,7 @@ once; those behind one that is refused are thrown away. A sample's steps do not 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -35,8 +34,7 @@ AT_ONCE = 16  # steps, at most
 LEAST = {torch.float64: 1e-10, torch.float32: 1e-5}  # a step, of the time from begin to end
 
 
-@dataclass
-class Controlled:
+class Controlled(NamedTuple):
     """Steps that were found: sequence, status (...) and rejected steps (...); which event ended a sample (...), -1 = none, and
     in which step (...). The sequence goes one step further, where there is time left.
     """
@@ -99,7 +97,10 @@ class _Run:
         self.values = events.values(start)
         self.size = torch.ones_like(self.ahead)  # steps at once
         moved = stepper._changes or any(callable(v) for v in inputs.values())
-        self.most_length = float(stops[-1] - stops[0]) / IN_TIME if moved else math.inf
+        self.longest = torch.full_like(self.t, float(stops[-1] - stops[0]) / IN_TIME if moved else math.inf)
+        taken = stepper.method.longest(stepper.model)
+        if taken is not None:
+            self.longest = torch.minimum(self.longest, 0.999 * taken)  # equal steps to a stop are longer by rounding
         self.least = LEAST[stops.dtype] * (stops[-1] - stops[0])
 
     def first_length(self) -> Tensor:
@@ -111,6 +112,7 @@ class _Run:
         length = concrete(self.stepper.model.length).detach().sum((-1, -2))
         h = torch.where(speed > 0, torch.minimum(0.01 * length / speed.clamp(min=torch.finfo(speed.dtype).tiny),
                                                  1e-3 * motion), 1e-4 * motion)
+        h = torch.minimum(h, self.longest)
         after = self._series(state, h[None], self.t[None])[0]
         change = torch.linalg.vector_norm(after.velocity - state.velocity, dim=-1).amax(-1)
         wanted = (LOCAL * self.tolerance.position * h / change.clamp(min=torch.finfo(h.dtype).tiny)).sqrt()
@@ -121,7 +123,7 @@ class _Run:
         self._compact()
         room = self.stops[self.ahead] - self.stops[self.ahead - 1]
         left = torch.where(self.going, self.stops[self.ahead] - self.t, room)
-        wanted = torch.minimum(self.h, room / LEAST_STEPS).clamp(max=self.most_length)
+        wanted = torch.minimum(torch.minimum(self.h, room / LEAST_STEPS), self.longest)
         number = (left / wanted - 1e-6).ceil().clamp(min=1)
         size = torch.minimum(self.size, number.long())
         size = torch.minimum(size, (self.most - self.tries).clamp(min=1))
@@ -223,7 +225,8 @@ class _Run:
             return
         self.state, self.tolerance = few.gather(self.state), few.gather(self.tolerance)
         self.values = self.events.taken(self.values, few)
-        for name in ("place", "t", "h", "ahead", "counts", "tries", "limit", "before", "refused", "size", "going"):
+        for name in ("place", "t", "h", "ahead", "counts", "tries", "limit", "before", "refused", "size", "going",
+                     "longest"):
             setattr(self, name, few.take(getattr(self, name), 0))
 
 

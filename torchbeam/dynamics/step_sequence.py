@@ -34,7 +34,8 @@ class StepSequence(Tree):
         return self.instants.gather(0, self.counts[None])[0]
 
     def steps(self, first: int, last: int, level: int) -> tuple[Tensor, Tensor]:
-        """Begins and lengths (last - first, ...) s of steps in 2^level parts; a second past its end, where a sample makes none.
+        """Begins and lengths (last - first, ...) s of steps in 2^level parts; past its end, where a sample makes none, as long
+        as the shortest of the others.
         """
         parts = 2**level
         k = torch.arange(first, last, device=self.instants.device)
@@ -43,7 +44,7 @@ class StepSequence(Tree):
         own = (...,) + (None,) * (low.ndim - 1)
         length = whole / parts
         begin = low + (k % parts)[own] * length
-        return begin, torch.where(length > 0, length, torch.ones_like(length))
+        return begin, torch.where(length > 0, length, torch.where(length > 0, length, torch.inf).amin())
 
     def bracket(self, t: Tensor, level: int) -> Tensor:
         """Number (n, ...) of the part of a step, of 2^level of each, that the times t (n, ...) fall into."""
@@ -54,6 +55,14 @@ class StepSequence(Tree):
         low, high = self.instants.gather(0, at), self.instants.gather(0, (at + 1).clamp(max=len(self.instants) - 1))
         share = (t - low) / torch.where(high > low, high - low, torch.ones_like(low))
         return at * parts + (share * parts).long().clamp(0, parts - 1)
+
+    def between(self, stops: Tensor) -> StepSequence:
+        """The same, with the derivatives of instants that keep their shares of the way from one stop (n) s to the next."""
+        known = stops.detach()
+        k = torch.bucketize(self.instants, known, right=True).sub(1).clamp(0, len(known) - 2)
+        share = (self.instants - known[k]) / (known[k + 1] - known[k])
+        moved = (stops[k] - known[k]) * (1 - share) + (stops[k + 1] - known[k + 1]) * share  # zero, but for its derivatives
+        return StepSequence(self.instants + moved, self.counts, self.stops)
 
     def only(self, mask: Tensor) -> StepSequence:
         """The steps of the samples (...) of the mask alone."""

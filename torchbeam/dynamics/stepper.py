@@ -151,7 +151,10 @@ class Stepper:
             self.iterations = self.iterations + more
         if failed is not lost:
             self.failures.remember(self.method, self.model, state, dt, t, given, torch.where(moving, status, SUCCESS))
-        return self.model.space.to_public(replace(after, status=torch.where(moving, status, state.status)))
+        after = replace(after, status=torch.where(moving, status, state.status))
+        if after.t.shape != after.status.shape:  # functions of time have brought axes along
+            after = after.broadcast()
+        return self.model.space.to_public(after)
 
     def repeat(self, state: State, count: int, inputs: dict[str, Any], active: Tensor | None = None) -> State:
         """The state `count` steps later, with the inputs held: as so many calls."""
@@ -222,6 +225,7 @@ class Stepper:
             count = found.leading
             if not count:
                 return None
+        shape = found.status.shape[1:]  # functions of time may bring axes along
         each = dt[:count].reshape(-1, *(1,) * len(shape)).expand(-1, *shape)
         now = torch.cat((start.t.expand(shape)[None], each)).cumsum(0)
         now, status = torch.where(moving, now[1:], start.t), start.status.expand(shape)

@@ -28,6 +28,10 @@ Rates = Callable[[Tensor, Tensor], Tensor]
 Hook = Callable[[Tensor, Tensor], Tensor]
 
 
+class AllFailed(RuntimeError):
+    """Error: every sample has failed, or the one that has cannot be found."""
+
+
 def integrate(
     rhs: Rates,
     y0: Tensor,
@@ -59,7 +63,7 @@ def integrate(
     nothing. A failed sample keeps its last good output, and the others are solved as if it were not there. evaluations:
     calls of rhs.
 
-    Raises ValueError for an unknown method or option or a t that does not increase; RuntimeError where every sample failed, or
+    Raises ValueError for an unknown method or option or a t that does not increase; AllFailed where every sample failed, or
     where the sample that stopped the solver cannot be found. Warns (RuntimeWarning) about samples that failed,
     and (UserWarning) where the adjoint cannot be trusted.
     """
@@ -85,7 +89,7 @@ def integrate(
         k, rows = failure
         sentence = _sentence(method, rows, t[k], y0.shape[:-1])
         if not rows.any():
-            raise RuntimeError(sentence)
+            raise AllFailed(sentence)
         if ys is None:  # stopped inside an interval: the outputs before it are good
             ys = solve.run(t[: k + 1])[0] if k else y0[None]
         for row in rows.flatten().nonzero().flatten().tolist():
@@ -93,7 +97,7 @@ def integrate(
             good[row] = torch.cat((held, held[-1:].expand(len(t) - 1 - k, -1)))
         solve.dead = solve.dead | rows
         if solve.dead.all():
-            raise RuntimeError(sentence)
+            raise AllFailed(sentence)
         warnings.warn(sentence, RuntimeWarning, stacklevel=4)  # the caller of simulate
     if good:
         flat = ys.reshape(len(t), -1, y0.shape[-1])

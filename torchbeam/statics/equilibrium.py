@@ -27,6 +27,7 @@ from . import relaxation
 from .arc_length import LoadedProblem, where
 from .compiled import climb as compiled
 from .continuation import NEUTRAL
+from .internal_states import settled
 from .load_steps import climb
 from .mechanism import adrift, unheld
 from .path import stable_branch
@@ -103,6 +104,9 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
             with no_derivatives():
                 *stable, found = stable_branch(model, LoadedProblem(model, time, given), start, unstable, tolerance)
             x, reaction = where(found, tuple(stable), (x, reaction))
+    if model.internal_states:
+        problem, x, reaction, status = settled(problem, x, reaction, status, tolerance)
+        good = (status == 0) & ~idle
     if differentiated(problem, x) or wants_gradient(*start):
         limit, fork = _singular(problem, x, start, good)
         if throw and concrete(limit).any():
@@ -130,8 +134,8 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
             reason = f"nothing holds {loose}; a support or a spring would ({UNRELAXED if relax else SWING})"
         raise RuntimeError(f"{which} has no equilibrium: {reason}")
     if model.conservative:
-        settled = ~failed & ~idle
-        unstable = settled & _unstable(problem, x, start, None if doubtful is None else doubtful & settled)
+        found = ~failed & ~idle
+        unstable = found & _unstable(problem, x, start, None if doubtful is None else doubtful & found)
         if concrete(unstable).any():
             warnings.warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to "
                           "another (branch='stable' looks for it)", RuntimeWarning, stacklevel=2)
@@ -141,6 +145,8 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
 def _idle(problem: SteadyProblem, start: Configuration) -> Tensor:
     """(...) samples with a rigid motion that nothing holds, which start in balance: they stay, for no other place is better."""
     idle = adrift(problem.model, problem.t, problem.inputs)
+    if problem.model.internal_states:  # which have a rest of their own to come to
+        idle = torch.zeros_like(idle)
     if concrete(idle).any():
         with no_derivatives():
             idle = idle & (problem.residual(start)[0].measure() <= torch.finfo(start.stress.dtype).eps ** 0.5)

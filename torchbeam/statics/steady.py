@@ -41,6 +41,7 @@ class SteadyProblem(Tree):
     The inertia is that of `steady_motion`.
 
     internal  (..., z) of the loads, where they are held; None = where they come to rest
+    near      (..., z) where the laws of these are linearised, to find where they come to rest, None = at zero; see `settled`
     """
 
     model: Model
@@ -48,6 +49,7 @@ class SteadyProblem(Tree):
     inputs: Inputs = leaf(1)
     load_factor: Tensor = leaf(0)
     internal: Tensor | None = leaf(1, default=None, kw_only=True)
+    near: Tensor | None = leaf(1, default=None, kw_only=True)
 
     @cached
     def frame(self) -> FixedFrame:
@@ -79,7 +81,7 @@ class SteadyProblem(Tree):
             return nodes
         if self.internal is not None:
             return nodes._replace(internal=self.internal)
-        start = x.position.new_zeros(*x.position.shape[:-2], sizes)
+        start = x.position.new_zeros(*x.position.shape[:-2], sizes) if self.near is None else self.near
         return nodes._replace(internal=start, dt=torch.full_like(self.t, STEADY))
 
     def holding(self, x: Configuration, internal: Tensor | None) -> SteadyProblem:

@@ -15,12 +15,12 @@ import torch
 from torch import Tensor
 from torch.distributions import Normal
 
+from ..analysis.identification.experiment import Experiment
 from ..analysis.identification.fit import Fit
 from ..analysis.identification.identify import identify
 from ..analysis.identification.measurement import Measurement
 from ..analysis.identification.parameter import Parameter
 from ..analysis.identification.parameters import Parameters
-from ..analysis.identification.problem import Experiment
 from ..analysis.identification.refinement import refined
 from ..cli import study, threads
 from ..core.results import measured_on, sentence, write

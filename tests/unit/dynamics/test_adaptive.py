@@ -157,6 +157,18 @@ def test_gradient_is_that_of_the_frozen_steps():
     assert_close(torch.stack((ours[0], ours[1][2])), (found[::2] - found[1::2]) / (2 * size), rtol=1e-6, atol=1e-8)
 
 
+def test_derivatives_by_the_instants_asked_for():
+    """Of a position by its own instant: the velocity there, at the end of the run, with which steps go along, to the tolerance;
+    by all of them together none, as nothing depends on time.
+    """
+    t = T.clone().requires_grad_()
+    tip = tb.simulate(rod(), t, rtol=1e-3).tip
+    (inner,), (last,) = (torch.autograd.grad(tip.position[k, 2], t, retain_graph=True) for k in (1, 3))
+    assert_close((inner[1], inner[2]), (tip.velocity[1, 2].detach(), torch.tensor(0.0)), rtol=1e-9, atol=0)
+    assert_close(last[3], tip.velocity[3, 2].detach(), rtol=1e-3, atol=0)
+    assert_close(torch.stack((inner.sum(), last.sum())), torch.zeros(2), rtol=0, atol=1e-12)
+
+
 def test_what_cannot_be_solved_ends_with_a_status():
     """A force that is no number, and a tolerance beyond max_steps; the neighbour's motion is its own."""
     bad = torch.tensor([[False], [True]])

@@ -66,6 +66,14 @@ def test_what_it_refuses():
             tb.ExplicitStepper(scene(), 0.02, **arguments)
 
 
+def test_an_error_of_a_load_is_no_failed_motion():
+    scene = tb.Scene(tb.Beam.straight(0.3, 2, tb.Section.circle(0.01, 1e6, 0.45, 1100.0)),
+                     [tb.Load(lambda r, R, v, w, t: (torch.zeros(2, 3) @ torch.zeros(4), None))])
+    stepper = tb.ExplicitStepper(scene, 0.005, form="nodal")
+    with pytest.raises(RuntimeError, match="size mismatch"):
+        stepper(stepper.rest())
+
+
 def test_work_adds_up():
     """The nodal form's work over two intervals is that of one run over them: the same steps, to rounding. Inactive members,
     given as a plain list, keep theirs.

@@ -128,6 +128,16 @@ def test_restart_and_steps():
     assert_close(again.state[-1].position, whole.state[-1].position, rtol=0, atol=1e-12)
 
 
+def test_an_input_that_bends_the_beam():
+    """Held, it is the number itself, in the trial step too."""
+    bend, t = torch.tensor([0.0, 0.3, 0.0]), torch.linspace(0, 0.1, 3)
+    section = tb.Section.from_stiffness(EA=1e3, GA=400.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
+    found = [tb.simulate(tb.Scene(tb.Beam.straight(1.0, 2, section), [tb.Actuation(curvature=by)]), t, step=0.05,
+                         method="generalized_alpha", inputs=inputs).nodes
+             for by, inputs in ((bend, {}), (tb.Input("bend", 3), {"bend": bend}))]
+    assert_close(*found, rtol=0, atol=1e-14)
+
+
 def test_another_method_goes_on_from_its_state():
     """ "midpoint" takes what it knows of the state and leaves the accelerations: bit for bit."""
     middle = run(smooth(), 0.02).state[1]

@@ -167,6 +167,15 @@ def test_one_step_of_many_that_is_too_long_is_refused(engine):
         tb.simulate(scene, [0, 0.01, 0.02, 0.22], method="midpoint4", step=1.0, engine=engine)
 
 
+def test_adaptive_steps_are_none_that_it_refuses():
+    """Steps of two samples that the tolerance would let grow beyond 2.8/alpha; one ends its run in fewer of them."""
+    alpha = torch.tensor([2.0, 8.0])
+    scene = tb.Scene(tb.Beam.straight(1.0, 1, SOFT), [tb.TipLoad(force=(0, 0, 0.01)), tb.MassDamping(alpha)], plane="xz")
+    lengths = tb.simulate(scene, [0, 6.0], method="midpoint4", rtol=1e-1, throw=True).stats.lengths
+    assert (lengths.amax(0) > 2.3 / alpha).all() and (lengths.amax(0) <= 2.8 / alpha).all()
+    assert (lengths > 0).sum(0).diff() > 0
+
+
 def test_energy_of_the_coupled_case():
     """Undamped, sudden load, steps of 20 ms: the balance is off by 1.9e-7 of the strain energy (measured), where that of
     the midpoint step is by 2.6e-4 (over 2 s, properties/test_dynamics).

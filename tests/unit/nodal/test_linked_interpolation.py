@@ -79,7 +79,7 @@ def test_a_gradient_by_dampings_of_which_some_are_zero(coupled, linked):
     beam, some = beam.linked() if linked else beam, torch.tensor([1.0, 1, 1, 0, 0, 0])
 
     def retardation(tau):
-        scene = tb.Scene(beam, [tb.Damping(tau)])
+        scene = tb.Scene(beam, [tb.Damping(tau, six=True)])
         return law_of(scene, in_space(beam)).retardation
 
     value, slope = torch.func.jvp(lambda c: retardation(c * some), (torch.tensor(0.2),), (torch.tensor(1.0),))

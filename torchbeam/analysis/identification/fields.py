@@ -12,11 +12,11 @@ from torch import Tensor
 from ...core.arguments import choice, count, instance, number
 from ...core.validation import as_tensor, common_dtype
 from . import posterior, student
+from .experiment import NO_DATA
 from .fit import Fit
 from .identify import identify
 from .measurement import Measurement, each, several, sigma_given
 from .parameter import Parameter
-from .problem import NO_DATA
 from .regularization import CRITERIA, Linearised, Weighing, weigh
 from .smoothness import Smoothness, SmoothnessRows
 

@@ -16,11 +16,12 @@ from ...core.validation import Value
 from ...solvers.lbfgs import descend
 from ...solvers.least_squares import Found, search
 from ...solvers.region import Region
+from .experiment import Model, experiments_of
 from .fit import Fit
 from .measurement import Measurement, each
 from .noise import NOISES, Noise
 from .parameters import Parameters
-from .problem import Model, Problem, experiments_of
+from .problem import Problem
 from .reweighting import search_by_channel
 
 DERIVATIVES = ("auto", "forward", "difference", "adjoint")

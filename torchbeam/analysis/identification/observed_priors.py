@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 from torch.distributions import LogNormal, Normal, Uniform
 
+from .experiment import Experiment
 from .measurement import Measurement
 from .parameters import Entry
-from .problem import Experiment, Problem
+from .problem import Problem
 
 
 def with_priors_observed(problem: Problem) -> Problem:

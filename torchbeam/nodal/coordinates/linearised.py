@@ -103,6 +103,9 @@ class Small(Space):
     def hinged(self, q: Tensor, rest: Tensor, axis: Tensor) -> Tensor:
         return rest + (self.R.mT @ (axis[:, None] * (self.R @ (q - rest)[..., None])))[..., 0]
 
+    def hinged_turn(self, m: Tensor, q: Tensor, axis: Tensor) -> Tensor:
+        return self.about(q, m, axis)
+
     functions = property(lambda self: self.element)
 
     # Rotations

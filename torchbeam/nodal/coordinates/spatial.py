@@ -154,6 +154,12 @@ class Space(Tree):
         turn = self.multiply(q, self.inverse(rest)) * pad(axis, (1, 0), value=1.0)
         return self.multiply(self.normalize(turn), rest)
 
+    def hinged_turn(self, m: Tensor, q: Tensor, axis: Tensor) -> Tensor:
+        """The turn m of a node at the rotation q, section axes, of which a hinge leaves what is about its axis of frame a, a
+        mask (3,); one that is none stays none, to the last bit.
+        """
+        return self.normalize(torch.cat((m[..., :1], self.about(q, m[..., 1:], axis)), -1))
+
     def about(self, rotation: Tensor, spin: Tensor, axis: Tensor) -> Tensor:
         """Of a spin (..., 3), section axes: what is about an axis of frame a, a mask (3,)."""
         return self.to_section(rotation, axis * self.to_frame(rotation, spin))

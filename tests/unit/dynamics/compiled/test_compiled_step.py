@@ -156,6 +156,11 @@ def test_functions_bring_axes_of_their_own():
     scene = tb.Scene(straight(2), [tb.TipLoad(force=lambda t: many * t)])
     found, wanted = (tb.Stepper(scene, 0.01, engine=engine)(tb.rest(scene)) for engine in ("compiled", "eager"))
     same(found.broadcast(), wanted.broadcast())
+    for method in ("midpoint", "generalized_alpha"):  # of which the trial step brings them along before
+        t = [0.0, 0.01, 0.03]
+        runs = [tb.simulate(scene, t, method=method, step=0.01, engine=engine) for engine in ("compiled", "eager")]
+        assert all(run.status.shape == (4, 1) for run in runs)
+        same(runs[0].state.broadcast(), runs[1].state.broadcast())
 
 
 @torch.no_grad()

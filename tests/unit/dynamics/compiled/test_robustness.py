@@ -37,6 +37,17 @@ def last_pivot(scene, dt):
 
 
 @torch.no_grad()
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_a_hub_without_loads_stands_still(engine):
+    """An arm askew on a hub with inertia, which turns freely about z, in space: rounding of its turn is no motion."""
+    beam = tb.Beam.straight(1.0, 2, section(), direction=(0.3, 0.8, 0.1))
+    hub = tb.PointMass(0.0, inertia=(0.02, 0.02, 0.04), node=0)
+    stepper = tb.Stepper(tb.Scene(beam, [hub], supports=tb.Support(0, "xyz", "xy")), 0.02, engine=engine)
+    state = stepper.repeat(stepper.rest(), 5, {})
+    assert state.status == 0 and (state.position - beam.nodes).abs().max() < 1e-14
+
+
+@torch.no_grad()
 @pytest.mark.parametrize("options", [dict(plane="xz"), pytest.param({}, marks=pytest.mark.long)], ids=str)
 def test_singular_pivots_end_as_eager_ones_and_harm_nobody(options):
     """A spring of negative stiffness that takes just what the last node has, or more: singular to the last bits, or indefinite.

@@ -23,8 +23,8 @@ def test_results_and_errors(client):
     def late():
         raise TimeoutError("of the function")
 
-    executor = Cluster(client)
-    assert executor.submit(math.sqrt, 4.0).result() == 2.0
+    executor = Cluster(client, KeyError)
+    assert executor.submit(lambda: math.sqrt(4.0)).result() == 2.0
     with pytest.raises(TimeoutError, match="of the function"):
         executor.submit(late).result()
 
@@ -32,7 +32,7 @@ def test_results_and_errors(client):
 def test_a_lost_scheduler(client):
     """As long as there is one, it waits; then not for long."""
     go = Event()
-    waiting = Cluster(client).submit(go.wait)
+    waiting = Cluster(client, KeyError).submit(go.wait)
     client.status = "connecting"
     with pytest.raises(SchedulerLost, match="does not answer"):
         waiting.result()

@@ -1,0 +1,36 @@
+"""Equilibria: internal states of loads."""
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+
+
+@pytest.mark.parametrize("node", [-1, None])
+def test_internal_states_come_to_rest_by_a_law_that_is_not_linear(node):
+    """z + z^3 = p (1 - u/2) along z, u the node's displacement: to 1e-10, in a batch, the reaction that of the forces z; the
+    derivative by p against central differences, 1e-5 to either side: solutions of 1e-12 leave 1e-7 of it.
+    """
+    beam = tb.Beam.straight(1.0, 4, tb.Section.from_stiffness(EA=10.0, GA=10.0, GJ=1.0, EI=1.0, mass=1.0))
+    p = torch.tensor([0.5, 1.0, 2.0], requires_grad=True)
+
+    def found(p):
+        def rate(z, x, R, v, w, t, p):
+            pull = p[..., None] * torch.stack((0 * x[..., 0], 0 * x[..., 0], 1 - x[..., 2] / 2), -1)
+            return (pull - z - z**3) / 0.1
+
+        load = tb.Load(lambda x, R, v, w, t, z, p: (z, None), node=node, internal=3, rate=rate, of=("position",),
+                       values={"p": p if node == -1 else p[:, None]})
+        return tb.equilibrium(tb.Scene(beam, [load]), tolerance=1e-12)
+
+    state = found(p)
+    z = state.internal.unflatten(-1, (-1, 3))[..., 2]
+    u = state.position[..., 2] if node is None else state.position[..., -1:, 2]
+    assert_close(z + z**3, p[:, None] * (1 - u / 2), rtol=0, atol=1e-10)
+    assert (z[:, -1] - p * (1 - u[:, -1] / 2)).abs().min() > 0.05  # what the law linearised at zero would have
+    each = torch.ones(1) if node == -1 else torch.tensor([0.125, 0.25, 0.25, 0.25, 0.125])
+    assert_close(-state.root.force[:, 2], (each * z).sum(-1), rtol=0, atol=1e-10)
+    (slope,) = torch.autograd.grad(state.tip.position[:, 2].sum(), p)
+    after, before = (found(p.detach() + h).tip.position[:, 2] for h in (1e-5, -1e-5))
+    assert_close(slope, (after - before) / 2e-5, rtol=0, atol=1e-7)

@@ -1,0 +1,47 @@
+"""Internal states of loads in an equilibrium: where their laws come to rest, linear or not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from ..core.derivatives import no_derivatives
+from ..core.status import DIVERGED, SUCCESS
+from ..core.validation import concrete
+from ..nodal.loads import internal
+from ..solvers.newton import newton
+from .steady import Configuration, SteadyProblem
+
+LIMIT = 25  # linearisations
+STAYS = 0.5  # power of the dtype's rounding: change of the states, relative, up to which they stay
+
+
+def settled(problem: SteadyProblem, x: Configuration, reaction: Tensor, status: Tensor, tolerance: float | None
+            ) -> tuple[SteadyProblem, Configuration, Tensor, Tensor]:
+    """An equilibrium whose internal states were found by laws linearised at zero, with the laws linearised where the states
+    are: Newton's method for z' = 0 beside that for the shape, until the states stay; the problem so, shape, reaction, status.
+    Where laws are linear it is as it was.
+    """
+    limit = torch.finfo(x.position.dtype).eps**STAYS
+    with no_derivatives():
+        going = status == SUCCESS
+        for _ in range(LIMIT):
+            found = _resting(problem, x, status)
+            after = _resting(replace(problem, near=found), x, status)
+            stays = ((after - found).abs() <= limit * after.abs().amax(-1, keepdim=True)).all(-1)
+            going = going & (status == SUCCESS) & ~stays
+            if not concrete(going).any():
+                return problem, x, reaction, status
+            problem = replace(problem, near=torch.where(going[..., None], after, found))
+            outcome = newton(problem, problem.apply_supports(x), going, tolerance)
+            good = (going & (outcome.status == SUCCESS))[..., None, None]
+            x = Configuration(*(torch.where(good, a, b) for a, b in zip(outcome.x, x, strict=True)))
+            reaction, status = torch.where(good, outcome.reaction, reaction), torch.where(going, outcome.status, status)
+    return problem, x, reaction, torch.where(going, DIVERGED, status)
+
+
+def _resting(problem: SteadyProblem, x: Configuration, status: Tensor) -> Tensor:
+    """(..., z)"""
+    return internal(problem.model, problem.nodes(x), problem.t, problem.inputs, status.shape)
