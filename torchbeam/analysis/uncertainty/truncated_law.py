@@ -30,6 +30,9 @@ class Truncated:
         law = Uniform(*self.law) if isinstance(self.law, (tuple, list)) and len(self.law) == 2 else self.law
         if not hasattr(law, "icdf") or not hasattr(law, "cdf"):
             raise ValueError(f"the law {shown(self.law)} was given to Truncated; one with both cdf and icdf is wanted")
+        for name in ("least", "largest"):
+            if isinstance(given := getattr(self, name), Tensor) and given.requires_grad:
+                raise ValueError(f"Truncated's {name} that carries a gradient was given; a number is wanted")
         set_fields(self, law=law, least=number("Truncated's least", self.least, infinite=True),
                    largest=number("Truncated's largest", self.largest, infinite=True))
         if not self.least < self.largest:

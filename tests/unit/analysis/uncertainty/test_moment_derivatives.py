@@ -111,6 +111,18 @@ def test_refused(name):
         tb.moment_derivatives(**{**usual, **changed})
 
 
+def test_a_truncated_law():
+    """Of a uniform law from 0 to q between 0.5 and 1, whose values q does not change; of an exponential one beyond 1, by its
+    scale: the mean is 1 + q. Bounds have no derivatives.
+    """
+    for kind, by in ((lambda q: tb.laws.Truncated(tb.laws.Uniform(0.0, q[0]), 0.5, 1.0), 0.0),
+                     (lambda q: tb.laws.Truncated(tb.laws.Weibull(q[0]), 1.0), 1.0)):
+        found = tb.moment_derivatives(lambda theta: theta[:, 0], lambda q, kind=kind: {"x": kind(q)}, [1.5], 1024)
+        assert found.mean_by.estimate.item() == pytest.approx(by, abs=5e-3)
+    with pytest.raises(ValueError, match="Truncated's least that carries a gradient"):
+        tb.moment_derivatives(torch.sin, lambda q: {"x": tb.laws.Truncated((0.0, 4.0), q[0])}, [1.5], 32)
+
+
 def test_a_field_has_none():
     with pytest.raises(ValueError, match="RandomField's deviation that carries a gradient"):
         tb.laws.RandomField([0.0, 1.0], 1.0, torch.tensor(0.1, requires_grad=True), 1.0)
