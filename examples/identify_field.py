@@ -177,8 +177,8 @@ def draw(path: Path = Path("out/identify_field.png")) -> None:
              (start, "velocity", nodes, s, first(s), "s / m", "first velocity / (m/s)"))
     for axis, (fit, name, at, along, true, below, beside) in zip(places, shown, strict=True):
         each = len(at) // len(fit[name])  # two places of a number that holds from one to the other
-        value, room = (x.repeat_interleave(each) for x in (fit[name], 1.96 * fit.deviation(name)))
-        axis.fill_between(at, value - room, value + room, color="C0", alpha=0.2, lw=0)
+        value, low, high = (x.repeat_interleave(each) for x in (fit[name], *fit.interval(name).unbind(-1)))
+        axis.fill_between(at, low, high, color="C0", alpha=0.2, lw=0)
         axis.plot(along, true, "k", lw=1, label="true")
         axis.plot(at, value, "C0" if each > 1 else "C0.-", ms=4, label="found, 95 %")
         axis.set(xlabel=below, ylabel=beside)
