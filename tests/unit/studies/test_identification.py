@@ -67,3 +67,18 @@ def test_stated_intervals_hold_the_truth():
     for name in {r["case"] for r in good if r["repeats"] >= 200}:
         some = [r["coverage"] for r in good if r["case"] == name and r["method"] == "laplace"]
         assert 0.92 <= sum(some) / len(some) <= 0.98, name
+
+
+def test_stated_intervals_of_fields_hold_the_truth():
+    """95 % intervals of 200 smooth fields: 92 to 98 % of all elements, and each element's own within three deviations of what
+    so many repeats know. Of dents, which the prior does not expect: no less where rows are sharp, in the dent and beside it.
+    """
+    rows = {r["case"]: r for r in json.loads(STORED.read_text())["fields"]}
+    least = LEVEL - 3 * (LEVEL * (1 - LEVEL) / field_coverage.REPEATS) ** 0.5
+    assert set(rows) == {case.name for case in field_coverage.CASES}
+    assert all(r["repeats"] == r["settled"] == field_coverage.REPEATS for r in rows.values())
+    for name in ("smooth, weight found", "smooth, weight and noise found"):
+        assert 0.92 <= rows[name]["covered"] <= 0.98 and rows[name]["lowest"] >= least
+    sharp, normal = rows["dent, sharp"], rows["dent, normal law"]
+    assert min(sharp[part] for part in ("covered", "lowest", "dents", "neighbours")) >= least
+    assert sharp["dents"] > normal["dents"] and sharp["told"] < normal["told"]
