@@ -20,7 +20,7 @@ from ..mixed.rates import block_system, solve_scaled, sweep, terms
 from ..mixed.state import MixedState, pack, unpack, unpack_minimal
 from ..scene.scene import Scene
 from ..state.solution import Energy, Solution, Stats
-from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves, status_at
+from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
 
 RESTART_FREE = (*ADAPTIVE, "euler", "midpoint", "heun2", "heun3", "rk4")  # methods that remember nothing from step to step
 
@@ -86,10 +86,10 @@ def simulate_mixed(
     y0 = y0.expand(broadcast_shapes(y0.shape, wide))
     ys, status, evaluations = integrate(
         at(problem.rates), y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
-        parameters=leaves(problem.rates(first, y0.detach())),
+        parameters=leaves(at(problem.rates), y0.detach(), t, adjoint),
         after=at(problem.after) if project or method in RESTART_FREE else None,
     )
-    states = [problem.observe(*one) for one in zip(instants, ys, status_at(ys, status.long()), strict=True)]
+    states = [problem.observe(*one) for one in zip(instants, ys, status, strict=True)]
     state = MixedState.stack(states)
     reason = {FAILED: f"{method}: the step shrank to nothing, or the rates were not finite; {ADVICE}"}
     return Solution(

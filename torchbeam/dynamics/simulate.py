@@ -39,7 +39,7 @@ from .rollout import check_room, march
 from .runaway import SENTENCE, stopped
 from .stepper import Stepper
 from .tolerance import Tolerance
-from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves, status_at
+from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 
 FORMS = ("nodal", "minimal", "block_rate")
@@ -244,8 +244,8 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     acting = rates.balance(first, rates.unpack(first, y0)[0])[0]  # functions and inputs may have axes too
     y0 = y0.expand(*broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
     ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
-                                        parameters=leaves(rhs(t[0], y0.detach())))
-    trajectory = State.stack([rates.state(*at) for at in zip(instants, ys, status_at(ys, status), strict=True)])
+                                        parameters=leaves(rhs, y0.detach(), t, adjoint))
+    trajectory = State.stack([rates.state(*at) for at in zip(instants, ys, status, strict=True)])
     reason = {FAILED: f"{method} failed; {ADVICE}"} if status.any() else {}
     if method not in ADAPTIVE:
         trajectory, lost = stopped(rates.model, trajectory, partial(_energy, rates.model, trajectory, instants, inputs))

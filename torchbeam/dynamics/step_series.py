@@ -101,7 +101,7 @@ def part_of(few: BatchSubset, stepper: Stepper, inputs: dict[str, Any]) -> tuple
     def taken_of(v: Any) -> Any:
         if isinstance(v, PerInterval):
             return few.gather(v)
-        return few.take(v, 1) if isinstance(v, Tensor) else lambda t: few.take(v(t), 1)
+        return few.take(v, 1) if isinstance(v, Tensor) else lambda t: few.take(taken("an input's value", v(t), t), 1)
 
     return part, {name: taken_of(v) for name, v in inputs.items()}
 

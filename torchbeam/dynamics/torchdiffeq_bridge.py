@@ -22,6 +22,7 @@ from ..core.validation import broadcast, increasing
 METHODS = tuple(SOLVERS)
 ADAPTIVE = tuple(name for name, solver in SOLVERS.items() if issubclass(solver, AdaptiveStepsizeODESolver))
 ADVICE = "try the implicit method 'midpoint' of the nodal form, a shorter step, or other tolerances"
+INSTANTS = 33  # beside those asked for, at which what rates read is looked for
 TRUSTED = 1e-3  # largest relative error of the state reconstructed backwards that a continuous adjoint may carry
 
 Rates = Callable[[Tensor, Tensor], Tensor]
@@ -52,16 +53,17 @@ def integrate(
     method      a name of torchdiffeq; rtol, atol and options go to it unchanged, but for the error norm: an adaptive
                 method controls the *largest* entry (torchdiffeq's root mean square lets a batch hide a bad sample).
                 Outputs inside a step are interpolated by torchdiffeq with a quartic, whatever the method's order;
-                options={"step_t": t[1:]} ends a step at each of them
+                options={"step_t": t[1:]} ends a step at each of them. Of methods with fixed steps they are on straight
+                lines, of second order, unless the step divides the intervals; options={"interp": "cubic"} is of fourth
     adjoint     gradients by the continuous adjoint with respect to y0 and `parameters` instead of through the steps;
                 the state is integrated back over each output interval, as the adjoint does, and compared
     parameters  every tensor that rhs reads and whose gradient may be wanted
     after       (t, y) -> y, applied at each output before going on from it: rescaling, projection, normalising.
                 Steps then end at the outputs.
 
-    Returns ys (T, ..., n); status (...), 0 = success and 3 = failed: rates that are not finite or a step that shrank to
-    nothing. A failed sample keeps its last good output, and the others are solved as if it were not there. evaluations:
-    calls of rhs.
+    Returns ys (T, ..., n); status (T, ...), 0 = success and, behind the last good output, 3 = failed: rates that are not finite
+    or a step that shrank to nothing. A failed sample keeps that output, and the others are solved as if it were not there.
+    evaluations: calls of rhs.
 
     Raises ValueError for an unknown method or option or a t that does not increase; AllFailed where every sample failed, or
     where the sample that stopped the solver cannot be found. Warns (RuntimeWarning) about samples that failed,
@@ -82,6 +84,7 @@ def integrate(
 
     solve = _Solve(rhs, y0, method, dict(rtol=rtol, atol=atol), dict(options or {}), adjoint, parameters, after)
     good: dict[int, Tensor] = {}  # failed sample -> its outputs, held from the failure on
+    status = torch.zeros(len(t), y0.shape[:-1].numel(), dtype=torch.long, device=y0.device)
     while True:
         ys, failure = solve.run(t)
         if failure is None:
@@ -95,6 +98,7 @@ def integrate(
         for row in rows.flatten().nonzero().flatten().tolist():
             held = ys[: k + 1].reshape(k + 1, -1, y0.shape[-1])[:, row].detach()
             good[row] = torch.cat((held, held[-1:].expand(len(t) - 1 - k, -1)))
+            status[k + 1:, row] = FAILED
         solve.dead = solve.dead | rows
         if solve.dead.all():
             raise AllFailed(sentence)
@@ -104,12 +108,18 @@ def integrate(
         ys = torch.stack([good.get(row, flat[:, row]) for row in range(flat.shape[1])], 1).view_as(ys)
     if adjoint:
         _check_reconstruction(solve, ys, t)
-    return ys, solve.dead * FAILED, solve.evaluations
+    return ys, status.view(len(t), *y0.shape[:-1]), solve.evaluations
 
 
-def leaves(rates: Tensor) -> tuple[Tensor, ...]:
-    """The leaf tensors with gradient from which `rates` was computed: what the scene, its functions and its inputs hold."""
-    found, seen, todo = {}, set(), [rates.grad_fn]
+def leaves(rhs: Rates, y: Tensor, t: Tensor, throughout: bool) -> tuple[Tensor, ...]:
+    """The leaf tensors with gradient that rates at y are computed from: what the scene, its functions and its inputs hold.
+    Those at t[0]; or `throughout` the time, where functions of t may read other ones later.
+    """
+    instants = t.detach()[:1]
+    if throughout:
+        share = torch.linspace(0, 1, INSTANTS, dtype=t.dtype, device=t.device)
+        instants = torch.cat((t.detach(), t.detach()[0] + share * (t.detach()[-1] - t.detach()[0])))
+    found, seen, todo = {}, set(), [rhs(now, y).grad_fn for now in instants]
     while todo:
         node = todo.pop()
         if node is None or node in seen:
@@ -126,12 +136,6 @@ def known_options(method: str) -> list[str]:
     inits = [vars(kind)["__init__"] for kind in SOLVERS[method].__mro__[:-1] if "__init__" in vars(kind)]
     names = {p.name for init in inits for p in inspect.signature(init).parameters.values() if p.kind is not p.VAR_KEYWORD}
     return sorted(names - {"self", "func", "y0", "rtol", "atol"})
-
-
-def status_at(ys: Tensor, status: Tensor) -> Tensor:
-    """(T, ...) the status at each output of ys (T, ..., n): 0 up to a failed sample's last good output, which it holds."""
-    held = ((ys == ys[-1:]) | ~torch.isfinite(ys)).all(-1)
-    return status * torch.cat((torch.zeros_like(held[:1]), held[:-1]))
 
 
 class _Solve:

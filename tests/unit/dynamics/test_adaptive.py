@@ -7,12 +7,14 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam.core.batch_subset import BatchSubset
 from torchbeam.core.derivatives import no_derivatives
 from torchbeam.core.status import TOO_MANY, UNDERFLOW
 from torchbeam.dynamics.adaptive import _again, _Runs
 from torchbeam.dynamics.dense_output import between, extrapolated
 from torchbeam.dynamics.events import Events
 from torchbeam.dynamics.step_sequence import StepSequence
+from torchbeam.dynamics.step_series import part_of
 from torchbeam.dynamics.stepper import Stepper
 from torchbeam.math import quaternions as quat
 from torchbeam.scene.prescribed_motion import PrescribedMotion
@@ -167,6 +169,14 @@ def test_derivatives_by_the_instants_asked_for():
     assert_close((inner[1], inner[2]), (tip.velocity[1, 2].detach(), torch.tensor(0.0)), rtol=1e-9, atol=0)
     assert_close(last[3], tip.velocity[3, 2].detach(), rtol=1e-3, atol=0)
     assert_close(torch.stack((inner.sum(), last.sum())), torch.zeros(2), rtol=0, atol=1e-12)
+
+
+def test_samples_by_themselves_have_their_part_of_an_input():
+    """Of a function of t that gives a sequence as of one that gives a tensor."""
+    few, scene = BatchSubset(torch.tensor([1, 3]), 4), tb.Scene(rod().beam, [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
+    values, t = torch.arange(12.0).view(4, 3), torch.tensor(2.0)
+    _, part = part_of(few, Stepper(scene, 0.01, engine="eager"), {"u": lambda t: t * values, "v": lambda t: [0.0, 0.0, t]})
+    assert_close((part["u"](t), part["v"](t)), (2 * values[1::2], torch.tensor([0.0, 0.0, 2.0])))
 
 
 def test_what_cannot_be_solved_ends_with_a_status():

@@ -89,12 +89,12 @@ def test_work_adds_up():
     assert after.work[1] == state.work[1] and after.t[1] == state.t[1] and after.t[0] > state.t[0]
 
 
-@pytest.mark.parametrize("form", ["nodal", "minimal"])
-def test_a_failure_has_its_instant(form):
-    """A load that turns NaN after 7.5 ms: the state is good at 5 ms and before, failed and held from 10 ms on. (The block
-    rate form reads the load's rate, which is zero on both sides.)"""
+@pytest.mark.parametrize("form, push", [("nodal", 0.05), ("minimal", 0.05), ("nodal", 0.0)])
+def test_a_failure_has_its_instant(form, push):
+    """A load that turns NaN after 7.5 ms: the state is good at 5 ms and before, failed and held from 10 ms on, also where it
+    was at rest until then. (The block rate form reads the load's rate, which is zero on both sides.)"""
     def force(t):
-        up = torch.where(t < 0.0075, 0.05, math.nan)
+        up = torch.where(t < 0.0075, push, math.nan)
         return torch.stack((torch.stack((0 * t, up, 0 * t)), torch.stack((0 * t, 0 * t, 0 * t + 0.05))))
 
     beam = tb.Beam.straight(0.3, 2, tb.Section.circle(0.01, 1e6, 0.45, 1100.0))

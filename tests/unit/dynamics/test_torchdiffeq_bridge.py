@@ -29,7 +29,7 @@ def test_every_method_solves_the_oscillator(method):
     ys, status, evaluations = integrate(oscillator(), torch.tensor([[1.0, 0]]), T, method=method, rtol=1e-8,
                                         atol=1e-8, options=OPTIONS.get(method))
     assert_close(ys[:, 0, 0], torch.cos(2 * T), rtol=0, atol=BOUND[method])
-    assert status.tolist() == [0] and evaluations > 0
+    assert (status == 0).all() and evaluations > 0
 
 
 def test_unknown_method_is_refused():
@@ -58,7 +58,7 @@ def test_failed_sample_is_named_and_leaves_its_neighbours_alone(method):
     y0 = torch.tensor([[0.5], [2.0], [0.25]])
     with pytest.warns(RuntimeWarning, match=rf"{method} failed on sample 1 \(1 of 3\) after t = 0\.[45].*nodal form"):
         ys, status, _ = integrate(square, y0, t, method=method)
-    assert status.tolist() == [0, 3, 0] and torch.isfinite(ys).all()
+    assert status[-1].tolist() == [0, 3, 0] and torch.isfinite(ys).all()
     alone, _, _ = integrate(square, y0[[0, 2]], t, method=method)
     assert_close(ys[:, [0, 2]], alone, rtol=0, atol=1e-7 if method in ADAPTIVE else 0)
     assert_close(ys[80, 1], 1 / (0.5 - t[80:81]), rtol=2e-1 if method == "euler" else 1e-3, atol=0)
@@ -76,7 +76,7 @@ def test_start_that_is_not_finite():
     for method in ("dopri5", "rk4"):
         with pytest.warns(RuntimeWarning, match="sample 0"):
             ys, status, _ = integrate(oscillator(), y0, T, method=method)
-        assert status.tolist() == [3, 0] and torch.isfinite(ys[:, 1]).all()
+        assert status[-1].tolist() == [3, 0] and torch.isfinite(ys[:, 1]).all()
 
 
 @pytest.mark.parametrize("method", ["dopri5", "rk4"])

@@ -269,6 +269,19 @@ def test_gradients(form):
         assert_close(gradient, expected, rtol=1e-4 if adjoint else 1e-6, atol=0)
 
 
+@pytest.mark.parametrize("form", ["nodal", "minimal"])
+def test_adjoint_by_what_a_function_of_time_reads_later(form):
+    """A force that is another tensor's after half of the time: the continuous adjoint has its derivative too, that of backprop
+    to the steps' own error.
+    """
+    early, late = (torch.tensor(0.02, requires_grad=True) for _ in range(2))
+    force = TipLoad(force=lambda t: torch.stack((0 * t, 0 * t, (late if t > 0.002 else early) * t)))
+    section = Section.from_stiffness(EA=200.0, GA=80.0, GJ=0.015, EI=0.02, mass=0.3, inertia=1e-3)
+    scene, options = Scene(Beam.straight(0.3, 1, section), [force]), dict(form=form, method="rk4", options=dict(step_size=5e-4))
+    ends = (tb.simulate(scene, [0, 0.002, 0.004], adjoint=adjoint, **options).nodes[-1].sum() for adjoint in (False, True))
+    assert_close(*(torch.autograd.grad(end, (early, late)) for end in ends), rtol=1e-3, atol=0)
+
+
 def test_adjoint_of_a_damped_beam_warns():
     """Strong damping: integrated back the state runs away, and the warning says by how much."""
     scene = soft_scene(1, effects=(TipLoad(force=pull), Damping(torch.tensor(0.2, requires_grad=True))))
