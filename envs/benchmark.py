@@ -36,7 +36,7 @@ class Row(NamedTuple):
     rate: float  # env steps a second, by `gymnasium.utils.performance.benchmark_vector_step`
     realtime: float  # simulated s per s
     overhead: float  # time of step() that is not simulation, over the time that is
-    error: float  # RMS of the tip's error over one episode, over the RMS of its motion
+    error: float | None  # RMS of the tip's error over one episode, over the RMS of its motion
 
 
 FIELDS = ("task", "batch", "env steps a second", "simulated s per s", "stepping and observing, over simulation",
@@ -79,11 +79,11 @@ def overhead(id: str, batch: int, **arguments: Any) -> float:
     return float(np.median(shares[2:]))
 
 
-def error(id: str, **arguments: Any) -> float:
+def error(id: str, **arguments: Any) -> float | None:
     """RMS over an episode of the distance between the tip and that of the same task on 16 elements with 8 steps an interval,
-    over the RMS of its way; under actions held for 10 intervals each.
+    over the RMS of its way; under actions held for 10 intervals each. None where an episode ends before its time.
     """
-    def tips(**finer: Any) -> torch.Tensor:
+    def tips(**finer: Any) -> torch.Tensor | None:
         env = gymnasium.make_vec(id, num_envs=SWINGS, autoreset_mode="Disabled", **{**arguments, **finer})
         env.reset(seed=0)
         way = [env.state.beam.position[:, -1]]
@@ -92,9 +92,11 @@ def error(id: str, **arguments: Any) -> float:
         for k in steps:
             env.step(actions[k // HELD])
             way.append(env.state.beam.position[:, -1])
-        return torch.stack(way)
+        return None if env.state.terminated.any() else torch.stack(way)
 
     coarse, fine = tips(), tips(**FINER)
+    if coarse is None or fine is None:
+        return None
     return ((coarse - fine).square().sum(-1).mean() / (fine - fine[0]).square().sum(-1).mean()).sqrt().item()
 
 
@@ -167,6 +169,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    lines = [(r.id, f"{r.batch}", f"{r.rate:.0f}", f"{r.realtime:.1f}", f"{100 * r.overhead:.0f} %", f"{100 * r.error:.1f} %")
-             for r in rows]
+    lines = [(r.id, f"{r.batch}", f"{r.rate:.0f}", f"{r.realtime:.1f}", f"{100 * r.overhead:.0f} %",
+              "" if r.error is None else f"{100 * r.error:.1f} %") for r in rows]
     return table(FIELDS, lines, words=1)

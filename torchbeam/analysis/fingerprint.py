@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import copyreg
 import dis
 import enum
 import functools
@@ -152,7 +153,8 @@ class _Walk:
             has = {"name": value.__name__}
         else:
             try:
-                kept = value.__reduce_ex__(2)
+                reduced = copyreg.dispatch_table.get(type(value))  # as pickle does: patterns, some releases' ufuncs
+                kept = value.__reduce_ex__(2) if reduced is None else reduced(value)
             except Exception:
                 raise NoFingerprint(f"a {type(value).__module__}.{type(value).__qualname__}") from None
             own = type(value).__reduce_ex__ is object.__reduce_ex__ and type(value).__reduce__ is object.__reduce__

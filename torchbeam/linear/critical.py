@@ -28,13 +28,14 @@ from ..core.leaves import wants_gradient
 from ..core.summary import kind, lines, span
 from ..core.validation import concrete
 from ..math.dense import solve_unchecked
-from ..math.quadratic_eigen import slow_first, spectrum, upright
+from ..math.quadratic_eigen import rounding, slow_first, spectrum, upright
 from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
+from ..statics.mechanism import unheld
 from .system_matrices import matrices, moves
 
 STABLE, DIVERGENCE, FLUTTER, LOST = range(4)
@@ -46,12 +47,14 @@ Factored = Callable[[Tensor], Scene]
 
 
 class _Spectrum(NamedTuple):
-    """At a load: eigenvalue (..., count), the slowest: s, or lambda where damped. kind (...). For each kind of loss the
-    measure (...) that is straight where it begins, and the eigenvalue that decides.
+    """At a load: eigenvalue (..., count), the slowest: s, or lambda where damped. kind (...); neutral (...) whether there is a
+    motion that nothing but rounding resists. For each kind of loss the measure (...) that is straight where it begins, and the
+    eigenvalue that decides.
     """
 
     eigenvalue: Tensor
     kind: Tensor
+    neutral: Tensor
     divergence: Tensor
     flutter: Tensor
     leading: Tensor
@@ -106,7 +109,8 @@ def critical_load(scene: Factored | Scene, highest: float, *, lowest: float = 0.
     The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on. At a limit point it ends, or
     leaps; `path` finds those more quickly. Dense, O(N^3) a factor.
 
-    Raises ValueError for what the nodal form does not take, a range that is empty, or a scene that is unstable at `lowest`.
+    Raises ValueError for what the nodal form does not take, a range that is empty, rigid motions that nothing holds, or a scene
+    that is unstable at `lowest`.
     """
     highest, lowest, t = number("highest", highest), number("lowest", lowest), number("t", t)
     check_tolerance("tolerance", tolerance)
@@ -118,7 +122,11 @@ def critical_load(scene: Factored | Scene, highest: float, *, lowest: float = 0.
         even = torch.linspace(lowest, highest, check_count("points", points, least=2), device=path.device)
         factors = even.reshape(-1, *[1] * len(shape)).expand(len(even), *shape)
         coarse = path.spectrum(factors)
-        if (coarse.kind[0] != STABLE).any():
+        doubtful = coarse.kind[0] != STABLE
+        if (doubtful | coarse.neutral[0]).any() and (loose := path.loose(lowest)):
+            raise ValueError(f"a beam of which nothing holds {loose} was given; supports that hold it, or a plane without that "
+                             "motion, are wanted")
+        if doubtful.any():
             raise ValueError(f"a beam that is unstable or without equilibrium at the lowest factor, {lowest:g}, was given; a "
                              "stable one is wanted there")
         low, high, kind = _first(factors, coarse.kind)
@@ -172,6 +180,12 @@ class _Path:
         self.device = scene.device
         return broadcast_shapes(scene.batch_shape, *(v.shape[:-1] for v in inputs.values()))
 
+    def loose(self, factor: float) -> str:
+        """Rigid motions that nothing holds, in words."""
+        scene, inputs = self.scene(torch.tensor(factor, device=self.device))
+        t = torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device)
+        return unheld(discretise(scene), t, inputs, (0,) * len(self.batch_shape(factor)))[1]
+
     def matrices(self, factor: Tensor) -> tuple[Model, State, tuple[Tensor, Tensor | None, Tensor]]:
         scene, inputs = self.scene(factor)
         with warnings.catch_warnings():
@@ -203,7 +217,9 @@ class _Path:
         flutter, which = flutter.max(-1)
         kind = torch.where((grows & ~turning).any(-1), DIVERGENCE, torch.where((grows & turning).any(-1), FLUTTER, STABLE))
         kind = torch.where(state.status == 0, kind, LOST).expand(factor.shape)
-        return _Spectrum(value[..., :self.count], kind, divergence, flutter, value.gather(-1, which[..., None])[..., 0])
+        neutral = ((size.square() if self.damped else size) <= rounding(M, K)[..., None]).any(-1).expand(factor.shape)
+        leading = value.gather(-1, which[..., None])[..., 0]
+        return _Spectrum(value[..., :self.count], kind, neutral, divergence, flutter, leading)
 
     def crossing(self, low: Tensor, high: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
         """Zero of the measure, by a straight line through its values at the two ends, undamped flutter's (a square

@@ -54,8 +54,9 @@ class Modes:
 
     @property
     def damping_ratio(self) -> Tensor:
-        """(..., count) -real part / |eigenvalue|: 1 for no oscillation, negative for growth."""
-        return -self.eigenvalue.real / self.eigenvalue.abs()
+        """(..., count) -real part / |eigenvalue|: 1 for no oscillation, negative for growth; 0 of a rigid motion."""
+        size = self.eigenvalue.abs()
+        return -self.eigenvalue.real / torch.where(size == 0, 1, size)
 
     @property
     def unstable(self) -> Tensor:

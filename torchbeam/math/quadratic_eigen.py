@@ -78,10 +78,10 @@ def _shift(M: Any, K: Any) -> Tensor:
     """(...) of the square of an eigenvalue, so small that the slowest are near to it, so large that rounding of the stiffness
     is small beside it: between the two by their ratio.
     """
-    return _rounding(M, K) * torch.finfo(_size(K).dtype).eps ** -0.5
+    return rounding(M, K) * torch.finfo(_size(K).dtype).eps ** -0.5
 
 
-def _rounding(M: Any, K: Any) -> Tensor:
+def rounding(M: Any, K: Any) -> Tensor:
     """(...) what rounding of the stiffness makes of the square of an eigenvalue."""
     size = _size(K)
     return torch.finfo(size.dtype).eps * size / _size(M)
@@ -106,7 +106,7 @@ def _symmetric(M: Any, K: Any, count: int, definite: Callable[[Any], Tensor], so
     square = 1 / value - shift[..., None]
     near = (value[..., :-1] - value[..., 1:]).abs() <= DISTINCT * value[..., :-1].abs()
     near = torch.nn.functional.pad(near, (1, 0)) | torch.nn.functional.pad(near, (0, 1))
-    square = torch.where(square.abs() < _rounding(M, K)[..., None], 0.0, square)[..., :count]
+    square = torch.where(square.abs() < rounding(M, K)[..., None], 0.0, square)[..., :count]
     eigenvalue = _upper(torch.complex(-square, torch.zeros_like(square)).sqrt())
     vectors = vectors.mT[..., :count, :]
     return Pairs(eigenvalue, torch.complex(vectors, torch.zeros_like(vectors)), None, near[..., :count])
@@ -128,19 +128,27 @@ def _whole(M: Tensor, K: Tensor, count: int) -> tuple[Tensor, Tensor]:
 def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """All eigenvalues (..., n), or their squares where there is no damping, the vectors (..., n, n) as columns, and the matrix
     that was inverted for them: Q at a small shift, for M may be singular, and K where nothing holds a rigid motion, or next to
-    a point of buckling, would spoil the others.
+    a point of buckling, would spoil the others. Raises ValueError for a motion without stiffness and inertia.
     """
     square = _shift(M, K)
     if D is None:
         K = _plus(K, square, M)
-        found, vectors = torch.linalg.eig(-solve(K, M))
+        found, vectors = torch.linalg.eig(-_inverted(K, M))
         return 1 / found + square[..., None], vectors, K
     shift = square.sqrt()
     K, D = _plus(_plus(K, shift, D), square, M), _plus(D, 2 * shift, M)
-    flexible = solve(K, torch.cat((D, M), -1))
+    flexible = _inverted(K, torch.cat((D, M), -1))
     eye = torch.eye(M.shape[-1], dtype=M.dtype, device=M.device).expand_as(M)
     found, vectors = torch.linalg.eig(torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2))
     return 1 / found + shift[..., None], vectors, K
+
+
+def _inverted(K: Tensor, right: Tensor) -> Tensor:
+    try:
+        return solve(K, right)
+    except torch.linalg.LinAlgError:
+        raise ValueError("a motion that neither stiffness nor inertia resists was given, as the turn about its axis of a "
+                         "pinned beam without rotary inertia; a support, or an inertia, is wanted") from None
 
 
 def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
@@ -159,7 +167,7 @@ def _dense(M: Tensor, D: Tensor | None, K: Tensor, count: int, derivatives: bool
     n = K.shape[-1]
     value, vectors, inverted = spectrum(M, D, K)
     near = ((value[..., :, None] - value[..., None, :]).abs() <= DISTINCT * value.abs()[..., :, None]).sum(-1) > 1
-    unknown = _rounding(M, K)[..., None]  # growth that it may have made is none
+    unknown = rounding(M, K)[..., None]  # growth that it may have made is none
     if D is None:
         value = _upper(torch.where(value.abs() < unknown, 0.0, value).sqrt())
     else:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ..core.validation import Value, as_tensor, finite
+from ..core.validation import Value, as_tensor, concrete, finite
 from ..math.shapes import broadcast_shapes
 from ..nodal.constitutive_law import without_residual_bending
 from ..nodal.coordinates.selection import in_space, space_of
@@ -83,8 +83,10 @@ class _Along(Sensor):
 def _within(station: Tensor, length: Tensor) -> None:
     """ValueError for a station beyond the beam."""
     end = length.sum(-1)
-    if ((station < 0) | (station > end * (1 + 1e-6))).any():
-        raise ValueError(f"station = {station.detach().flatten().tolist()[:4]} m was given for a beam of "
+    beyond = concrete((station < 0) | (station > end * (1 + 1e-6)))
+    if beyond.any():
+        station, end = concrete(station.detach()), concrete(end)
+        raise ValueError(f"station = {station.flatten().tolist()[:4]} m was given for a beam of "
                          f"{end.max().item():g} m; places from 0 to that are wanted")
 
 

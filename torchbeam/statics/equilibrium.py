@@ -27,7 +27,7 @@ from . import relaxation
 from .arc_length import LoadedProblem, where
 from .compiled import climb as compiled
 from .continuation import NEUTRAL
-from .internal_states import settled
+from .internal_states import resting
 from .load_steps import climb
 from .mechanism import adrift, unheld
 from .path import stable_branch
@@ -105,8 +105,8 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
                 *stable, found = stable_branch(model, LoadedProblem(model, time, given), start, unstable, tolerance)
             x, reaction = where(found, tuple(stable), (x, reaction))
     if model.internal_states:
-        problem, x, reaction, status = settled(problem, x, reaction, status, tolerance)
-        good = (status == 0) & ~idle
+        problem, x, reaction, status = resting(problem, x, reaction, status, good, tolerance)
+        good = good & (status == 0)
     if differentiated(problem, x) or wants_gradient(*start):
         limit, fork = _singular(problem, x, start, good)
         if throw and concrete(limit).any():

@@ -18,18 +18,17 @@ LIMIT = 25  # linearisations
 STAYS = 0.5  # power of the dtype's rounding: change of the states, relative, up to which they stay
 
 
-def settled(problem: SteadyProblem, x: Configuration, reaction: Tensor, status: Tensor, tolerance: float | None
+def resting(problem: SteadyProblem, x: Configuration, reaction: Tensor, status: Tensor, going: Tensor, tolerance: float | None
             ) -> tuple[SteadyProblem, Configuration, Tensor, Tensor]:
-    """An equilibrium whose internal states were found by laws linearised at zero, with the laws linearised where the states
-    are: Newton's method for z' = 0 beside that for the shape, until the states stay; the problem so, shape, reaction, status.
-    Where laws are linear it is as it was.
+    """Equilibria whose internal states were found by laws linearised at zero, those that are `going` with the laws linearised
+    where the states are: Newton's method for z' = 0 beside that for the shape, until the states stay; the problem so, shape,
+    reaction, status. Where laws are linear they are as they were.
     """
     limit = torch.finfo(x.position.dtype).eps**STAYS
     with no_derivatives():
-        going = status == SUCCESS
         for _ in range(LIMIT):
-            found = _resting(problem, x, status)
-            after = _resting(replace(problem, near=found), x, status)
+            found = _states(problem, x, status)
+            after = _states(replace(problem, near=found), x, status)
             stays = ((after - found).abs() <= limit * after.abs().amax(-1, keepdim=True)).all(-1)
             going = going & (status == SUCCESS) & ~stays
             if not concrete(going).any():
@@ -42,6 +41,6 @@ def settled(problem: SteadyProblem, x: Configuration, reaction: Tensor, status: 
     return problem, x, reaction, torch.where(going, DIVERGED, status)
 
 
-def _resting(problem: SteadyProblem, x: Configuration, status: Tensor) -> Tensor:
+def _states(problem: SteadyProblem, x: Configuration, status: Tensor) -> Tensor:
     """(..., z)"""
     return internal(problem.model, problem.nodes(x), problem.t, problem.inputs, status.shape)

@@ -41,7 +41,7 @@ class SteadyProblem(Tree):
     The inertia is that of `steady_motion`.
 
     internal  (..., z) of the loads, where they are held; None = where they come to rest
-    near      (..., z) where the laws of these are linearised, to find where they come to rest, None = at zero; see `settled`
+    near      (..., z) where the laws of these are linearised to find that, None = at zero; see `internal_states`
     """
 
     model: Model

@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import functools
 import math
+import re
 import subprocess
 import sys
 import types
@@ -91,6 +92,7 @@ PAIRS = {
     "numpy's": (np.sin, np.cos), "torch's": (torch.sin, torch.cos), "built in": (math.sin, math.cos),
     "class": (Model, Record), "module": (torch.nn.Linear(2, 2), torch.nn.Linear(2, 2)),
     "distribution": (torch.distributions.Normal(0.0, 1.0), torch.distributions.Normal(0.0, 2.0)),
+    "pattern": (re.compile("a"), re.compile("b")),
     "cached": (functools.lru_cache(function(CODE)), functools.lru_cache(function(CHANGED["method"]))),
     "dtype": (torch.float32, torch.float64),
 }

@@ -162,6 +162,19 @@ def test_stations_in_a_batch():
     assert_close(slope, torch.tensor([(kappa[1] - kappa[0]) / 0.25, 0]))
 
 
+def test_stations_within_vmap():
+    """A sensor is made within torch.func.vmap, of beams and places that differ, and reads what it reads alone."""
+    length, at = torch.tensor([1.0, 1.5]), torch.tensor([0.33, 1.2])
+
+    def read(length, at):
+        scene = tb.Scene(tb.Beam.straight(length, 4, SECTION), [tb.TipLoad(force=(0, 0, 0.3))])
+        return s.Gauge(at, scene.beam, z=0.1)(tb.Stepper(scene, 0.1)(tb.rest(scene)))
+
+    assert_close(torch.func.vmap(read)(length, at), torch.stack([read(*one) for one in zip(length, at, strict=True)]))
+    with pytest.raises(ValueError, match="places from 0"):
+        torch.func.vmap(read)(length, at + 1)
+
+
 def test_one_element():
     beam = tb.Beam.straight(L, 1, SECTION)
     state = cases.state(tb.Scene(beam))

@@ -6,7 +6,7 @@ import os
 import platform
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -71,6 +71,7 @@ class Evaluation:
     """A function, the laws and design of its parameters, and how it is evaluated.
 
     total   samples of the run, as far as that is known: what is worth compiling depends on them all
+    points  of each replicate, where no chunk may be of two
     reduce  what becomes of a chunk where it was computed, without a folder: something with `failed`, the number of samples
     """
 
@@ -83,20 +84,23 @@ class Evaluation:
     executor: Executor | None = None
     folder: ChunkFolder | None = None
     total: int = 1
+    points: int | None = None
     reduce: Callable[[Chunk], Any] | None = None
 
     def chunks(self, first: int, last: int, progress: Progress | None = None) -> Generator[Any, None, None]:
         """Chunks of samples first to last - 1, in order; from the folder where they are there, and reduced if so wished."""
-        ends = [(a, min(a + self.chunk, last)) for a in range(first, last, self.chunk)]
-        found = {} if self.folder is None else {a: chunk for a, b in ends if (chunk := self.folder.get(a, b - a)) is not None}
-        todo = [end for end in ends if end[0] not in found]
-        if self.folder is not None and todo:
-            self.folder.writable()
+        found: dict[int, Chunk] = {}
+        todo: Iterable[tuple[int, int]] = self._ends(first, last)
+        if self.folder is not None:
+            found = {a: chunk for a, b in self._ends(first, last) if (chunk := self.folder.get(a, b - a)) is not None}
+            todo = [end for end in todo if end[0] not in found]
+            if todo:
+                self.folder.writable()
         jobs = (Job(self.function, self.joint, self.design.part(a, b), a, b, self.dtype, self.by_name, self.folder, _here(),
                     torch.get_default_dtype(), self.total, self.reduce) for a, b in todo)
         made = (job() for job in jobs) if self.executor is None else _gathered(self.executor, jobs)
         try:
-            for a, b in ends:
+            for a, b in self._ends(first, last):
                 known = found.pop(a, None)
                 chunk, written = (tuple(part[:b - a] for part in known), True) if known is not None else next(made)
                 if self.folder is not None and not written:
@@ -110,6 +114,15 @@ class Evaluation:
             if self.folder is not None and todo:
                 with suppress(NotWritten):
                     self.folder.finish(self.function, self.joint.laws)
+
+    def _ends(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+        """First samples of chunks, and of those after them."""
+        while first < last:
+            end = min(first + self.chunk, last)
+            if self.points is not None:
+                end = min(end, (first // self.points + 1) * self.points)
+            yield first, end
+            first = end
 
 
 def evaluated(function: Function, joint: JointLaw, theta: Tensor, by_name: bool) -> tuple[Tensor, Tensor]:

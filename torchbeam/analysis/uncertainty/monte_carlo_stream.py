@@ -58,19 +58,17 @@ def monte_carlo_stream(function: Function, laws: Mapping[str, Law], n: int, *, r
     stream, done = (Stream(joint.names, plan.independent), 0) if folder is None else _taken_up(folder, joint, plan.independent)
     if done > n:
         raise ValueError(f"n = {n} was given for a folder with the summary of {done} samples; at least as many are wanted")
-    work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor, total=n,
+    work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor, total=n, points=points,
                       reduce=Summarise(checked_sentences(sentences)))
     at, written = progress_of(progress, n), time.monotonic()
     if at is not None and done:
         at.add(done, stream.failed, True)
-    while done < n:
-        end = min((done // points + 1) * points, n)  # a chunk belongs to one replicate
-        for part in work.chunks(done, end, at):  # summarised where it was computed
-            stream.merge(done // points, part)
-            done += part.samples
-            if folder is not None and (done == n or time.monotonic() - written > EVERY):
-                _write(folder, stream, done)
-                written = time.monotonic()
+    for part in work.chunks(done, n, at):  # summarised where it was computed
+        stream.merge(done // points, part)
+        done += part.samples
+        if folder is not None and (done == n or time.monotonic() - written > EVERY):
+            _write(folder, stream, done)
+            written = time.monotonic()
     if folder is not None:
         with suppress(NotWritten):
             folder.finish(function, joint.laws)

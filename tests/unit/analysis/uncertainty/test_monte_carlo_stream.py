@@ -148,6 +148,31 @@ def test_a_full_disk(tmp_path, monkeypatch):
     assert (tb.monte_carlo_stream(**run).mean == tb.monte_carlo_stream(**{**run, "out": None}).mean).all()
 
 
+def test_no_worker_waits_for_the_end_of_a_replicate():
+    """All chunks of all replicates are given to an executor before the first of them is wanted; none is of two replicates."""
+    given, at_first = [], []
+
+    class Lazy:
+        def __init__(self, job):
+            self.job = job
+            given.append((job.first, job.last))
+
+        def result(self):
+            at_first.append(len(given))
+            return self.job()
+
+        def cancel(self):
+            pass
+
+    class Executor:
+        submit = Lazy
+
+    there = tb.monte_carlo_stream(function, LAWS, 4 * 40, replicates=4, chunk=16, executor=Executor())
+    assert given == [(40 * k + a, 40 * k + b) for k in range(4) for a, b in ((0, 16), (16, 32), (32, 40))]
+    assert at_first[0] == len(given)
+    assert torch.equal(there.mean, tb.monte_carlo_stream(function, LAWS, 4 * 40, replicates=4, chunk=16).mean)
+
+
 def test_all_failed():
     none = tb.monte_carlo_stream(lambda theta: theta / 0, LAWS, 64)
     with pytest.raises(ValueError, match="all 64 samples failed"):
