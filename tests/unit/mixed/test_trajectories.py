@@ -228,7 +228,7 @@ def test_minimal_form_takes_damping():
     start = dict(V=torch.tensor([[0.0, 0, 0.1], [0, 0, 0.3]]))
     t = torch.linspace(0, 1, 11)
     energies = []
-    for tau in (0.1, torch.full((6,), 0.1)):
+    for tau in (0.1, (0.1,) * 6):
         scene = soft_scene(effects=(Damping(tau),))
         sol = simulate_mixed(scene, t, "minimal", initial=consistent_state(scene, **start), rtol=1e-5)
         energies.append(sol.energy.kinetic + sol.energy.strain)
