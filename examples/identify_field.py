@@ -167,17 +167,20 @@ EXPECTED, TOLERANCE = 0.0, 1.0  # of 10 % of EI, 3.5 deviations of mass and velo
 
 
 def draw(path: Path = Path("out/identify_field.png")) -> None:
-    places = tb.plot.grid(1, 4, (14, 3.2))
+    places = tb.plot.grid(2, 2, (9.6, 6.4))
     s, middle, nodes = torch.linspace(0, LENGTH, 161), (T[1:] + T[:-1]) / 2, torch.linspace(0, LENGTH, 9)[1:]
-    shown = ((dent, "EI", centres(N), centres(160), stiffness(160), "s / m", "EI / N m$^2$"),
+    ends = torch.linspace(0, LENGTH, N + 1)
+    shown = ((dent, "EI", torch.stack((ends[:-1], ends[1:])).mT.flatten(), centres(1600), stiffness(1600), "s / m",
+              "EI / N m$^2$"),
              (weight, "mass", PLACES, s, lines(s), "s / m", "mass / (kg/m)"),
              (force, "force", middle, middle, blow(middle), "time / s", "force on the tip / N"),
              (start, "velocity", nodes, s, first(s), "s / m", "first velocity / (m/s)"))
     for axis, (fit, name, at, along, true, below, beside) in zip(places, shown, strict=True):
-        room = 1.96 * fit.deviation(name)
-        axis.fill_between(at, fit[name] - room, fit[name] + room, color="C0", alpha=0.2, lw=0)
+        each = len(at) // len(fit[name])  # two places of a number that holds from one to the other
+        value, low, high = (x.repeat_interleave(each) for x in (fit[name], *fit.interval(name).unbind(-1)))
+        axis.fill_between(at, low, high, color="C0", alpha=0.2, lw=0)
         axis.plot(along, true, "k", lw=1, label="true")
-        axis.plot(at, fit[name], "C0.-", ms=4, label="found, 95 %")
+        axis.plot(at, value, "C0" if each > 1 else "C0.-", ms=4, label="found, 95 %")
         axis.set(xlabel=below, ylabel=beside)
     places[0].legend(frameon=False, fontsize=8)
     print("wrote", tb.plot.save(places[0], path, dpi=160))

@@ -79,11 +79,11 @@ print("by number, frequencies alone: " + ", ".join(f"{n} = {wrong[n]:.4g}" for n
 
 
 def draw(path: Path = Path("out/identify_modes.png")) -> None:
-    places = tb.plot.grid(1, 2, (8.4, 3.6))
+    places = tb.plot.grid(1, 2, (10.4, 3.2))
     for axis, (what, theta) in zip(places, (("start", START), ("fit", {n: fit[n].item() for n in TRUE})), strict=True):
         found = modes({name: torch.tensor(value) for name, value in theta.items()})
-        image = axis.imshow(tb.modal_assurance(SHAPES, read(found.shape).real), vmin=0, vmax=1, cmap="Blues")
-        axis.set_xticks(range(found.frequency.shape[-1]), [f"{f:.0f}" for f in found.frequency.tolist()])
+        image = axis.imshow(tb.modal_assurance(SHAPES, read(found.shape).real), vmin=0, vmax=1, cmap="Blues", aspect="auto")
+        axis.set_xticks(range(found.frequency.shape[-1]), [f"{f:.0f}" for f in found.frequency.tolist()], rotation=45)
         axis.set_yticks(range(COUNT), [f"{f:.0f}" for f in DATA[0].values.tolist()])
         axis.set(title=what, xlabel="computed / (rad/s)", ylabel="measured / (rad/s)")
     axis.figure.colorbar(image, ax=places, label="modal assurance")

@@ -6,10 +6,10 @@ as c comes near zero. NUTS follows gradients of the log density, each the adjoin
 the coordinates of the fit, divided by the Laplace approximation, so that the ridge is about round and few gradients make a
 sample.
 
-Laplace's intervals (logarithms of both) have the posterior's widths to a tenth, which is what 200 samples can tell; the
-ridge, of which intervals of one parameter tell nothing, bends away from Laplace's ellipse. Any sampler that takes a log
-density and its gradient can stand in for pyro's. `pip install torchbeam[bayes]` has pyro. Run as a script, it also draws the
-samples and Laplace's ellipse into out/identify_nuts.png.
+Laplace's intervals (logarithms of both) are a sixth wider than the posterior's, by an integral over a grid; 200 samples know
+these widths to a tenth or so. The ridge, of which intervals of one parameter tell nothing, bends away from Laplace's ellipse.
+Any sampler that takes a log density and its gradient can stand in for pyro's. `pip install torchbeam[bayes]` has pyro. Run as
+a script, it also draws the samples and Laplace's ellipse into out/identify_nuts.png.
 """
 
 from pathlib import Path

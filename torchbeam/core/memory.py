@@ -1,8 +1,10 @@
-"""Memory of this machine: what is asked for is compared with what is there before it is used."""
+"""Memory of this machine: what is asked for is compared with what is there before it is used, and what a run takes is told."""
 
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 SMALL = 2**28  # bytes that are not asked about
@@ -38,3 +40,30 @@ def check_memory(what: str, wanted: int, advice: str) -> None:
     free = available() if wanted > SMALL else None
     if free is not None and wanted > free:
         raise MemoryError(f"{what} would take {wanted / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free; {advice}")
+
+
+def peak_memory() -> Callable[[], float]:
+    """A function for the most MB that this process has held since now, beside what it held; nan where the system does not tell.
+    Where the system cannot begin to count anew (no /proc), beside the most that it had held.
+    """
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+        before, most = _most_since(), _most_since
+    except (OSError, KeyError, ValueError):
+        before, most = most_held(), most_held
+    return lambda: (most() - before) / 1e6 if before else float("nan")
+
+
+def most_held() -> int:
+    """Most bytes that this process has held so far; 0 = not known."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return 0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+def _most_since() -> int:
+    """Bytes held at most since the count began."""
+    lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    return 1024 * int(lines["VmHWM"].split()[0])

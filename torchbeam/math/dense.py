@@ -31,6 +31,11 @@ def inverse_unchecked(A: Tensor) -> Tensor:
     return _by_sample(lambda A: torch.linalg.inv_ex(A)[0], A)
 
 
+def cholesky_unchecked(A: Tensor) -> Tensor:
+    """Lower factors (..., n, n) of symmetric positive definite matrices, likewise."""
+    return _by_sample(lambda A: torch.linalg.cholesky_ex(A)[0], A)
+
+
 def positive_inverse(A: Tensor) -> tuple[Tensor, Tensor]:
     """A^-1 (..., n, n) and ln det A (...) of symmetric matrices without negative eigenvalues, by eigenvalues with the diagonal
     scaled to one; of one that is singular to rounding, the largest meaningful inverse.

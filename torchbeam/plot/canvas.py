@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +45,15 @@ def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
     with written(path) as part:
         ax.figure.savefig(part, dpi=dpi, format=path.suffix[1:])
     return path
+
+
+@contextmanager
+def where_installed() -> Iterator[None]:
+    """For the pictures of a command, which goes on without them where matplotlib is not installed, and says so."""
+    try:
+        yield
+    except ImportError as error:
+        print(f"no picture: {error}", file=sys.stderr)
 
 
 def is_3d(ax: Axes) -> bool:

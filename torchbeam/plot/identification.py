@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
 import torch
@@ -9,6 +10,7 @@ import torch
 from .canvas import GREY, Axes, axes, grid, numbers
 
 BAND = 1.96  # deviations to either side
+LABEL = 20  # letters of a line of a name beside a matrix
 
 
 def fit(fit: Any) -> list[Axes]:
@@ -48,8 +50,8 @@ def fit(fit: Any) -> list[Axes]:
 
 def correlation(fit: Any, ax: Axes | None = None) -> Axes:
     """Correlation matrix of the parameters of a `Fit`, numbers in colours; parameters that the data do not tell are grey."""
-    p = len(fit.names)
-    ax = axes((1.6 + 0.62 * p, 1.2 + 0.62 * p)) if ax is None else ax
+    p, names = len(fit.names), [textwrap.fill(name, LABEL) for name in fit.names]
+    ax = axes((2.2 + 0.62 * p, 1.8 + 0.62 * p)) if ax is None else ax
     told = ~fit.open
     values = torch.where(told[:, None] & told, fit.correlation, torch.nan)
     ax.set_facecolor("0.85")
@@ -59,8 +61,8 @@ def correlation(fit: Any, ax: Axes | None = None) -> Axes:
             if told[i] and told[j]:
                 value = values[i, j].item()
                 ax.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=8, color="w" if abs(value) > 0.6 else "k")
-    ax.set_xticks(range(p), fit.names, rotation=45, ha="right", fontsize=8)
-    ax.set_yticks(range(p), fit.names, fontsize=8)
+    ax.set_xticks(range(p), names, rotation=45, ha="right", rotation_mode="anchor", fontsize=8)
+    ax.set_yticks(range(p), names, fontsize=8)
     return ax
 
 

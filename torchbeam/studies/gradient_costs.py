@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import subprocess
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -16,16 +15,16 @@ import torch
 from torch import Tensor
 
 from ..cli import results_folder, threads
-from ..core.files import written
+from ..core.memory import peak_memory
 from ..core.results import measured_on, sentence, table, versions, write
 from ..dynamics.simulate import simulate
+from ..plot.canvas import grid, save, where_installed
 from ..scene.beam import Beam
 from ..scene.effects import Damping, TipLoad
 from ..scene.scene import Scene
 from ..scene.section import Section
 from ..solvers.jacobian import difference, forward
-from .bench.gradients import peak_memory
-from .bench.measurement import apart
+from .bench.measurement import apart, progress
 
 NAME = "gradients"
 ELEMENTS, STEP, OUTPUTS = 8, 1e-3, 10  # s; instants at which the tip enters the loss
@@ -34,6 +33,7 @@ PARAMETERS, STEPS = (1, 10, 100, 1000), (10, 100, 1000, 10_000)
 USUAL = 10, 100  # parameters where steps grow, steps where parameters do
 BUDGET = 60.0  # s of a row, warm-up and a new process included
 REPEATS = 3
+LITTLE = 0.1  # MB, what less is drawn as
 FORWARD = {"forward run, eager": "eager", "forward run, compiled": "compiled"}
 ADJOINT = {"adjoint, eager": ("eager", False), "adjoint, eager, checkpointed": ("eager", True),
            "adjoint, compiled": ("compiled", False), "adjoint, compiled, checkpointed": ("compiled", True)}
@@ -50,9 +50,9 @@ ABOUT = (
 LEGEND = (
     "CPU seconds on one thread, best of up to 3 after a short run to warm up; over: that by those of the compiled forward run; "
     "memory: most above what the process had when warm. Error: largest entry of the difference from the gradient of the "
-    "discrete equations (eager adjoint), over the largest entry; of odeint_adjoint, from the gradient through the same "
-    "explicit steps (dopri5, 1e-7), of which it is not the derivative. Each row in a process of its own, stopped after "
-    "{budget:g} s; larger problems of that way are then left out."
+    "discrete equations (eager adjoint, or the compiled one where that took too long), over the largest entry; of "
+    "odeint_adjoint, from the gradient through the same explicit steps (dopri5, 1e-7), of which it is not the derivative. Each "
+    "row in a process of its own, stopped after {budget:g} s; larger problems of that way are then left out."
 )
 
 
@@ -111,11 +111,11 @@ def measured(way: str, parameters: int, steps: int, repeats: int, budget: float)
         begun = time.perf_counter()
         gradient(way, parameters, min(steps, 4))
         times: list[float] = []
-        with peak_memory() as taken:
-            while len(times) < repeats and (not times or time.perf_counter() - begun + 1.5 * times[-1] < 0.7 * budget):
-                start = time.process_time()
-                found = gradient(way, parameters, steps)
-                times.append(time.process_time() - start)
+        taken = peak_memory()
+        while len(times) < repeats and (not times or time.perf_counter() - begun + 1.5 * times[-1] < 0.7 * budget):
+            start = time.process_time()
+            found = gradient(way, parameters, steps)
+            times.append(time.process_time() - start)
     return {"seconds": min(times), "MB": taken(), "gradient": found.tolist()}
 
 
@@ -145,8 +145,9 @@ def rows(quick: bool, budget: float) -> Iterator[Row]:
                 status[way] = f"failed: {str(error).strip().splitlines()[-1]}"
             if way not in found:
                 said[way].append(cell)
+            told = status[way] if way in status else f"{found[way]['seconds']:.3g} CPU s, {found[way]['MB']:.0f} MB"
+            progress(f"{cell[0]:,} parameters, {cell[1]:,} steps, {way}: {told}")
         yield from (_row(way, cell, found, status) for way in WAYS)
-        print(f"{cell[0]} parameters, {cell[1]} steps: {len(found)} of {len(WAYS)} ways", file=sys.stderr, flush=True)
 
 
 def _row(way: str, cell: tuple[int, int], found: dict[str, dict[str, Any]], status: dict[str, str]) -> Row:
@@ -154,10 +155,10 @@ def _row(way: str, cell: tuple[int, int], found: dict[str, dict[str, Any]], stat
         return Row(way, *cell, None, None, None, None, status[way])
     base = found.get("forward run, compiled")
     own = ("explicit form, through its steps",) if way in EXPLICIT else REFERENCES
-    reference = next((found[name]["gradient"] for name in own if name in found), None)
+    reference = next((name for name in own if name in found), None)
     error = None
-    if reference is not None and way not in (*FORWARD, *own[:1]):
-        exact = torch.tensor(reference, dtype=torch.float64)
+    if reference is not None and way not in (*FORWARD, reference):
+        exact = torch.tensor(found[reference]["gradient"], dtype=torch.float64)
         error = ((torch.tensor(found[way]["gradient"], dtype=torch.float64) - exact).abs().max() / exact.abs().max()).item()
     seconds = found[way]["seconds"]
     return Row(way, *cell, seconds, None if base is None else seconds / base["seconds"], found[way]["MB"], error, "")
@@ -184,7 +185,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(text)
     write(out, NAME, text, {**heading, "budget": given.budget, "quick": given.quick, "rows": [r._asdict() for r in found]},
           Row._fields, found)
-    picture(found, out / f"{NAME}.png")
+    with where_installed():
+        picture(found, out / f"{NAME}.png")
     return 0
 
 
@@ -199,35 +201,26 @@ def markdown(found: list[Row]) -> str:
 
 
 def picture(found: list[Row], path: Path) -> None:
-    """Time and memory over parameters, and over steps."""
-    try:
-        import matplotlib
-    except ImportError:
-        print("matplotlib is not installed (extra 'plot'): no picture", file=sys.stderr)
-        return
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
+    """Time and memory over parameters, and over steps. Raises ImportError without matplotlib."""
     steps, parameters = {r.steps for r in found}, {r.parameters for r in found}
     usual = (USUAL[0] if USUAL[0] in parameters else max(parameters), USUAL[1] if USUAL[1] in steps else max(steps))
-    figure, axes = plt.subplots(2, 2, figsize=(9, 6.4), sharex="col", sharey="row", layout="constrained")
+    places = grid(2, 2, (9.0, 6.4))
+    for one, other in (places[:2], places[2:]):
+        other.sharey(one)
     for k, (over, held) in enumerate((("parameters", "steps"), ("steps", "parameters"))):
-        value = usual[1 - k]
+        time_, memory = places[k], places[2 + k]
         for way in WAYS:
-            line = sorted((getattr(r, over), r.seconds, r.memory) for r in found if r.way == way and getattr(r, held) == value
-                          and r.seconds is not None)
+            line = sorted((getattr(r, over), r.seconds, r.memory) for r in found if r.way == way
+                          and getattr(r, held) == usual[1 - k] and r.seconds is not None)
             if line:
-                x, seconds, memory = zip(*line, strict=True)
+                x, seconds, taken = zip(*line, strict=True)
                 style = dict(label=way, ls="--" if way in FORWARD else "-", marker="o", ms=3, color=f"C{WAYS.index(way)}")
-                axes[0][k].loglog(x, seconds, **style)
-                axes[1][k].loglog(x, [max(m, 0.1) for m in memory], **style)
-        axes[0][k].set_title(f"{value:,} {held}")
-        axes[1][k].set_xlabel(over)
-    axes[0][0].set_ylabel("CPU s")
-    axes[1][0].set_ylabel("memory / MB")
-    for axis in axes.flat:
+                time_.loglog(x, seconds, **style)
+                memory.loglog(x, [max(m, LITTLE) for m in taken], **style)
+        time_.set(title=f"{usual[1 - k]:,} {held}", ylabel="CPU s")
+        memory.set(xlabel=over, ylabel="memory / MB")
+    for axis in places:
         axis.grid(True, which="major", alpha=0.3)
-    figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, fontsize=8)
-    with written(path) as part:
-        figure.savefig(part, dpi=150, format="png")
-    plt.close(figure)
+    labels = places[0].get_legend_handles_labels()
+    places[0].figure.legend(*labels, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    save(places[0], path)

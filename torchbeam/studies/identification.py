@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import chain
 from multiprocessing import get_context
 from typing import Any
 
@@ -15,10 +15,12 @@ import torch
 from torch import Tensor
 from torch.distributions import Normal
 
+from ..analysis.identification.experiment import Experiment
 from ..analysis.identification.fit import Fit
 from ..analysis.identification.identify import identify
 from ..analysis.identification.measurement import Measurement
 from ..analysis.identification.parameter import Parameter
+from ..analysis.identification.parameters import Parameters
 from ..analysis.identification.refinement import refined
 from ..cli import study, threads
 from ..core.results import measured_on, sentence, write
@@ -32,34 +34,41 @@ from ..sensors.observe import observe
 from ..solvers.least_squares import Found, search
 from ..state.solution import Solution
 from ..statics.equilibrium import equilibrium
+from . import field_coverage
+from .batched_calls import BatchedCalls, as_one_batch
+from .bench.measurement import progress
 
 TRUE = {"EI": 1.0, "tau": 2e-3, "clamp": 40.0, "tip": 0.05}
 LENGTH, MASS, SPAN = 0.5, 0.25, 0.3  # m, kg/m, s
 NOISE, SAG = 0.05, 2e-4  # of the RMS of a channel; m
+TOLD = 50  # repeats from one line of progress to the next
 CLOCK = 2e-3  # deviation of the clock's relative error
 READINGS = 100
-REPEATS, FEW, RESAMPLES = 200, 50, 300  # few: where each repeat is a batch of fits
+REPEATS, RESAMPLES = 200, 199
 LEVEL = 0.95
-COARSE, REFINED, FINE = (6, 1e-3), (12, 2.5e-4), (24, 1.25e-4)  # elements, step
+SMALL, COARSE, REFINED, FINE = (4, 2e-3), (6, 1e-3), (12, 2.5e-4), (24, 1.25e-4)  # elements, step
 ABOUT = (
     "A strip of 0.5 m with a tip mass in an elastic clamp, struck at the tip; two accelerometers ({readings} readings each "
     "over {span:g} s at irregular times, 5 % noise, unknown offsets) and the sag (0.2 mm). EI, damping, clamp and tip mass are "
-    "identified many times, from starts within a factor of 1.5, and it is counted how often the stated {level:g} % "
-    "interval holds the truth: {repeats} repeats know that to {binomial:.1f} % (one deviation), the {few} of profile and "
-    "bootstrap to {binomial_few:.1f} %. Own mesh: the data are those of the model ({coarse[0]} elements, steps of "
-    "{coarse_ms:g} ms); else of {fine[0]} elements and steps of {fine_ms:g} ms; "
-    "refined: the fit was carried over to {refined[0]} elements and steps of {refined_ms:g} ms by `Fit.refined`. "
-    "Clock: the sampling rate is off by {clock:g} % (one deviation), another amount in each repeat; it is a parameter with "
-    "that prior, or left out. Warned: how many fits said that misfit or residuals are no noise."
+    "identified {repeats} times, from starts within a factor of 1.5, and it is counted how often the stated {level:g} % "
+    "interval holds the truth: so many repeats know that to {binomial:.1f} % (one deviation). Own mesh: the data are those of "
+    "the model ({coarse[0]} elements, steps of {coarse_ms:g} ms; of profile and bootstrap, of which each repeat is a batch of "
+    "fits, {small[0]} elements and {small_ms:g} ms, and {resamples} sets of data); else of {fine[0]} elements and steps of "
+    "{fine_ms:g} ms; refined: the fit was carried over to {refined[0]} elements and steps of {refined_ms:g} ms by "
+    "`Fit.refined`. Clock: the sampling rate is off by {clock:g} % (one deviation), another amount in each repeat; it is a "
+    "parameter with that prior, or left out. Warned: how many fits said that misfit or residuals are no noise."
 )
 
 
 @dataclass(frozen=True)
 class Case:
-    """Data and model of a row: mesh of the data, deviation of the clock, whether the clock is a parameter, sigma is known."""
+    """Data and model of a row: mesh of the data and of the model, deviation of the clock, whether the clock is a parameter,
+    and whether sigma is known.
+    """
 
     name: str
     mesh: tuple[int, float] = FINE
+    model: tuple[int, float] = COARSE
     clock: float = 0.0
     known_clock: bool = False
     absolute_sigma: bool = True
@@ -75,8 +84,8 @@ CASES = (
     Case("noise, finer mesh, refined", refined=True),
     Case("noise, finer mesh, wrong clock, refined, clock a parameter", clock=CLOCK, known_clock=True, refined=True),
     Case("noise, finer mesh, wrong clock, refined, clock left out", clock=CLOCK, refined=True),
-    Case("noise, own mesh", COARSE, method="profile", repeats=FEW),
-    Case("noise, own mesh", COARSE, method="bootstrap", repeats=FEW),
+    Case("noise, own mesh", SMALL, SMALL, method="profile"),
+    Case("noise, own mesh", SMALL, SMALL, method="bootstrap"),
 )
 
 
@@ -162,7 +171,7 @@ def identified(case: Case, records: Sequence[dict[str, Measurement]], random: to
     if case.known_clock:
         log["clock"] = Parameter(torch.zeros((), dtype=torch.float64), prior=Normal(0.0, CLOCK), scale=CLOCK)
     models, finer = ({"strike": partial(motion, elements=n, step=step), "sag": partial(sag, elements=n)}
-                     for n, step in (COARSE, REFINED))
+                     for n, step in (case.model, REFINED))
     one = identify(models, records[0], log, absolute_sigma=case.absolute_sigma).problem
     problems = [one.with_data([m.values for m in record.values()]) for record in records]
     together = one.with_targets(torch.cat([p.target for p in problems]))
@@ -182,6 +191,36 @@ def identified(case: Case, records: Sequence[dict[str, Measurement]], random: to
             yield Fit.of(problem, alone, region.of(torch.tensor([k])).against(problem.target), "difference", 1e-6)
 
 
+@dataclass(frozen=True)
+class Shared(Experiment):
+    """An experiment that is evaluated together with those of other repeats, which differ in their data alone."""
+
+    calls: BatchedCalls | None = None
+    evaluate: Callable[[Tensor], Tensor] | None = None
+
+    def values(self, parameters: Parameters, theta: Tensor) -> Tensor:
+        return self.calls(self.evaluate, theta)
+
+
+def stated(case: Case, fits: Sequence[Fit], names: Sequence[str]) -> Iterator[Tensor]:
+    """Intervals (names, 2) of each fit's first parameters, which have these names."""
+    problem = fits[0].problem
+    evaluate = [partial(e.values, problem.parameters) for e in problem.experiments]
+
+    def interval(one: tuple[int, Fit], calls: BatchedCalls) -> Tensor:
+        seed, fit = one
+        shared = tuple(Shared(e.name, e.model, e.measurements, e.single, calls, own) for e, own in zip(
+            fit.problem.experiments, evaluate, strict=True))
+        fit = replace(fit, problem=replace(fit.problem, experiments=shared))
+        if case.method == "profile":
+            return torch.stack([one.interval for one in fit.profile(*names, level=LEVEL)])
+        return fit.bootstrap(RESAMPLES, seed=seed).interval(LEVEL)[:len(names)]
+
+    if case.method == "laplace":
+        return (fit.interval(LEVEL)[:len(names)] for fit in fits)
+    return as_one_batch(interval, [*enumerate(fits)])
+
+
 def measure(case: Case, seed: int = 0) -> list[Row]:
     """Rows of one case."""
     torch.set_num_threads(1)
@@ -189,20 +228,19 @@ def measure(case: Case, seed: int = 0) -> list[Row]:
     laboratory = Laboratory(case, random)
     records, clocks = zip(*(laboratory.record() for _ in range(case.repeats)), strict=True)
     names = [*TRUE, *(["clock"] if case.known_clock else [])]
-    inside, errors, warned = [], [], 0
-    for repeat, fit in enumerate(identified(case, records, random)):
-        print(f"{case.name}, {case.method}: {repeat + 1} of {case.repeats}", end="\r", file=sys.stderr)
-        warned += any("misfit is" in hint or "residuals" in hint for hint in fit.hints)
-        if fit.status != 0:
-            continue
-        options = {"repeats": RESAMPLES, "seed": repeat} if case.method == "bootstrap" else {}
-        interval = fit.interval(LEVEL, case.method, **options)[:len(names)]
-        truth = torch.tensor([*TRUE.values(), clocks[repeat]][:len(names)], dtype=torch.float64)
+    fits = list(identified(case, records, random))
+    progress(f"{case.name}, {case.method}: {case.repeats} fits")
+    warned = sum(any("misfit is" in hint or "residuals" in hint for hint in fit.hints) for fit in fits)
+    done = [(fit, clock) for fit, clock in zip(fits, clocks, strict=True) if fit.status == 0]
+    inside, errors = [], []
+    for (fit, clock), interval in zip(done, stated(case, [fit for fit, _ in done], names), strict=True):
+        truth = torch.tensor([*TRUE.values(), clock][:len(names)], dtype=torch.float64)
         inside.append((interval[:, 0] <= truth) & (truth <= interval[:, 1]))
         exact = fit.theta.clone()
         exact[:len(names)] = truth
         errors.append(((fit.x - fit.transform.x(exact)) / fit.x_covariance.diagonal().sqrt())[:len(names)])
-    print(file=sys.stderr)
+        if len(inside) % TOLD == 0 and case.method != "laplace":
+            progress(f"{case.name}, {case.method}: {len(inside)} of {len(done)} intervals")
     held, error = torch.stack(inside).double().mean(0), torch.stack(errors)
     return [Row(case.name, case.method, name, held[k].item(), error[:, k].square().mean().sqrt().item(),
                 error[:, k].mean().item(), case.repeats, len(inside), warned) for k, name in enumerate(names)]
@@ -222,18 +260,26 @@ def markdown(rows: Sequence[Row]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """How often stated intervals of identified parameters hold the truth."""
-    given, out = study(argv, "identification", "Repeated identification of synthetic data: noise, a finer mesh, a wrong clock.",
-                       quick="four repeats of two cases")
-    cases = [replace(case, repeats=4) for case in CASES[:2]] if given.quick else CASES
+    """How often stated intervals of identified parameters and fields hold the truth."""
+    given, out = study(argv, "identification", "Repeated identification of synthetic data: noise, a finer mesh, a wrong clock; "
+                       "fields that are smooth, and dents.", quick="four repeats of three cases")
+    cases, smooth = (CASES, field_coverage.CASES) if not given.quick else (
+        [replace(case, repeats=4) for case in CASES[:2]], [replace(field_coverage.CASES[0], repeats=4)])
     with threads(1):
         heading = measured_on()
     rows: list[Row] = []
+    fields: list[field_coverage.Row] = []
     with ProcessPoolExecutor(min(len(cases), os.cpu_count() or 1), get_context("spawn")) as pool:
-        for found in pool.map(measure, cases, range(len(cases))):
-            rows += found
-            text = "\n\n".join((about(), markdown(rows), sentence(heading)))
-            write(out, "identification", text, {**heading, "about": about(), "rows": [asdict(r) for r in rows]},
+        parts = pool.map(measure, cases, range(len(cases))), pool.map(field_coverage.measure, smooth)
+        for found in chain(*parts):
+            if isinstance(found, list):
+                rows += found
+            else:
+                fields.append(found)
+            tables = [about(), markdown(rows), *([field_coverage.about(), field_coverage.markdown(fields)] if fields else [])]
+            text = "\n\n".join((*tables, sentence(heading)))
+            write(out, "identification", text, {**heading, "about": about(), "rows": [asdict(r) for r in rows],
+                                                "fields": [asdict(r) for r in fields]},
                   tuple(asdict(rows[0])), (tuple(asdict(r).values()) for r in rows))
     print(text)
     return 0
@@ -241,7 +287,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def about() -> str:
     """What was done, in words."""
-    binomial, binomial_few = (100 * (LEVEL * (1 - LEVEL) / n) ** 0.5 for n in (REPEATS, FEW))
-    return ABOUT.format(readings=READINGS, span=SPAN, repeats=REPEATS, few=FEW, level=100 * LEVEL, coarse=COARSE, fine=FINE,
-                        refined=REFINED, coarse_ms=1e3 * COARSE[1], fine_ms=1e3 * FINE[1], refined_ms=1e3 * REFINED[1],
-                        clock=100 * CLOCK, binomial=binomial, binomial_few=binomial_few)
+    return ABOUT.format(readings=READINGS, span=SPAN, repeats=REPEATS, resamples=RESAMPLES, level=100 * LEVEL, small=SMALL,
+                        coarse=COARSE, fine=FINE, refined=REFINED, small_ms=1e3 * SMALL[1], coarse_ms=1e3 * COARSE[1],
+                        fine_ms=1e3 * FINE[1], refined_ms=1e3 * REFINED[1], clock=100 * CLOCK,
+                        binomial=100 * (LEVEL * (1 - LEVEL) / REPEATS) ** 0.5)

@@ -1,6 +1,10 @@
 """What is asked for beside the memory that there is."""
 
+import math
+from pathlib import Path
+
 import pytest
+import torch
 
 from torchbeam.core import memory
 
@@ -32,3 +36,21 @@ def test_a_limit_of_the_container_is_kept_to(monkeypatch, tmp_path):
         (tmp_path / "memory.current").write_text(taken)
         found = memory.available()
         assert found == wanted or (limit == "max" and found is not None and abs(found - wanted) < 2**32)
+
+
+def test_what_a_run_takes_is_told(monkeypatch):
+    """64 MB that are written and given back again count; where the count cannot begin anew, what is beyond the most so far; and
+    where nothing is known it is nan.
+    """
+    taken = memory.peak_memory()
+    held = torch.ones(64 * 2**20, dtype=torch.uint8)
+    del held
+    assert math.isnan(taken()) or 0 <= taken() < 1000
+    if Path("/proc/self/clear_refs").exists():
+        assert taken() > 60  # a few pages may have been given back
+    monkeypatch.setattr(memory, "_most_since", lambda: {}["VmHWM"])
+    levels = iter((5 * 10**6, 7 * 10**6))
+    monkeypatch.setattr(memory, "most_held", lambda: next(levels))
+    assert memory.peak_memory()() == pytest.approx(2.0)
+    monkeypatch.setattr(memory, "most_held", lambda: 0)
+    assert math.isnan(memory.peak_memory()())

@@ -14,6 +14,7 @@ from ...solvers.least_squares import OtherShape
 from ...state.solution import Solution
 from .measurement import Measurement, each, several
 from .parameters import Parameters
+from .smoothness import SmoothnessRows
 
 NO_DATA = "data of no experiment were given; one at least is wanted"
 Model = Callable[[Any], Any]  # theta -> y (N, ...), Solution, (y, status (N,)); or a tuple of y, one for each measurement
@@ -27,6 +28,11 @@ class Experiment:
     model: Model
     measurements: tuple[Measurement, ...]
     single: bool
+
+    @property
+    def measured(self) -> bool:
+        """Whether its readings are data, and not rows of a prior."""
+        return not isinstance(self.model, SmoothnessRows)
 
     def values(self, parameters: Parameters, theta: Tensor) -> Tensor:
         """Readings (N, numbers) of all its measurements, in a row; NaN of samples that failed."""

@@ -11,15 +11,15 @@ from torch import Tensor
 
 from ...core.arguments import choice, count, instance, number
 from ...core.validation import as_tensor, common_dtype
+from . import posterior, student
 from .experiment import NO_DATA
 from .fit import Fit
 from .identify import identify
 from .measurement import Measurement, each, several, sigma_given
 from .parameter import Parameter
 from .regularization import CRITERIA, Linearised, Weighing, weigh
-from .smoothness import Smoothness
+from .smoothness import Smoothness, SmoothnessRows
 
-SINGLE = "data"  # name of an experiment that was given without one
 NOISE = 0.05  # first deviation of data without sigma, over their RMS
 LEAST = 1e-8  # deviation of data without noise, over their RMS
 FIRST = 1e-4  # first weight, over that at which smoothness counts as much as the data
@@ -30,14 +30,17 @@ SAME = 0.1  # of the logarithm of a weight, or of deviations of the parameters, 
 class FieldFit:
     """Result of `identify_fields`.
 
-    fit         `Fit` with these weights; deviations and intervals are those of the posterior, the prior included: what they
-                say of a field holds as far as it is smooth in that sense
+    fit         `Fit` with these weights; its covariance is that of the posterior, the prior included: what it says of a field
+                holds as far as it is smooth in that sense
     weight      name -> weight of its smoothness, see `Smoothness`
     sigma       standard deviation of the data, where it was not given with them; else 1
     effective   how many numbers the data determine (trace of the resolution matrix), of len(fit.theta)
     weighing    of the last round: misfit, roughness and criterion over the weights
     rounds      searches, each with the weights that the one before asks for;  settled: the last asks for the same, or
                 moved by less than a tenth of the deviations
+    samples     (n, p) coordinates of the search, drawn from the posterior of the linearised model, in which weights and noise
+                that were found are no better known than the data say, and rows of a sharp field have Student's t; None where
+                all of that was given, and the posterior is normal
     """
 
     fit: Fit
@@ -47,6 +50,7 @@ class FieldFit:
     weighing: Weighing
     rounds: int
     settled: bool
+    samples: Tensor | None = None
 
     def __getitem__(self, name: str) -> Tensor:
         return self.fit[name]
@@ -55,6 +59,27 @@ class FieldFit:
         """Standard deviation of a parameter or field, of its shape."""
         first, shape = self.fit.shapes[name]
         return self.fit.deviation[first:first + torch.Size(shape).numel()].reshape(shape)
+
+    def interval(self, name: str, level: float = 0.95) -> Tensor:
+        """(*shape, 2) ends between which each number of a parameter or field lies with a probability `level`, by itself: the
+        posterior's quantiles.
+        """
+        first, shape = self.fit.shapes[name]
+        if self.samples is None:
+            found = self.fit.interval(level)
+        else:
+            tail = student.tail(level)
+            ends = self.samples.quantile(self.samples.new_tensor((tail, 1 - tail)), dim=0)
+            found = self.fit.within(self.fit.transform.theta(ends).mT)
+        return found[first:first + torch.Size(shape).numel()].reshape(*shape, 2)
+
+    def refined(self, model: Any) -> FieldFit:
+        """With the fit that a finer model finds, weights and the posterior's width as they are; see `Fit.refined`. A field
+        keeps its numbers: of twice as many elements they are `theta["EI"].repeat_interleave(2, -1)`.
+        """
+        fit = self.fit.refined(model)
+        samples = None if self.samples is None else self.samples + (fit.x - self.fit.x)
+        return replace(self, fit=_with_spread(fit, samples), samples=samples)
 
     def __repr__(self) -> str:
         weights = ", ".join(f"{name} {weight:.3g}" for name, weight in self.weight.items())
@@ -102,25 +127,34 @@ def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness:
         if task.sharp and (same or sharpened):  # the normal law's weight first
             settled, sharpened, task = still and sharpened, True, task.sharpened(fit, weights)
     effective = linear.solved(used * noise**2).told.item()
-    return FieldFit(task.without_rows(fit), dict(zip(task.L, used.tolist(), strict=True)), noise, effective, found, k, settled)
+    free = weight is None and criterion == "evidence"
+    samples = task.samples(linear, used, noise, free) if free or task.sharp or not task.known else None
+    weights = dict(zip(task.rows, used.tolist(), strict=True))
+    return FieldFit(_with_spread(fit, samples), weights, noise, effective, found, k, settled, samples)
+
+
+def _with_spread(fit: Fit, samples: Tensor | None) -> Fit:
+    """The fit with the covariance of samples (n, p) of its coordinates."""
+    if samples is None:
+        return fit
+    covariance, slope = samples.mT.cov().reshape(fit.x_covariance.shape), fit.transform.slope(fit.x)
+    return replace(fit, x_covariance=covariance, covariance=slope[:, None] * covariance * slope)
 
 
 @dataclass(frozen=True)
 class _Task:
-    """What is searched: models and measurements by experiment, and for each field its rows L (rows, n), their target, and
-    factors (rows,) by which they count.
+    """What is searched: models and measurements by experiment (None: one without a name), and for each field its rows, their
+    target (rows,), and factors (rows,) by which they count.
     """
 
-    models: dict[str, Any]
-    measured: dict[str, Any]
+    models: dict[str | None, Any]
+    measured: dict[str | None, Any]
     start: Mapping[str, Any]
-    L: dict[str, Tensor]
+    rows: dict[str, SmoothnessRows]
     target: dict[str, Tensor]
     factor: dict[str, Tensor]
     sharp: tuple[str, ...]
-    logs: dict[str, bool]
     known: bool
-    single: bool
     options: dict[str, Any]
 
     @classmethod
@@ -133,11 +167,10 @@ class _Task:
                              "sigma are wanted, whose noise is found")
         if options.get("noise", "common") != "common":
             raise ValueError(f"noise={options['noise']!r} was given to identify_fields, which finds one deviation of all data; "
-                             "channels weighed by their sigma are wanted")
-        single = not isinstance(data, Mapping)
-        if not single and not data:
+                              "channels weighed by their sigma are wanted")
+        measured = dict(data) if isinstance(data, Mapping) else {None: data}
+        if not measured:
             raise ValueError(NO_DATA)
-        measured = {SINGLE: data} if single else dict(data)
         measured = {name: [Measurement.of(one, None) for one in given] if several(given) else Measurement.of(given, None)
                     for name, given in measured.items()}
         models = dict(model) if isinstance(model, Mapping) else dict.fromkeys(measured, model)
@@ -147,7 +180,7 @@ class _Task:
             raise ValueError("data that are all zero were given to identify_fields without sigma; their noise is not to be "
                              "known, and sigma=... is wanted")
         kind = common_dtype(*(m.values for m in every))
-        L, target, logs = {}, {}, {}
+        rows, target = {}, {}
         for name, one in smoothness.items():
             if name not in start:
                 raise ValueError(f"smoothness of {name!r} was given; there are {', '.join(map(str, start))}")
@@ -156,12 +189,12 @@ class _Task:
             if given.start.ndim != 1 or given.own or given.transform == "logit":
                 raise ValueError(f"smoothness of {name!r} was given, of shape {tuple(given.start.shape)}; one field (n,) of "
                                  "all experiments is wanted, by itself or by its logarithm")
-            L[name], logs[name] = instance("smoothness", one, Smoothness).rows(given.start), given.transform == "log"
-            value = given.start.log() if logs[name] else given.start
-            target[name] = L[name] @ value if one.order == 0 else L[name].new_zeros(len(L[name]))
-        factor = {name: rows.new_ones(len(rows)) for name, rows in L.items()}
+            L = instance("smoothness", one, Smoothness).rows(given.start)
+            rows[name] = SmoothnessRows(name, L, given.transform == "log")
+            target[name] = rows[name].of(given.start) if one.order == 0 else L.new_zeros(len(L))
+        factor = {name: torch.ones_like(of) for name, of in target.items()}
         sharp = tuple(name for name, one in smoothness.items() if one.sharp)
-        return cls(models, measured, start, L, target, factor, sharp, logs, known, single, {**options, "log": log})
+        return cls(models, measured, start, rows, target, factor, sharp, known, {**options, "log": log})
 
     @property
     def noise(self) -> float:
@@ -176,19 +209,19 @@ class _Task:
 
     @property
     def _like(self) -> Tensor:
-        return next(iter(self.L.values()))
+        return next(iter(self.target.values()))
 
     def checked(self, weight: Mapping[str, float]) -> Tensor:
-        if set(weight) != set(self.L):
-            raise ValueError(f"weights of {', '.join(map(str, weight))} were given; of {', '.join(self.L)} are wanted")
-        found = self._like.new_tensor([number(f"the weight of {name!r}", weight[name]) for name in self.L])
+        if set(weight) != set(self.rows):
+            raise ValueError(f"weights of {', '.join(map(str, weight))} were given; of {', '.join(self.rows)} are wanted")
+        found = self._like.new_tensor([number(f"the weight of {name!r}", weight[name]) for name in self.rows])
         if not (found > 0).all():
             raise ValueError(f"a weight of {found.min().item():g} was given; positive ones are wanted")
         return found
 
     def first(self) -> tuple[Tensor, float]:
         """Weights that leave the data all they can say, from the derivatives at the start."""
-        tiny = self._like.new_full((len(self.L),), torch.finfo(self._like.dtype).eps)
+        tiny = self._like.new_full((len(self.rows),), torch.finfo(self._like.dtype).eps)
         fit = identify(*self._with_rows(tiny, self.noise), self.start, **{**self.options, "iterations": 1})
         linear = self._linearised(fit, fit.problem.parameters.x[:1], self.noise)
         return FIRST * linear.balance / self.noise**2, self.noise
@@ -205,23 +238,17 @@ class _Task:
     def sharpened(self, fit: Fit, weight: Tensor) -> _Task:
         """With rows that count by how large they are."""
         factor = dict(self.factor)
-        for (name, L), w in zip(self.L.items(), weight.tolist(), strict=True):
+        for (name, rows), w in zip(self.rows.items(), weight.tolist(), strict=True):
             if name in self.sharp:
-                value = fit[name].log() if self.logs[name] else fit[name]
-                factor[name] = Smoothness.factors(w * (L @ value - self.target[name]).square())
+                factor[name] = Smoothness.factors(w * (rows.of(fit[name]) - self.target[name]).square())
         return replace(self, factor=factor)
 
-    def without_rows(self, fit: Fit) -> Fit:
-        """The fit as if the smoothness were no measurement."""
-        y = {name: value for name, value in fit.y.items() if name in self.measured}
-        problem, theta = fit.problem, torch.cat((fit.starts, fit.theta[None]))
-        rows = torch.cat([e.values(problem.parameters, theta) for e in problem.experiments if e.name not in self.measured], -1)
-        numbers, k = len(problem.weight), rows.shape[1]
-        squares = (rows * problem.weight[-k:] - problem.target[:, -k:]).square().sum(-1)
-        misfits = torch.cat((fit.misfits, fit.misfit[None])).square() * numbers - squares
-        misfits = (misfits.clamp(min=0) / (numbers - k)).sqrt()
-        return replace(fit, y=y[SINGLE] if self.single else y, misfit=misfits[-1], misfits=misfits[:-1], readings=tuple(
-            r for r in fit.readings if r.experiment in self.measured))
+    def samples(self, linear: Linearised, weight: Tensor, sigma: float, free: bool) -> Tensor:
+        """Of the posterior, see `posterior`, of a problem that was linearised with these factors."""
+        root = [factor.sqrt() for factor in self.factor.values()]
+        plain = replace(linear, L=tuple(L / s[:, None] for L, s in zip(linear.L, root, strict=True)),
+                        target=tuple(c / s for c, s in zip(linear.target, root, strict=True)))
+        return posterior.samples(plain, weight, sigma, [name in self.sharp for name in self.rows], free, self.known)
 
     def _with_rows(self, weight: Tensor, sigma: float) -> tuple[dict[str, Any], dict[str, Any]]:
         """Models and data of experiments, one more for each field."""
@@ -231,8 +258,8 @@ class _Task:
         data = {name: [noisy(m) for m in given] if isinstance(given, list) else noisy(given)
                 for name, given in self.measured.items()}
         models = dict(self.models)
-        for (name, L), w in zip(self.L.items(), weight.tolist(), strict=True):
-            models[f"smoothness of {name}"] = _rows_of(name, L, self.logs[name])
+        for (name, rows), w in zip(self.rows.items(), weight.tolist(), strict=True):
+            models[f"smoothness of {name}"] = rows
             data[f"smoothness of {name}"] = Measurement(self.target[name], (w * self.factor[name]) ** -0.5)
         return models, data
 
@@ -243,18 +270,14 @@ class _Task:
         with torch.no_grad():
             r, J = problem.linearised(x, every)
             _, pull, bend = (part[0] for part in problem.prior(x))
-        rows = sum(len(L) for L in self.L.values())
+        data = problem.measured
         scale = 1.0 if self.known else sigma
         wide, target = [], []
-        for name, L in self.L.items():
+        for name, rows in self.rows.items():
             (place,) = (e.place for e in problem.parameters.entries if e.name == name)
-            wide.append(x.new_zeros(len(L), x.shape[1]))
+            wide.append(x.new_zeros(len(rows.L), x.shape[1]))
             root = self.factor[name].sqrt()
-            wide[-1][:, place] = root[:, None] * L
+            wide[-1][:, place] = root[:, None] * rows.L
             target.append(root * self.target[name])
-        return Linearised(x[0], scale * r[0, :-rows], scale * J[0, :-rows], tuple(wide), tuple(target), scale**2 * pull,
+        return Linearised(x[0], scale * r[0, data], scale * J[0, data], tuple(wide), tuple(target), scale**2 * pull,
                           scale**2 * bend)
-
-
-def _rows_of(name: str, L: Tensor, log: bool) -> Any:
-    return lambda theta: (theta[name].log() if log else theta[name]) @ L.mT

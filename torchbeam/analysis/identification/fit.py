@@ -137,7 +137,7 @@ class Fit:
             found = torch.where(self.held[:, None], found, self.bootstrap(repeats, seed=seed).interval(level))
         elif method == "profile":
             found = torch.stack([one.interval for one in self.profile(level=level)])
-        return self._within(found)
+        return self.within(found)
 
     def profile(self, *names: str, level: float = 0.95) -> tuple[Profile, ...]:
         """Profile likelihoods of the parameters (all), see `interval`."""
@@ -228,7 +228,7 @@ class Fit:
             raise ValueError(f"a {what} of as many parameters as data was asked for; there is no noise to be known")
         return problem
 
-    def _within(self, interval: Tensor) -> Tensor:
+    def within(self, interval: Tensor) -> Tensor:
         """Cut at bounds; of parameters that are not determined, all that they can be."""
         least, largest = self.bounds.unbind(-1)
         least = torch.where(self.transform.log, least.clamp(min=0), least)

@@ -89,7 +89,8 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     like = [d for given in (data.values() if isinstance(data, Mapping) else [data]) for d in each(given)]
     if isinstance(start, Mapping) or any(isinstance(d, Measurement) for d in like):
         like = [m.values for e in experiments for m in e.measurements]
-    parameters = Parameters.of(start, log, bounds, names, [e.name for e in experiments if e.name is not None], like)
+    named = [e.name for e in experiments if e.name is not None and e.measured]
+    parameters = Parameters.of(start, log, bounds, names, named, like)
     if derivatives == "adjoint" and parameters.bounded:
         raise ValueError("bounds were given with derivatives = 'adjoint', which takes none but by the transform 'logit'; "
                          "'difference' and 'forward' do")

@@ -90,6 +90,12 @@ class Problem:
         """(channels,) by which the data of a channel whose noise is to be found are weighed."""
         return self.noise.sums(1 / self.weight, self.known) / self.noise.sums(torch.ones_like(self.weight), self.known)
 
+    @property
+    def measured(self) -> Tensor:
+        """(T,) bool: data, and not rows of a prior."""
+        every = [torch.full(m.values.shape, e.measured).flatten() for e in self.experiments for m in e.measurements]
+        return torch.cat(every).to(self.known.device)[self.known]
+
     def values(self, theta: Tensor) -> Tensor:
         """Readings (N, all numbers), measured or not, without offsets and drifts."""
         parts = [e.values(self.parameters, theta) for e in self.experiments]

@@ -21,11 +21,12 @@ def refined(problem: Problem, model: Any, x: Tensor, J: Tensor, scale: float) ->
     """The finer problem, and what is found from the coordinates x (S, p) and J (S, T, p) of fits; see `Fit.refined`. The status
     of those for which the models differ too much is FAILED.
     """
-    if isinstance(model, Mapping) and set(model) != {e.name for e in problem.experiments}:
-        raise ValueError(f"models of {', '.join(map(str, model))} were given; those of "
-                         f"{', '.join(str(e.name) for e in problem.experiments)} are wanted")
+    names = [e.name for e in problem.experiments if e.measured]
+    if isinstance(model, Mapping) and set(model) != set(names):
+        raise ValueError(f"models of {', '.join(map(str, model))} were given; those of {', '.join(map(str, names))} are wanted")
     finer = replace(problem, experiments=tuple(
-        replace(e, model=model[e.name] if isinstance(model, Mapping) else model) for e in problem.experiments))
+        replace(e, model=model[e.name] if isinstance(model, Mapping) else model) if e.measured else e
+        for e in problem.experiments))
     every, way = torch.arange(len(x), device=x.device), [x]
     last, done = torch.full_like(x[:, 0], torch.inf), torch.zeros_like(every, dtype=torch.bool)
     failed = done.clone()

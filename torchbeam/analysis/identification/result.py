@@ -27,7 +27,7 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
     parameters, T = problem.parameters, problem.parameters.transform
     x, r, J = found.x, found.r, found.J
     phi, _, bend = problem.prior(x)
-    squares, numbers = r.square().sum(-1), r.shape[1]
+    squares = r.square().sum(-1)
     theta, history = T.theta(x), T.theta(found.history)
     region.sized(torch.arange(len(x), device=x.device), torch.where(torch.isfinite(r), r, 0), J)
     at_unit = torch.where(T.additive, 1.0, torch.maximum(x.abs(), region.size))
@@ -58,7 +58,7 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
              *bound_hints(parameters.names, theta[best], spread.held))
     if odd:
         warnings.warn(odd[0], UserWarning, stacklevel=4)
-    status, misfits = int(statuses[best]), (squares / numbers).sqrt()
+    status, misfits = int(statuses[best]), r[:, problem.measured].square().mean(-1).sqrt()
     failed = int((statuses == FAILED).sum())
     message = "; ".join((REASON[status], *shown[best], *hints, *(
         [f"the model failed at {failed} of {len(x)} starts"] if failed else []), *(
@@ -100,13 +100,13 @@ def _values(problem: Problem, x: Tensor, r: Tensor) -> Tensor:
 
 
 def _readings(problem: Problem, values: Tensor, deviation: Tensor | None = None) -> tuple[Readings, ...]:
-    """Data beside the model's values (all numbers,), by measurement."""
+    """Data beside the model's values (all numbers,), by measurement; without rows of priors."""
     found, first = [], 0
     for e in problem.experiments:
         for m in e.measurements:
             here, shape = slice(first, first + m.values.numel()), m.values.shape
             y, off = (None if v is None else v[here].reshape(shape) for v in (values, deviation))
-            found.append(Readings(e.name, m.labels, m.times, m.values, y, m.sigma, off))
+            found += [Readings(e.name, m.labels, m.times, m.values, y, m.sigma, off)] * e.measured
             first += m.values.numel()
     return tuple(found)
 
@@ -115,7 +115,7 @@ def _as_given(readings: tuple[Readings, ...], problem: Problem) -> Any:
     """The model's values in the form in which the data were given."""
     rest = iter(readings)
     parts = {}
-    for e in problem.experiments:
+    for e in filter(lambda e: e.measured, problem.experiments):
         own = tuple(next(rest).y for _ in e.measurements)
         parts[e.name] = own[0] if e.single else own
     return parts[None] if None in parts else parts

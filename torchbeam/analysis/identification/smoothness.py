@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -61,3 +62,19 @@ class Smoothness:
         of Student's t with n = 1, so that those of the prior's own size count as they are.
         """
         return 2 / (1 + squares)
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothnessRows:
+    """Model of one field's smoothness: rows L (rows, n) times the field, or its logarithm. It reads no data, but a prior's."""
+
+    name: str
+    L: Tensor
+    log: bool
+
+    def of(self, field: Tensor) -> Tensor:
+        """(..., rows) of a field (..., n)."""
+        return (field.log() if self.log else field) @ self.L.mT
+
+    def __call__(self, theta: Mapping[str, Tensor]) -> Tensor:
+        return self.of(theta[self.name])

@@ -7,7 +7,7 @@ import time
 from dataclasses import replace
 from typing import Any
 
-from ...core.memory import available
+from ...core.memory import available, most_held
 
 LEAST, MOST, STEP = 32, 2**17, 4
 LONGEST = 20.0  # seconds of a chunk: what a killed worker loses, and a progress line waits for
@@ -37,12 +37,12 @@ def chunk_size(work: Any, n: int) -> int:
     most = max(min(MOST, n // 8 if work.executor is None else n // (8 * workers)), LEAST)
     free, size, rates = available(), LEAST, {}
     while True:
-        size, before = min(size, n), _peak()
+        size, before = min(size, n), most_held()
         seconds = _seconds(work, size)
         if seconds < LONGEST:
             seconds = min(seconds, _seconds(work, size))
         rates[size] = size / seconds
-        taken = max(_peak() - before, 0)  # what so many more take; the next size takes STEP times as much, or more
+        taken = max(most_held() - before, 0)  # what so many more take; the next size takes STEP times as much, or more
         crowded = free is not None and 2 * STEP * taken * workers > SHARE * free
         if crowded or STEP * seconds > LONGEST or STEP * size > most:
             best = max(rates.values())
@@ -55,12 +55,3 @@ def _seconds(work: Any, size: int) -> float:
     for _ in replace(work, chunk=size, executor=None, folder=None).chunks(0, size):
         pass
     return max(time.perf_counter() - begun, 1e-9)
-
-
-def _peak() -> int:
-    """Most bytes that this process has held so far; 0 = not known."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return 0
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

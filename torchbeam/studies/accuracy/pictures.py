@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...plot.canvas import grid, save
+from ...plot.canvas import grid, save, where_installed
 from .errors import Errors
 from .measurement import Row
 from .motions import MOTIONS
@@ -22,11 +21,9 @@ ORDERS = "sudden", "coupled", "silicone"  # motions of the picture of orders
 def pictures(rows: Sequence[Row], curves: Mapping[str, Errors], known: Mapping[str, Reference],
              others: Sequence[Mapping[str, Any]], folder: Path) -> None:
     """accuracy.png: error over CPU time, a panel a motion; orders.png: errors of meshes and steps. None without matplotlib."""
-    try:
+    with where_installed():
         _work(rows, known, others, folder / "accuracy.png")
         _orders(curves, folder / "orders.png")
-    except ImportError:
-        print("matplotlib is not installed (extra 'plot'): no pictures", file=sys.stderr)
 
 
 def _work(rows: Sequence[Row], known: Mapping[str, Reference], others: Sequence[Mapping[str, Any]], path: Path) -> None:

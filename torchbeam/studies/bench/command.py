@@ -12,6 +12,7 @@ import torch
 from ...cli import results_folder, threads
 from ...core.results import measured_on, sentence, versions, write
 from ...dynamics.compiled.coverage import MISSING
+from ...plot.canvas import where_installed
 from .. import peers
 from . import breakdown, first_use, gradients, growth, operations, others, throughput
 from .measurement import Row, progress
@@ -62,7 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     text = "\n\n".join((markdown(rows), *[QUICK] * given.quick, sentence(heading)))
     print(text)
     write(out, "bench", text, {**heading, "quick": given.quick, "rows": [row._asdict() for row in rows]}, Row._fields, rows)
-    picture(rows, out / "bench.png")
+    with where_installed():
+        picture(rows, out / "bench.png")
     return 0
 
 

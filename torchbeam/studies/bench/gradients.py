@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from functools import partial
 from importlib.util import find_spec
-from pathlib import Path
 from statistics import median
 
 import torch
 
+from ...core.memory import peak_memory
 from ...dynamics.simulate import simulate
 from ..common_case import SPACES, Case
 from .measurement import Row, apart, progress, timed
@@ -66,39 +64,6 @@ def rows(quick: bool) -> Iterator[Row]:
 def memory(space: str, batch: int, output: float) -> dict[str, float]:
     """MB that a rollout with gradient takes beside what the process has when its code is compiled."""
     rollout(space, batch, True, steps=8, output=8 * STEP)
-    with peak_memory() as taken:
-        rollout(space, batch, True, output=output)
+    taken = peak_memory()
+    rollout(space, batch, True, output=output)
     return {"MB": taken()}
-
-
-@contextmanager
-def peak_memory() -> Iterator[Callable[[], float]]:
-    """A function for the MB that the process has taken at most since then, beside what it had."""
-    before, highest = _resident(), _peak_from_now()
-    yield lambda: (highest() - before) / 1e6
-
-
-def _resident() -> float:
-    """Bytes in memory, or at most so far where the system does not tell."""
-    statm = Path("/proc/self/statm")
-    return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if statm.exists() else _most()
-
-
-def _most() -> float:
-    import resource
-
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0
-
-
-def _peak_from_now() -> Callable[[], float]:
-    """A function for the most bytes in memory since; since the process began where the system cannot begin anew."""
-    try:
-        Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        return _most
-
-    def peak() -> float:
-        line = next(x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmHWM"))
-        return 1024.0 * int(line.split()[1])
-
-    return peak

@@ -8,7 +8,7 @@ from pathlib import Path
 from ...core.results import table
 from ...plot.canvas import grid, save
 from . import breakdown, first_use, gradients, growth, operations, throughput
-from .measurement import CPU, WALL, Row, progress
+from .measurement import CPU, WALL, Row
 from .others import PEERS
 
 
@@ -102,12 +102,8 @@ TABLES = {
 
 
 def picture(rows: Sequence[Row], path: Path) -> None:
-    """Throughput by batch, shares of a step, time against size."""
-    try:
-        first, second, third = grid(1, 3, (14.0, 4.0))
-    except ImportError:
-        progress("matplotlib is not installed (extra 'plot'): no picture")
-        return
+    """Throughput by batch, shares of a step, time against size. Raises ImportError without matplotlib."""
+    first, second, third = grid(1, 3, (14.0, 4.0))
     legend = dict(frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     rates = [r for r in rows if r.part in (throughput.PART, PEERS) and r.unit == CPU]
     best: dict[tuple[str, str], Row] = {}

@@ -26,6 +26,7 @@ from ...analysis.uncertainty.laws import LogNormal, Normal
 from ...analysis.uncertainty.monte_carlo import monte_carlo
 from ...analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
 from ...cli import study, threads
+from ...core.memory import peak_memory
 from ...core.results import measured_on, sentence, table, write
 from ...dynamics.simulate import simulate
 from ...scene.beam import Beam
@@ -111,7 +112,7 @@ def run(what: str, kind: str, samples: int, chunk: int, processes: int) -> Row:
             options = dict(replicates=16, by_name=True, executor=pool, dtype=torch.float64)
             first = max(chunk if pool is None else 2 * processes * chunk, min(samples, WARM))  # processes begin, and compile
             monte_carlo(FUNCTIONS[what], LAWS, first, chunk=chunk, seed=1, **{**options, "replicates": None})
-            before = _peak(reset=True)
+            taken = peak_memory()
             begun, cpu = time.perf_counter(), time.process_time()
             if kind == "stream":
                 found: Any = monte_carlo_stream(FUNCTIONS[what], LAWS, samples, chunk=chunk, **options)
@@ -122,7 +123,7 @@ def run(what: str, kind: str, samples: int, chunk: int, processes: int) -> Row:
     finally:
         if out is not None:
             shutil.rmtree(out)
-    alone = (1e6 * cpu / samples, (_peak() - before) / 1e6) if pool is None else (float("nan"), float("nan"))
+    alone = (1e6 * cpu / samples, taken()) if pool is None else (float("nan"), float("nan"))
     return Row(what, kind, processes, chunk, samples, seconds, alone[0], found.failed, alone[1], disk)
 
 
@@ -163,14 +164,3 @@ def main(argv: Sequence[str] | None = None) -> None:
     write(out, "scale", text, {**heading, "rows": [asdict(row) for row in found]}, COLUMNS, [row.cells() for row in found])
     print(text)
     print(f"wrote {out}")
-
-
-def _peak(reset: bool = False) -> float:
-    """Most bytes that this process held since the last reset; nan where the system does not tell."""
-    try:
-        if reset:
-            Path("/proc/self/clear_refs").write_text("5")
-        lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
-        return 1024.0 * int(lines["VmHWM"].split()[0])
-    except (OSError, KeyError, ValueError):
-        return float("nan")

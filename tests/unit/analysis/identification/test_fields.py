@@ -150,6 +150,33 @@ def test_two_fields_have_two_weights():
                            {"x": tb.Smoothness(2), "z": tb.Smoothness(1)}, criterion="lcurve")
 
 
+def test_refined():
+    """A fit carried over to a finer model is that which a search with the finer model finds, but that derivatives are those at
+    hand: 5 % larger, they weigh the prior by as much less. Smoothness stays what it is, and is no reading of either.
+    """
+    data = {"a": tb.Measurement(noisy(0.02), 0.02), "b": tb.Measurement(noisy(0.02, 1), 0.02)}
+    smooth, start = {"x": tb.Smoothness(2)}, {"x": torch.zeros(P), "level": tb.Parameter(0.0, scale=0.1, own=True)}
+
+    def finer(theta):
+        return blurred(theta) + theta["level"][:, None] * torch.linspace(-1, 1, N)
+
+    def coarse(theta):
+        return 1.05 * finer(theta)
+
+    found = tb.identify_fields(coarse, data, start, smooth)
+    assert found.fit.names[P:] == ("a.level", "b.level") and found.fit.status == 0
+    exact = tb.identify_fields(finer, data, start, smooth, weight=found.weight)
+    for model in (finer, {"a": finer, "b": finer}):
+        other = found.refined(model)
+        assert ((other.fit.theta - exact.fit.theta).abs() < 0.05 * exact.fit.deviation).all()
+        assert set(other.fit.y) == {"a", "b"} and len(other.fit.readings) == 2
+    assert ((found.fit.theta - exact.fit.theta).abs() > 0.5 * exact.fit.deviation).any()
+    alone = tb.identify_fields(coarse, data["a"], {"x": start["x"], "level": 0.0}, smooth, weight=found.weight)
+    assert alone.fit.refined(finer).y.shape == (N,) and alone.fit.readings[0].experiment is None
+    with pytest.raises(ValueError, match=r"models of a were given; those of a, b are wanted"):
+        found.fit.refined({"a": finer})
+
+
 def test_refusals():
     data, start = noisy(0.02), {"x": torch.zeros(P)}
     for wrong, said in (({"y": tb.Smoothness()}, "there are x"), ({}, "by name are wanted"), ({"x": 1}, "Smoothness is wanted"),
