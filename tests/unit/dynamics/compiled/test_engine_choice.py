@@ -102,6 +102,20 @@ def test_functions_of_the_same_code_and_other_defaults_are_different_loads(auto,
         torch.testing.assert_close(found.velocity, wanted.velocity, rtol=1e-10, atol=1e-10)
 
 
+@torch.no_grad()
+def test_flows_of_the_same_code_around_other_numbers_are_different_flows(auto):
+    """A steady wind that a function tells, of two speeds, in two scenes of the same structure: as it is by value. Whether a
+    Drag's flow is a function depends on the Drag.
+    """
+    for speed in (1.0, 3.0):
+        wind = torch.tensor([0.0, speed, 0.0])
+        given, wanted = (tb.Stepper(tb.Scene(straight(2), [tb.Drag(1.2, 0.1, flow=flow)]), 0.01)
+                         for flow in (lambda position, t, wind=wind: wind.expand_as(position), wind))
+        assert given.compiled is not None
+        state = moving(given.scene)
+        torch.testing.assert_close(given(state).velocity, wanted(state).velocity, rtol=1e-10, atol=1e-10)
+
+
 def by_a_list(position, rotation, velocity, spin, t):
     return -held[0] * velocity, None
 
