@@ -78,9 +78,9 @@ def surroundings(loads: list[Any]) -> Surroundings:
     """What functions of the motion that a user wrote read beside the motion. Raises Unsteady for what may change unnoticed."""
     reads: list[Read] = []
     for load in loads:
-        own, of_motion = not of_library(load), {one.name for one in own_leaves(load) if one.axes is None}
+        own, functions = not of_library(load), {one.name for one in own_leaves(load) if one.axes is None}
         for one in fields(load):
-            if one.name in of_motion or (own and AXES not in one.metadata):
+            if one.name in functions or (own and AXES not in one.metadata):
                 reads.append((one.name, lambda load=load, name=one.name: getattr(load, name)))
         reads += of_class(type(load))
     return Surroundings(reads)
