@@ -27,7 +27,7 @@ from ...state.state import State
 from ..midpoint import MidpointProblem
 from ..step_element import ElementBalance
 from .kinds import ElementKind, NodeKind
-from .local_problem import INTERNAL, Fields, LocalProblems
+from .local_problem import INTERNAL, Fields, LocalProblems, unbatched
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class LocalFunctions(LocalProblems):
         x = problem.apply_supports(x)  # they are; but so that derivatives know it
         way, inertia, load = problem.node_balance(x)
         _, (D,) = problem.node_tangent(way, inertia)
-        load = load + torch.zeros_like(inertia.wrench)
-        return {"balance": (inertia.wrench - load)[0], "D": D[0], "inertia": inertia.wrench[0],
-                **({"load": load[0]} if self.model.scene.loads else {})}
+        load = unbatched(load + torch.zeros_like(inertia.wrench), 2)[0]
+        return {"balance": inertia.wrench[0] - load, "D": D[0], "inertia": inertia.wrench[0],
+                **({"load": load} if self.model.scene.loads else {})}
 
     def update(self, kind: NodeKind, move: Tensor, **fields: Tensor) -> Fields:
         """u and m after a move (w), supports applied."""
@@ -69,8 +69,8 @@ class LocalFunctions(LocalProblems):
         after = problem.finish(x, reaction)
         found = {name: getattr(after, name)[0] for name in self.NODE} | {"work": after.work}
         if INTERNAL in self.state:
-            own = dict(zip(kind.acting, after.internal.split([self.internal[k] for k in kind.acting]), strict=True)
-                       if after.internal is not None else ())
+            own = {} if after.internal is None else dict(zip(
+                kind.acting, unbatched(after.internal, 1).split([self.internal[k] for k in kind.acting]), strict=True))
             still = fields[INTERNAL].split(self.internal)
             found[INTERNAL] = torch.cat([own.get(k, still[k]) for k in range(len(still))])
         return found | self.energies(problem, after)

@@ -21,6 +21,7 @@ from ...nodal.mass import LumpedMass
 from ...nodal.model import Model
 from ...nodal.rotary import NoRotaryInertia, RotaryInertia
 from ...scene.effects import Pose, TipLoad
+from ...solvers.compiled.trace import NotTraceable
 from ...state.state import State
 from ..midpoint import MidpointProblem, MidpointUnknowns
 from .chain_constants import Common, ElementConstants, NodeConstants, SupportConstants, filled, flattened
@@ -245,6 +246,13 @@ class LocalProblems:
 
     def _stepping(self, model: LocalModel, start: State, common: Common, given: Fields) -> MidpointProblem:
         return LocalProblem(model, start, common.dt, common.t, common.inputs)
+
+
+def unbatched(found: Tensor, axes: int) -> Tensor:
+    """What loads give one node, which has so many axes. Raises NotTraceable for more: a function that closes over a batch."""
+    if found.ndim > axes:
+        raise NotTraceable(f"a function has a batch {tuple(found.shape[:-axes])} of its own; values= of a tb.Load take one")
+    return found
 
 
 DEAD = TipLoad(force=torch.zeros(3), moment=torch.zeros(3))

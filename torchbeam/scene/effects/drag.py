@@ -112,7 +112,7 @@ class Drag(Load):
                 found[ROTATION] = turn + added * (outer(axis, a) + along_a * eye) @ -skew(axis)
         if callable(self.flow):
             at = site.position.expand(*broadcast_shapes(site.position.shape, axis.shape))
-            (slope,) = jacobians(lambda x: self._flow(x, t).expand_as(x), at)
+            (slope,) = jacobians(lambda x: torch.broadcast_tensors(self._flow(x, t), x)[0], at)
             found[POSITION] = -by_velocity @ slope
         return {name: torch.cat((d, torch.zeros_like(d)), -2) for name, d in found.items()}
 

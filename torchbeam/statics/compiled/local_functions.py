@@ -15,7 +15,7 @@ from torch import Tensor
 from ...core.status import SUCCESS
 from ...dynamics.compiled.kinds import ElementKind, EndKind
 from ...dynamics.compiled.local_functions import LocalFunctions
-from ...dynamics.compiled.local_problem import Fields
+from ...dynamics.compiled.local_problem import Fields, unbatched
 from ...dynamics.midpoint import MidpointProblem
 from ...scene.prescribed_motion import moved
 from .. import load_steps
@@ -57,7 +57,7 @@ class SteadyFunctions(LocalFunctions):
         """Balance (w) of the node's loads, less its inertia in a frame that turns, its derivative D (w, w); the loads."""
         problem, x = self._steady(self.of_node(fields, kind)[0], load_factor)
         w = self.model.space.unknowns
-        load = problem.load(x) + x.position.new_zeros(w)
+        load = unbatched(problem.load(x) + x.position.new_zeros(w), 2)
         D = sum(problem.load_tangent(x), x.position.new_zeros(1, w, w))
         return {"balance": -load.expand(1, w)[0], "D": D[0], "load": load.expand(1, w)[0]}
 
