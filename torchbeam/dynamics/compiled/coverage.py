@@ -10,7 +10,7 @@ from typing import Any
 
 from ...core.arguments import choice
 from ...core.leaves import AXES, own_leaves
-from ...core.surroundings import ABSENT, Read, Surroundings, Unsteady, of_class
+from ...core.surroundings import Read, Surroundings, Unsteady, of_class
 from ...nodal.model import Model
 from ...solvers.compiled.trace import NotTraceable
 from .constants import of_library
@@ -78,10 +78,9 @@ def surroundings(loads: list[Any]) -> Surroundings:
     """What functions of the motion that a user wrote read beside the motion. Raises Unsteady for what may change unnoticed."""
     reads: list[Read] = []
     for load in loads:
-        own = not of_library(load)
+        own, functions = not of_library(load), {one.name for one in own_leaves(load) if one.axes is None}
         for one in fields(load):
-            axes = one.metadata.get(AXES, ABSENT)
-            if axes is None or (own and axes is ABSENT):
+            if one.name in functions or (own and AXES not in one.metadata):
                 reads.append((one.name, lambda load=load, name=one.name: getattr(load, name)))
         reads += of_class(type(load))
     return Surroundings(reads)
