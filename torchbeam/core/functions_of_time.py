@@ -7,6 +7,7 @@ torch.func.vmap, or in a loop where it cannot be mapped (`if t > 1`, math.sin(t)
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import torch
@@ -146,6 +147,16 @@ def saves_by_hooks() -> bool:
             return False
     except RuntimeError:
         return True
+
+
+def beside_hooks(function: Callable[[], Any]) -> Any:
+    """function(), where tensors that a graph saves go through no hooks: in a thread of its own where they do, as torch has its
+    hooks by thread. For what is no part of the graph; grad mode and other modes of torch in the function are a new thread's.
+    """
+    if not saves_by_hooks():
+        return function()
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(function).result()
 
 
 def user_rate(what: str, function: Callable[[Tensor], Any], t: Tensor) -> tuple[Any, Any]:

@@ -12,6 +12,7 @@ from torch import Tensor
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 
+from ...core.functions_of_time import beside_hooks
 from .arrays import OTHER, STRUCTURAL, UNKNOWN, accumulated
 from .elementwise import ELEMENTWISE, REDUCTIONS, elementwise, reduction
 from .function import Function, Output
@@ -35,19 +36,24 @@ def trace(function: Callable[..., Any], inputs: dict[str, Tensor]) -> Function:
 
     Tensors that do not come from inputs are constants: their values are read. Operations that read nothing else run as they
     are, in the inputs' dtype by default. Raises NotTraceable for an operation that is not known, for control flow by, and
-    reading of, traced values, and for a constant that carries gradient, which would be lost.
+    reading of, traced values, and for a constant that carries gradient, which would be lost. The graph is the same beside hooks
+    on saved tensors (torch.utils.checkpoint), which the function does not see.
     """
     given = {name: value.detach().clone(memory_format=torch.contiguous_format) for name, value in inputs.items()}
     tracer = _Tracer()
     for name, value in given.items():
         nodes = [tracer.graph.input(name, k) for k in range(value.numel())]
         tracer.hold(value, torch.tensor(nodes, dtype=torch.long).reshape(value.shape))
+
+    def run() -> Any:
+        with torch.no_grad(), _Readings(tracer), tracer:
+            return function(**given)
+
     before = torch.get_default_dtype()
     floating = {value.dtype for value in given.values() if value.is_floating_point()}
     try:
         torch.set_default_dtype(floating.pop() if len(floating) == 1 else before)
-        with torch.no_grad(), _Readings(tracer), tracer:
-            found = function(**given)
+        found = beside_hooks(run)
     finally:
         torch.set_default_dtype(before)
     outputs = {}

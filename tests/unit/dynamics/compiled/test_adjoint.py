@@ -124,6 +124,20 @@ def test_a_checkpoint_makes_the_same_gradients(engine):
     assert_close(found[1], found[0], rtol=1e-12, atol=0)
 
 
+def test_an_adjoint_that_is_first_wanted_in_a_checkpoint_is_compiled(monkeypatch, tmp_path):
+    """Of a load whose tangent is by automatic differentiation, with no program kept; the engine does not change on the way."""
+    monkeypatch.setattr("torchbeam.dynamics.compiled.program.PROGRAMS", {})
+    monkeypatch.setenv("TORCHBEAM_CACHE", str(tmp_path))
+    found = []
+    for checkpoint in (True, False):
+        length = torch.tensor(0.1, requires_grad=True)
+        section = tb.Section.from_stiffness(EA=2e3, GA=8e2, GJ=2.0, EI=3.0, mass=0.5, inertia=1e-3)
+        scene = tb.Scene(tb.Beam.straight(1.0, 1, section), [tb.Spring(1, 30.0, (1, 0.3, 0), length, 0.2)], plane="xy")
+        solution = tb.simulate(scene, [0.0, 0.02, 0.04], step=0.02, checkpoint=checkpoint, engine="compiled")
+        found.append(torch.autograd.grad(solution.tip.position[-1, 1], length)[0])
+    assert_close(found[0], found[1], rtol=1e-12, atol=0)
+
+
 def test_the_text_is_the_same_in_whatever_order_cotangents_are_asked_for():
     """Sets are ordered differently in each process, and objects are kept by their text."""
     step = tb.Stepper(bent((), plane="xz")[0], 0.01, engine="compiled").compiled

@@ -9,6 +9,7 @@ from compiled_cases import cases
 from torch.testing import assert_close
 
 from torchbeam.math import quaternions as quat
+from torchbeam.scene.effects.load_point import jacobians
 from torchbeam.solvers.compiled.evaluate import evaluate
 from torchbeam.solvers.compiled.trace import NotTraceable, trace
 
@@ -170,6 +171,19 @@ def test_values_of_the_example_do_not_matter():
     v = torch.randn(3)
     nan = trace(quat.exponential, {"phi": v * math.nan})
     assert nan.graph.ops == trace(quat.exponential, {"phi": v}).graph.ops
+
+
+def test_hooks_on_saved_tensors_change_no_graph():
+    """Derivatives within the function, which torch has not by reverse mode beside such hooks, are traced as ever."""
+    x, length = torch.tensor([1.0, 2.0, 3.0]), torch.tensor([0.5])
+
+    def function(x):
+        return jacobians(lambda y: y * (y.norm(dim=-1, keepdim=True) - length), x)[0]
+
+    with torch.autograd.graph.save_on_cpu():
+        found = trace(function, {"x": x})
+    assert found.graph.ops == trace(function, {"x": x}).graph.ops
+    assert_close(evaluate(found, {"x": x})["out"], function(x), rtol=1e-14, atol=1e-14)
 
 
 def test_a_number_of_numbers_is_evaluated_without_leading_axes():
