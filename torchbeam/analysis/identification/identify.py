@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -59,7 +60,8 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
                  compiled engine. "forward": forward mode, the p directions as a batch, by eager steps. "adjoint": the gradient
                  of the squares by reverse mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond
                  some hundreds; it takes more iterations, one start after the other, no bounds but by logits. "auto":
-                 differences, where those of ten times the step agree with them to 1e-3 at the start, and else forward mode
+                 differences, where those of ten times the step agree with them to 1e-3 at the start, and else, with a
+                 RuntimeWarning, forward mode
     tolerance    of the largest step, relative to theta (of log theta, absolute); also, squared, of the decrease of the squares
     progress     a line of progress (tqdm)
 
@@ -137,9 +139,16 @@ def _chosen(problem: Problem, x: Tensor) -> str:
             return "difference"
         if not torch.isfinite(J).all() or not torch.isfinite(other).all():
             continue
-        off = torch.linalg.vector_norm(J - other, dim=1)[0, :m] - SAME * torch.linalg.vector_norm(J, dim=1)[0, :m]
+        size = torch.linalg.vector_norm(J, dim=1)[0, :m]
+        off = torch.linalg.vector_norm(J - other, dim=1)[0, :m] - SAME * size
         rounding = 10 * torch.finfo(x.dtype).eps / problem.steps(x[k:k + 1])[0, :m]
-        return "difference" if (off <= rounding * torch.linalg.vector_norm(r + problem.target[:1])).all() else "forward"
+        off = off - rounding * torch.linalg.vector_norm(r + problem.target[:1])
+        if (off <= 0).all():
+            return "difference"
+        worst = problem.parameters.names[int((off / size).nan_to_num().argmax())]
+        warnings.warn(f"derivatives = 'auto' takes forward mode, whose steps are eager and slow: the differences of {worst!r} "
+                      "depend on their step ('difference' takes them all the same)", RuntimeWarning, stacklevel=3)
+        return "forward"
     return "difference"
 
 
