@@ -179,7 +179,8 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     if checkpoint:
-        _ = stepper.compiled  # made here, and not within the first part, which would save more than when it is made again
+        # made here, and not within the first part, which would save more than when it is made again
+        _ = stepper.compiled, stepper.model.s
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
     parts, state, iterations = [stepper.reduced(start).map(lambda x: x[None])], start, []
     for done in range(0, len(plan), length):

@@ -149,3 +149,17 @@ def test_loads_that_vanish(engine):
     assert (sol.status == 0).all() and (sol.stats.iterations[:, 4:] <= 2).all()
     moved = sol.tip.position[-1, :, 2]
     assert_close(moved[1:3] / size[1:3], moved[:1].expand(2) / size[0], rtol=1e-9, atol=0)
+
+
+def test_checkpoints_of_elements_of_order_2_under_a_load_by_its_place():
+    """Arc lengths of nodes carry the gradient of the length, and are made once: not within a part that is made again."""
+    slopes = []
+    for checkpoint in (False, True):
+        length = torch.tensor(1.0, requires_grad=True)
+        beam = tb.Beam.straight(length, 2, tb.Section.from_stiffness(50.0, 20.0, 0.3, 1.0, mass=1.0, inertia=0.01), order=2)
+        load = tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((0 * s, s * s, 0 * s), -1)))
+        scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0.1, 0)), load])
+        found = tb.simulate(scene, [0.0, 0.05, 0.1], step=0.05, checkpoint=checkpoint, engine="eager").tip.position[-1, 1]
+        slopes.append(torch.autograd.grad(found, length)[0])
+    assert slopes[0].abs() > 1e-6
+    torch.testing.assert_close(slopes[1], slopes[0], rtol=1e-12, atol=0)
