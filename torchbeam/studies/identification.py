@@ -31,7 +31,7 @@ from ..scene.beam import Beam
 from ..scene.scene import Scene
 from ..scene.section import Section
 from ..sensors.observe import observe
-from ..solvers.least_squares import Found, search
+from ..solvers.least_squares import search
 from ..state.solution import Solution
 from ..statics.equilibrium import equilibrium
 from . import field_coverage
@@ -173,8 +173,8 @@ def identified(case: Case, records: Sequence[dict[str, Measurement]], random: to
     models, finer = ({"strike": partial(motion, elements=n, step=step), "sag": partial(sag, elements=n)}
                      for n, step in (case.model, REFINED))
     one = identify(models, records[0], log, absolute_sigma=case.absolute_sigma).problem
-    problems = [one.with_data([m.values for m in record.values()]) for record in records]
-    together = one.with_targets(torch.cat([p.target for p in problems]))
+    data = [[m.values for m in record.values()] for record in records]
+    together = one.with_targets(torch.cat([one.with_data(values).target for values in data]))
     factor = 1.5 ** (2 * torch.rand(len(records), len(TRUE), generator=random, dtype=torch.float64) - 1)
     x = one.parameters.x.repeat(len(records), 1)
     x[:, :len(TRUE)] += factor.log()
@@ -183,20 +183,17 @@ def identified(case: Case, records: Sequence[dict[str, Measurement]], random: to
         found = search(together, x, region, 50, 1e-6)
         if case.refined:
             together, found, region = refined(together, finer, found.x, found.J, 1.0)
-        for k, problem in enumerate(problems):
-            some = slice(k, k + 1)
-            problem = replace(problem, experiments=tuple(
-                replace(e, model=f.model) for e, f in zip(problem.experiments, together.experiments, strict=True)))
-            alone = Found(found.x[some], found.r[some], found.J[some], found.status[some], found.history[:, some])
-            yield Fit.of(problem, alone, region.of(torch.tensor([k])).against(problem.target), "difference", 1e-6)
+        for k, values in enumerate(data):
+            problem, some = together.with_data(values), torch.tensor([k])
+            yield Fit.of(problem, found.of(some), region.of(some).against(problem.target), "difference", 1e-6)
 
 
 @dataclass(frozen=True)
 class Shared(Experiment):
     """An experiment that is evaluated together with those of other repeats, which differ in their data alone."""
 
-    calls: BatchedCalls | None = None
-    evaluate: Callable[[Tensor], Tensor] | None = None
+    calls: BatchedCalls
+    evaluate: Callable[[Tensor], Tensor]
 
     def values(self, parameters: Parameters, theta: Tensor) -> Tensor:
         return self.calls(self.evaluate, theta)
