@@ -17,6 +17,7 @@ from .fit import Fit
 from .identify import identify
 from .measurement import Measurement, each, several, sigma_given
 from .parameter import Parameter
+from .problem import Problem
 from .regularization import CRITERIA, Linearised, Weighing, weigh
 from .smoothness import Smoothness, SmoothnessRows
 
@@ -223,12 +224,17 @@ class _Task:
         """Weights that leave the data all they can say, from the derivatives at the start."""
         tiny = self._like.new_full((len(self.rows),), torch.finfo(self._like.dtype).eps)
         fit = identify(*self._with_rows(tiny, self.noise), self.start, **{**self.options, "iterations": 1})
-        linear = self._linearised(fit, fit.problem.parameters.x[:1], self.noise)
+        problem, x = fit.problem, fit.problem.parameters.x[:1]
+        with torch.no_grad():
+            linear = self._linearised(problem, x, *problem.linearised(x, _first(x)), self.noise)
         return FIRST * linear.balance / self.noise**2, self.noise
 
     def searched(self, start: Mapping[str, Any], weight: Tensor, sigma: float) -> tuple[Fit, Linearised]:
         fit = identify(*self._with_rows(weight, sigma), start, **self.options)
-        return fit, self._linearised(fit, fit.x[None], sigma)
+        x = fit.x[None]
+        with torch.no_grad():
+            r = fit.problem.residuals(x, _first(x))
+            return fit, self._linearised(fit.problem, x, r, fit.jacobian[None], sigma)
 
     def start_from(self, fit: Fit) -> dict[str, Any]:
         """Fields by their logarithms from where they were found, others as they were: those may have begun at zero."""
@@ -263,13 +269,9 @@ class _Task:
             data[f"smoothness of {name}"] = Measurement(self.target[name], (w * self.factor[name]) ** -0.5)
         return models, data
 
-    def _linearised(self, fit: Fit, x: Tensor, sigma: float) -> Linearised:
-        """About x (1, p), misfits over the data's own deviations."""
-        problem = fit.problem
-        every = torch.zeros(1, dtype=torch.long, device=x.device)
-        with torch.no_grad():
-            r, J = problem.linearised(x, every)
-            _, pull, bend = (part[0] for part in problem.prior(x))
+    def _linearised(self, problem: Problem, x: Tensor, r: Tensor, J: Tensor, sigma: float) -> Linearised:
+        """About x (1, p), of r (1, T) and J (1, T, p) there; misfits over the data's own deviations."""
+        _, pull, bend = (part[0] for part in problem.prior(x))
         data = problem.measured
         scale = 1.0 if self.known else sigma
         wide, target = [], []
@@ -281,3 +283,7 @@ class _Task:
             target.append(root * self.target[name])
         return Linearised(x[0], scale * r[0, data], scale * J[0, data], tuple(wide), tuple(target), scale**2 * pull,
                           scale**2 * bend)
+
+
+def _first(x: Tensor) -> Tensor:
+    return torch.zeros(1, dtype=torch.long, device=x.device)
