@@ -59,7 +59,8 @@ def samples(problem: Linearised, weight: Tensor, sigma: float, sharp: Sequence[b
                 along = d @ inverse.mT
                 ahead = (along @ data) / variance[:, None] + along * problem.other
                 down = (ahead * step).sum(-1) + (along * (pull / variance[:, None] + problem.pull)).sum(-1)
-                more = (normal() - down / (ahead * along).sum(-1).sqrt()) / (ahead * along).sum(-1).sqrt()
+                bend = (ahead * along).sum(-1).sqrt()
+                more = (normal() - down / bend) / bend
                 weights[:, j] = torch.minimum(weights[:, j] / (1 + more).square(), stiffest[j] / variance)
                 step = step + more[:, None] * along
         if k >= BURN_IN:
