@@ -235,4 +235,4 @@ class Fit:
         all_ = torch.stack((least, largest), -1)
         low, high = interval.unbind(-1)
         found = torch.stack((torch.maximum(low, least), torch.minimum(high, largest)), -1)
-        return torch.where(self.open[:, None] | ~torch.isfinite(found).all(-1, keepdim=True) & found.isnan(), all_, found)
+        return torch.where(self.open[:, None] | found.isnan(), all_, found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -162,7 +162,7 @@ class Parameters:
         a, b = (torch.where(by_log, end.abs(), 1).log() for end in (low, high))
         theta = torch.where(by_log, first.sign() * torch.lerp(a, b, u).exp(), torch.lerp(low, high, u))
         theta = torch.maximum(torch.minimum(theta, high), low)  # to the last digit
-        return Parameters(**{**vars(self), "start": torch.cat((self.start, theta))})
+        return replace(self, start=torch.cat((self.start, theta)))
 
     def with_nuisance(self, names: Sequence[str]) -> Parameters:
         """With so many linear parameters of measurements behind the others, from zero on."""
@@ -175,8 +175,9 @@ class Parameters:
             return torch.nn.functional.pad(x, (0, q), value=value)
 
         transform = Transform(torch.cat((T.log, none)), torch.cat((T.logit, none)), longer(T.low, 0.0), longer(T.high, 0.0))
-        return Parameters((*self.names, *names), self.entries, transform, longer(self.start, 0.0), longer(self.size, 0.0),
-                          longer(self.least, -torch.inf), longer(self.largest, torch.inf), self.model, self.by_name)
+        return replace(self, names=(*self.names, *names), transform=transform, start=longer(self.start, 0.0),
+                       size=longer(self.size, 0.0), least=longer(self.least, -torch.inf),
+                       largest=longer(self.largest, torch.inf))
 
 
 def _pair(bounds: Any, like: Tensor) -> tuple[Tensor, Tensor]:
