@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +12,7 @@ from torch import Tensor
 from ...solvers.jacobian import difference, forward
 from ...solvers.region import Region
 from .experiment import Experiment
-from .measurement import sigma_given
+from .measurement import Measurement, sigma_given
 from .noise import Noise
 from .parameters import Parameters
 
@@ -80,9 +80,19 @@ class Problem:
                    torch.cat(rows), torch.cat(rows)[:, known] * weight, noise, scaled)
 
     @property
+    def measurements(self) -> list[tuple[Experiment, Measurement]]:
+        """All, each with its experiment, in the order of the numbers."""
+        return [(e, m) for e in self.experiments for m in e.measurements]
+
+    def by_measurement(self, values: Tensor) -> list[Tensor]:
+        """Values (all numbers,) of each measurement, of its shape."""
+        shapes = [m.values.shape for _, m in self.measurements]
+        return [part.reshape(shape) for part, shape in zip(values.split([s.numel() for s in shapes]), shapes, strict=True)]
+
+    @property
     def spare(self) -> int:
         """Data less parameters and the numbers that models have fitted to the data themselves."""
-        fitted = sum(m.fitted for e in self.experiments for m in e.measurements)
+        fitted = sum(m.fitted for _, m in self.measurements)
         return len(self.weight) - fitted - len(self.parameters.names)
 
     @property
@@ -93,7 +103,7 @@ class Problem:
     @property
     def measured(self) -> Tensor:
         """(T,) bool: data, and not rows of a prior."""
-        every = [torch.full(m.values.shape, e.measured).flatten() for e in self.experiments for m in e.measurements]
+        every = [torch.full(m.values.shape, e.measured).flatten() for e, m in self.measurements]
         return torch.cat(every).to(self.known.device)[self.known]
 
     def values(self, theta: Tensor) -> Tensor:
@@ -166,30 +176,26 @@ class Problem:
 
     def with_data(self, values: Sequence[Tensor]) -> Problem:
         """The same for other values of each measurement, missing where those of this one are."""
-        measured = iter(values)
-        experiments = tuple(replace(e, measurements=tuple(replace(m, values=next(measured)) for m in e.measurements))
-                            for e in self.experiments)
         target = torch.cat([v.flatten() for v in values])[self.known] * self.weight
-        return replace(self, experiments=experiments, target=target[None])
+        return replace(self, experiments=self._with_measured("values", values), target=target[None])
 
     def reweighted(self, factor: Tensor) -> Problem:
         """The same with deviations that are so many times (channels,) as large."""
-        every, first = self.noise.each(factor), 0
-        experiments = []
-        for e in self.experiments:
-            changed = []
-            for m in e.measurements:
-                own = every[first:first + m.values.numel()].reshape(m.values.shape)
-                changed.append(replace(m, sigma=m.sigma * own))
-                first += m.values.numel()
-            experiments.append(replace(e, measurements=tuple(changed)))
+        every = self.noise.each(factor)
+        sigma = [m.sigma * own for (_, m), own in zip(self.measurements, self.by_measurement(every), strict=True)]
         less = 1 / every[self.known]
-        return replace(self, experiments=tuple(experiments), weight=self.weight * less, target=self.target * less,
-                       basis=self.basis * less)
+        return replace(self, experiments=self._with_measured("sigma", sigma), weight=self.weight * less,
+                       target=self.target * less, basis=self.basis * less)
 
     def with_targets(self, target: Tensor) -> Problem:
         """The same with other data, (S, T) weighted, for each start."""
         return replace(self, target=target)
+
+    def _with_measured(self, name: str, each: Iterable[Tensor]) -> tuple[Experiment, ...]:
+        """Experiments whose measurements have other values, or sigma, by `name`."""
+        rest = iter(each)
+        return tuple(replace(e, measurements=tuple(replace(m, **{name: next(rest)}) for m in e.measurements))
+                     for e in self.experiments)
 
 
 def _log_prob(entry: Any, theta: Tensor) -> Tensor:

@@ -101,14 +101,10 @@ def _values(problem: Problem, x: Tensor, r: Tensor) -> Tensor:
 
 def _readings(problem: Problem, values: Tensor, deviation: Tensor | None = None) -> tuple[Readings, ...]:
     """Data beside the model's values (all numbers,), by measurement; without rows of priors."""
-    found, first = [], 0
-    for e in problem.experiments:
-        for m in e.measurements:
-            here, shape = slice(first, first + m.values.numel()), m.values.shape
-            y, off = (None if v is None else v[here].reshape(shape) for v in (values, deviation))
-            found += [Readings(e.name, m.labels, m.times, m.values, y, m.sigma, off)] * e.measured
-            first += m.values.numel()
-    return tuple(found)
+    every = problem.measurements
+    off = [None] * len(every) if deviation is None else problem.by_measurement(deviation)
+    return tuple(Readings(e.name, m.labels, m.times, m.values, y, m.sigma, d)
+                 for (e, m), y, d in zip(every, problem.by_measurement(values), off, strict=True) if e.measured)
 
 
 def _as_given(readings: tuple[Readings, ...], problem: Problem) -> Any:
