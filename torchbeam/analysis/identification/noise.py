@@ -69,9 +69,9 @@ class Noise:
         belongs = torch.nn.functional.one_hot(self.channel[known] + 1, len(self.names) + 1)[:, 1:]
         return values @ belongs.to(values)
 
-    def each(self, values: Tensor, otherwise: float = 1.0) -> Tensor:
-        """(..., all numbers) of values (..., channels); of data whose sigma is known, `otherwise`."""
-        return torch.nn.functional.pad(values, (0, 1), value=otherwise)[..., self.channel]  # -1 is the last
+    def each(self, values: Tensor) -> Tensor:
+        """(..., all numbers) of values (..., channels); of data whose sigma is known, 1."""
+        return torch.nn.functional.pad(values, (0, 1), value=1.0)[..., self.channel]  # -1 is the last
 
     def redundancy(self, J: Tensor, covariance: Tensor, known: Tensor) -> Tensor:
         """(channels,) readings less the numbers that parameters and models take from them: trace of what projects data (T,) on
