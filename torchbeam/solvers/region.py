@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import torch
 from torch import Tensor
@@ -37,15 +38,20 @@ class Region:
 
     def of(self, which: Tensor) -> Region:
         """That of some starts."""
-        some = object.__new__(Region)
-        some.additive, some.target = self.additive, self.target
+        some = copy(self)
         some.start, some.size, some.least, some.largest = (v[which] for v in (self.start, self.size, self.least, self.largest))
         return some
 
     def against(self, target: Tensor) -> Region:
         """The same for other targets."""
-        other = object.__new__(Region)
-        vars(other).update(vars(self), target=target)
+        other = copy(self)
+        other.target = target
+        return other
+
+    def holding(self, held: Tensor) -> Region:
+        """The same in which parameters (S, p) bool stay at the start."""
+        other = copy(self)
+        other.least, other.largest = (torch.where(held, self.start, end) for end in (self.least, self.largest))
         return other
 
     def cut(self, x: Tensor, trial: Tensor) -> Tensor:

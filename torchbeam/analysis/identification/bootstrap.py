@@ -64,10 +64,8 @@ def bootstrap(problem: Problem, x: Tensor, held: Tensor, scale: float, redundanc
             size = np.sqrt(n / np.random.default_rng(seed).chisquare(n, (repeats, len(n))))
             noise = noise * problem.noise.each(torch.as_tensor(size).to(x))[:, problem.known]
         repeated = problem.with_targets(r + problem.target + noise)
-        region = repeated.region(starts)
-        region.least, region.largest = (torch.where(held, x, end) for end in (region.least, region.largest))
-        found = search(repeated, starts, region, ITERATIONS, TOLERANCE, known=(-noise, J.expand(repeats, -1, -1)),
-                       negligible=NEGLIGIBLE * scale**2)
+        found = search(repeated, starts, repeated.region(starts).holding(held), ITERATIONS, TOLERANCE,
+                       known=(-noise, J.expand(repeats, -1, -1)), negligible=NEGLIGIBLE * scale**2)
     transform = problem.parameters.transform
     return Bootstrap(transform.theta(found.x), found.status, found.x, x, transform)
 

@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from ...solvers.least_squares import FAILED, search
-from ...solvers.region import Region
 from .problem import Problem
 
 PLACES = (0.4, 0.75, 1.0, 1.35)  # of the half-interval that the covariance says
@@ -67,16 +66,15 @@ def profiles(problem: Problem, x: Tensor, covariance: Tensor, step: Tensor, whic
 
 def _least(problem: Problem, x: Tensor, covariance: Tensor, held: Tensor, away: Tensor) -> Tensor:
     """Twice the least objective (n,) with the parameters `held` (n,) at x + away; infinite where no fit is found."""
-    parameters = problem.parameters
     ridge = covariance[held] / covariance[held, held][:, None]
     starts = x + ridge * away[:, None]
-    least, largest = (b.clone() for b in parameters.bounds(starts))
+    least, largest = problem.parameters.bounds(starts)
     starts = torch.maximum(torch.minimum(starts, largest), least)
     rows = torch.arange(len(held), device=x.device)
     pin = x[held] + away
     outside = (pin < least[rows, held]) | (pin > largest[rows, held])
-    starts[rows, held] = least[rows, held] = largest[rows, held] = torch.where(outside, x[held], pin)
-    region = Region(starts, parameters.size, parameters.transform.additive, least, largest, problem.target)
+    starts[rows, held] = torch.where(outside, x[held], pin)
+    region = problem.region(starts).holding(torch.nn.functional.one_hot(held, len(x)).bool())
     try:
         found = search(problem, starts, region, ITERATIONS, TOLERANCE)
     except ValueError:  # none of them can be evaluated
