@@ -212,6 +212,13 @@ def checked_number(name: str, value: Any) -> float | Tensor:
     return value if isinstance(value, Tensor) and value.requires_grad else found
 
 
+def plain_number(name: str, value: Any, *, infinite: bool = False) -> float:
+    """One number that has no derivatives; ValueError otherwise, and for a tensor that carries a gradient."""
+    if isinstance(value, Tensor) and value.requires_grad:
+        raise ValueError(f"{name} that carries a gradient was given; a number is wanted")
+    return number(name, value, infinite=infinite)
+
+
 def set_fields(law: Any, /, **values: Any) -> None:
     for name, value in values.items():
         object.__setattr__(law, name, value)
