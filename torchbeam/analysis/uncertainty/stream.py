@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ...core.validation import Value, as_tensor, broadcast, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
-from .estimate import FEW, Estimate, level_of, probabilities, replicated_well, share_half, student_half
+from .estimate import FEW, Estimate, failures, level_of, probabilities, replicated_well, share_half, student_half
 from .moments import Moments
 from .output import Summary
 from .samples import reasons_of
@@ -241,5 +241,5 @@ class Stream(Summary):
         return Estimate(centre, low, high, level, self._good, method, reasons)
 
     def __repr__(self) -> str:
-        lost = f"{self.failed} failed" + "".join(f", {n}: {why}" for why, n in self.reasons.items())
-        return f"Stream({self.samples} of {', '.join(self.names)} in {len(self.moments)} replicates; {lost}; y {self.shape})"
+        return (f"Stream({self.samples} of {', '.join(self.names)} in {len(self.moments)} replicates; "
+                f"{failures(self.reasons)}; y {self.shape})")
