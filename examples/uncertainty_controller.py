@@ -66,11 +66,11 @@ def store(folder: Path = Path("out")) -> None:
         f"The demo's policy over {SAMPLES} episodes, stiffness and mass lognormal with 15 % each, targets random. Success: "
         f"within {100 * CLOSE:g} % of the length over the last {WINDOW:g} s; {samples.failed} episodes failed, which count as "
         "no success. Intervals at 95 %: Clopper and Pearson's of the success, order statistics of the distance.")
-    rows = [[answer, *(f"{x:.3g}" for x in numbers)] for answer, numbers in ANSWERS.items()]
-    write(folder, "controller", "\n\n".join((about, table(columns, rows, 1), sentence(heading))),
+    rows = [(answer, *numbers) for answer, numbers in ANSWERS.items()]
+    text = table(columns, [[answer, *(f"{x:.3g}" for x in numbers)] for answer, *numbers in rows], 1)
+    write(folder, "controller", "\n\n".join((about, text, sentence(heading))),
           {**heading, "samples": SAMPLES, "seed": SEED, "failed": samples.failed, "reasons": samples.reasons,
-           "rows": [dict(zip(columns, (answer, *numbers), strict=True)) for answer, numbers in ANSWERS.items()]},
-          columns, [(answer, *numbers) for answer, numbers in ANSWERS.items()])
+           "rows": [dict(zip(columns, row, strict=True)) for row in rows]}, columns, rows)
     print(f"wrote {folder}")
 
 

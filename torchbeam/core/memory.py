@@ -24,9 +24,7 @@ def available() -> int | None:
 
 def _free() -> int | None:
     try:
-        with open("/proc/meminfo") as file:
-            lines = dict(line.split(":") for line in file)
-        return int(lines["MemAvailable"].split()[0]) * 1024
+        return _told("/proc/meminfo", "MemAvailable")
     except (OSError, ValueError, KeyError):
         pass
     try:
@@ -65,5 +63,10 @@ def most_held() -> int:
 
 def _most_since() -> int:
     """Bytes held at most since the count began."""
-    lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
-    return 1024 * int(lines["VmHWM"].split()[0])
+    return _told("/proc/self/status", "VmHWM")
+
+
+def _told(path: str, name: str) -> int:
+    """Bytes that a file of /proc tells by this name. Raises OSError, ValueError or KeyError where it does not."""
+    lines = dict(line.split(":", 1) for line in Path(path).read_text().splitlines())
+    return 1024 * int(lines[name].split()[0])

@@ -25,7 +25,7 @@ def usual_chunk(n: int) -> int:
     return min(max(2 ** max((n // CHUNKS).bit_length() - 1, 0), least), most)
 
 
-def chunk_size(work: Any, n: int) -> int:
+def chunk_size(work: Any) -> int:
     """Samples a call for an `Evaluation`: of 32, 128, 512 ... the least whose throughput is within a tenth of the best, as long
     as a chunk takes less than LONGEST seconds, and all cores together less than half of the free memory.
 
@@ -33,6 +33,7 @@ def chunk_size(work: Any, n: int) -> int:
     native code, which smaller ones are not. The first call of each size, which may compile, does not count where it is short.
     With an executor there are at least four chunks a core.
     """
+    n = work.total
     workers = 1 if work.executor is None else getattr(work.executor, "_max_workers", os.cpu_count() or 1)
     most = max(min(MOST, n // 8 if work.executor is None else n // (8 * workers)), LEAST)
     free, size, rates = available(), LEAST, {}

@@ -61,9 +61,9 @@ def design_points(limit: LimitState, starts: int, seed: int, steps: int = 60) ->
         now = (z.square().sum(-1) / 2 + weight * g.abs())[going, None]
         better = torch.isfinite(value) & (merit < now)
         first = torch.where(better.any(-1), better.double().argmax(-1), SHORTENED - 1)  # none: the shortest
-        z = z.index_put((going.nonzero()[:, 0],), trial[torch.arange(len(trial)), first])
+        z = z.index_put((going,), trial[torch.arange(len(trial)), first])
         new = limit.gradient(z[going])
-        y, slope = y.index_put((going.nonzero()[:, 0],), new[0]), slope.index_put((going.nonzero()[:, 0],), new[1])
+        y, slope = y.index_put((going,), new[0]), slope.index_put((going,), new[1])
     if not ends.any():
         blunt = limit.work.joint.without_tails
         also = f" (the law of {blunt[0]!r} does not tell values more than 7 deviations up apart)" if blunt else ""

@@ -8,12 +8,12 @@ import torch
 from torch import Tensor
 
 from ...core.validation import as_tensor, finite
-from ...math.distributions import normal_probability, score_of_tails
-from .parametric_laws import set_fields
+from ...math.distributions import normal_probability
+from .parametric_laws import TwoTails, set_fields
 
 
 @dataclass(frozen=True)
-class Empirical:
+class Empirical(TwoTails):
     """Values that were observed, each as likely as the others, or by `weights`.
 
     values   (K,);  weights (K,) positive, of any sum
@@ -40,12 +40,9 @@ class Empirical:
     def of_score(self, z: Tensor) -> Tensor:
         return self.icdf(normal_probability(z))
 
-    def cdf(self, x: Tensor) -> Tensor:
-        return self._below[torch.searchsorted(self.values, x.double().contiguous(), right=True)]
-
-    def score(self, x: Tensor) -> Tensor:
-        below = self.cdf(x)
-        return score_of_tails(below, 1 - below)
+    def _tails(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        below = self._below[torch.searchsorted(self.values, x.double().contiguous(), right=True)]
+        return below, 1 - below
 
     @property
     def _below(self) -> Tensor:

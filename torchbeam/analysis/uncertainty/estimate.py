@@ -51,13 +51,18 @@ class Estimate:
         return iter((self.estimate, self.low, self.high))
 
     def __repr__(self) -> str:
-        lost = f"; {self.failed} failed" + "".join(f", {n}: {why}" for why, n in self.reasons.items()) if self.failed else ""
+        lost = f"; {failures(self.reasons)}" if self.failed else ""
         if self.estimate.numel() == 1:
             e, a, b = (x.item() for x in self)
             found = f"{e:.5g}, {a:.5g} to {b:.5g}"
         else:
             found = f"{tuple(self.estimate.shape)}"
         return f"Estimate({found} at {100 * self.level:g} % by {self.method}; {self.samples} samples{lost})"
+
+
+def failures(reasons: Mapping[str, int]) -> str:
+    """Failed samples in words, with their reasons: "3 failed, 2: buckled, 1: y is not finite"."""
+    return f"{sum(reasons.values())} failed" + "".join(f", {n}: {why}" for why, n in reasons.items())
 
 
 def replicated_well(groups: int, samples: int) -> bool:

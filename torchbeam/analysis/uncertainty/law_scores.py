@@ -14,7 +14,7 @@ from .parametric_laws import Gumbel, Normal, Uniform, Weibull
 
 
 @dataclass(frozen=True)
-class Exponential:
+class ExpTransformed:
     """exp of a variable with a law here."""
 
     law: Any
@@ -29,7 +29,7 @@ class Exponential:
 TORCHS = {
     distributions.Uniform: lambda law: Uniform(law.low, law.high),
     distributions.Normal: lambda law: Normal(law.loc, law.scale),
-    distributions.LogNormal: lambda law: Exponential(Normal(law.loc, law.scale)),
+    distributions.LogNormal: lambda law: ExpTransformed(Normal(law.loc, law.scale)),
     distributions.Exponential: lambda law: Weibull(1 / law.rate),
     distributions.Weibull: lambda law: Weibull(law.scale, law.concentration),
     distributions.Gumbel: lambda law: Gumbel(law.loc, law.scale),
@@ -58,7 +58,8 @@ def why_none(law: Any) -> str | None:
 
 
 def has_tails(law: Any) -> bool:
-    """Whether a law tells values of scores, and so both tails; a `Truncated` or `Exponential` one does as its own law does."""
+    """Whether a law tells values of scores, and so both tails; a `Truncated` or `ExpTransformed` one does as its own law does.
+    """
     own = as_own(law)
     return hasattr(own, "of_score") and (not hasattr(own, "law") or has_tails(own.law))
 

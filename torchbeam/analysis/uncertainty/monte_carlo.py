@@ -97,7 +97,7 @@ def monte_carlo(function: Function, laws: Mapping[str, Law] | Sequence[str], n: 
     if own:
         chunk = chunk_of(out) or usual_chunk(n)
     elif auto:
-        chunk = chunk_of(out) or chunk_size(Evaluation(function, joint, plan, dtype, 1, by_name, executor, total=n), n)
+        chunk = chunk_of(out) or chunk_size(Evaluation(function, joint, plan, dtype, 1, by_name, executor, total=n))
     work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor,
                       folder_of(out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label), n)
     done, chunks, at = 0, [], progress_of(progress, n)

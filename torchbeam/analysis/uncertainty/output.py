@@ -84,12 +84,16 @@ class Summary:
         if path.suffix not in (".json", ".csv"):
             raise ValueError(f"the file {path.name!r} was given; one that ends in .json or .csv is wanted")
         folder(path.parent)
-        found = self.summary(levels, interval, thresholds)
-        if path.suffix == ".json":
-            write(path, json.dumps(found, indent=1) + "\n")
-        else:
-            write(path, csv_text([COLUMNS, *([row[name] for name in COLUMNS] for row in found["statistics"])]))
+        write_found(path, self.summary(levels, interval, thresholds))
         return path
+
+
+def write_found(path: Path, found: dict[str, Any]) -> None:
+    """A summary in a file: .csv for its rows alone, .json for all of it. Raises files.NotWritten."""
+    if path.suffix == ".json":
+        write(path, json.dumps(found, indent=1) + "\n")
+    else:
+        write(path, csv_text([COLUMNS, *([row[name] for name in COLUMNS] for row in found["statistics"])]))
 
 
 def _several(name: str, given: Any) -> tuple[float, ...]:

@@ -17,6 +17,20 @@ from ...core.arguments import number
 from ...math.distributions import log_normal_probability, normal_probability, normal_score, score_of_tails
 
 
+class TwoTails:
+    """Base class of laws that tell both tails: their `cdf`, and the `score` of the smaller one."""
+
+    def cdf(self, x: Tensor) -> Tensor:
+        return self._tails(x)[0]
+
+    def score(self, x: Tensor) -> Tensor:
+        return score_of_tails(*self._tails(x))
+
+    def _tails(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Probabilities below and above x."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
 class Constant:
     """Always the same value: a column of theta that is not random."""
@@ -31,7 +45,7 @@ class Constant:
 
 
 @dataclass(frozen=True)
-class Uniform:
+class Uniform(TwoTails):
     """Uniform between `least` and `largest`."""
 
     least: float
@@ -47,12 +61,9 @@ class Uniform:
         width = self.largest - self.least
         return torch.where(z < 0, self.least + width * normal_probability(z), self.largest - width * normal_probability(-z))
 
-    def cdf(self, x: Tensor) -> Tensor:
-        return ((x - self.least) / (self.largest - self.least)).clamp(0, 1)
-
-    def score(self, x: Tensor) -> Tensor:
+    def _tails(self, x: Tensor) -> tuple[Tensor, Tensor]:
         width = self.largest - self.least
-        return score_of_tails(((x - self.least) / width).clamp(0, 1), ((self.largest - x) / width).clamp(0, 1))
+        return ((x - self.least) / width).clamp(0, 1), ((self.largest - x) / width).clamp(0, 1)
 
 
 @dataclass(frozen=True)
@@ -117,7 +128,7 @@ class LogNormal:
 
 
 @dataclass(frozen=True)
-class Triangular:
+class Triangular(TwoTails):
     """Density that rises straight from `least` to `mode` and falls straight to `largest`."""
 
     least: float
@@ -137,12 +148,6 @@ class Triangular:
     def of_score(self, z: Tensor) -> Tensor:
         return self._of_tails(normal_probability(z), normal_probability(-z))
 
-    def cdf(self, x: Tensor) -> Tensor:
-        return self._tails(x)[0]
-
-    def score(self, x: Tensor) -> Tensor:
-        return score_of_tails(*self._tails(x))
-
     def _of_tails(self, p: Tensor, q: Tensor) -> Tensor:
         """Value with the probabilities p below and q above it."""
         width, rise = self.largest - self.least, self.mode - self.least
@@ -152,7 +157,6 @@ class Triangular:
         return torch.where(rises, self.least + below, self.largest - above)
 
     def _tails(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Probabilities below and above x."""
         x, width = x.clamp(self.least, self.largest), self.largest - self.least
         rise, fall = self.mode - self.least, self.largest - self.mode
         below = (x - self.least) ** 2 / (width * rise) if rise else torch.zeros_like(x)
@@ -161,7 +165,7 @@ class Triangular:
 
 
 @dataclass(frozen=True)
-class Weibull:
+class Weibull(TwoTails):
     """P(X > x) = exp(-(x/scale)^shape); with shape = 1 the exponential law of mean `scale`."""
 
     scale: float
@@ -176,15 +180,13 @@ class Weibull:
     def of_score(self, z: Tensor) -> Tensor:
         return self.scale * (-log_normal_probability(-z)) ** (1 / self.shape)
 
-    def cdf(self, x: Tensor) -> Tensor:
-        return -torch.expm1(-((x.clamp_min(0) / self.scale) ** self.shape))
-
-    def score(self, x: Tensor) -> Tensor:
-        return score_of_tails(self.cdf(x), (-((x.clamp_min(0) / self.scale) ** self.shape)).exp())
+    def _tails(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        exponent = -((x.clamp_min(0) / self.scale) ** self.shape)
+        return -torch.expm1(exponent), exponent.exp()
 
 
 @dataclass(frozen=True)
-class Gumbel:
+class Gumbel(TwoTails):
     """Largest of many: P(X <= x) = exp(-exp(-(x - location)/scale)); the mean is location + 0.57722 scale."""
 
     location: float
@@ -199,17 +201,22 @@ class Gumbel:
     def of_score(self, z: Tensor) -> Tensor:
         return self.location - self.scale * (-log_normal_probability(z)).log()
 
-    def cdf(self, x: Tensor) -> Tensor:
-        return (-(-(x - self.location) / self.scale).exp()).exp()
-
-    def score(self, x: Tensor) -> Tensor:
-        return score_of_tails(self.cdf(x), -torch.expm1(-(-(x - self.location) / self.scale).exp()))
+    def _tails(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        exponent = -(-(x - self.location) / self.scale).exp()
+        return exponent.exp(), -torch.expm1(exponent)
 
 
 def checked_number(name: str, value: Any) -> float | Tensor:
     """One finite number; as the tensor that was given where it carries a gradient. ValueError otherwise."""
     found = number(name, value)
     return value if isinstance(value, Tensor) and value.requires_grad else found
+
+
+def plain_number(name: str, value: Any, *, infinite: bool = False) -> float:
+    """One number that has no derivatives; ValueError otherwise, and for a tensor that carries a gradient."""
+    if isinstance(value, Tensor) and value.requires_grad:
+        raise ValueError(f"{name} that carries a gradient was given; a number is wanted")
+    return number(name, value, infinite=infinite)
 
 
 def set_fields(law: Any, /, **values: Any) -> None:

@@ -9,8 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...core.arguments import choice, count, number
+from ...core.arguments import choice, count
 from ...core.validation import Value, as_tensor, finite
+from .parametric_laws import plain_number, set_fields
 
 KERNELS = ("exponential", "gaussian")
 MARGINALS = ("lognormal", "normal")
@@ -46,22 +47,16 @@ class RandomField:
         s = finite("RandomField's s", as_tensor(self.s, torch.float64)).cpu()
         if s.ndim != 1 or len(s) < 2 or not (s[1:] > s[:-1]).all():
             raise ValueError(f"RandomField's s {tuple(s.shape)} was given; (m,) increasing places, at least two, are wanted")
-        for name in ("mean", "deviation", "correlation_length"):
-            given = getattr(self, name)
-            if isinstance(given, Tensor) and given.requires_grad:
-                raise ValueError(f"RandomField's {name} that carries a gradient was given; a number is wanted")
-            object.__setattr__(self, name, number(f"RandomField's {name}", given))
+        set_fields(self, s=s, **{name: plain_number(f"RandomField's {name}", getattr(self, name))
+                                 for name in ("mean", "deviation", "correlation_length")})
         choice("RandomField's kernel", self.kernel, KERNELS)
         choice("RandomField's marginal", self.marginal, MARGINALS)
         positive = ("deviation", "correlation_length", *(("mean",) if self.marginal == "lognormal" else ()))
         for name in positive:
             if not getattr(self, name) > 0:
                 raise ValueError(f"RandomField's {name} = {getattr(self, name):g} was given; a positive number is wanted")
-        object.__setattr__(self, "s", s)
         eigenvalue, shape = self._expansion(None if self.terms is None else count("RandomField's terms", self.terms))
-        object.__setattr__(self, "eigenvalue", eigenvalue)
-        object.__setattr__(self, "shape", shape)
-        object.__setattr__(self, "terms", len(eigenvalue))
+        set_fields(self, eigenvalue=eigenvalue, shape=shape, terms=len(eigenvalue))
 
     @property
     def size(self) -> int:

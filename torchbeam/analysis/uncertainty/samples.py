@@ -14,7 +14,7 @@ from ...core.arguments import function as checked_function
 from ...core.status import STATUS
 from ...core.validation import Value, as_tensor, broadcast, finite, shown
 from . import estimate, output
-from .estimate import Estimate, Statistic, level_of, probabilities
+from .estimate import Estimate, Statistic, failures, level_of, probabilities
 
 FAILED = 1  # status of a sample whose y is not finite
 NOT_FINITE = "y is not finite"
@@ -174,10 +174,9 @@ class Samples(output.Summary):
         return y
 
     def __repr__(self) -> str:
-        lost = f"; {self.failed} failed" + "".join(f", {n}: {why}" for why, n in self.reasons.items()) if self.failed else (
-            "; 0 failed")
         times = f" in {self.replicates} replicates" if self.replicates > 1 else ""
-        return f"Samples({len(self.y)} of {', '.join(self.names)}{times}{lost}; y {tuple(self.y.shape[1:])})"
+        return (f"Samples({len(self.y)} of {', '.join(self.names)}{times}; {failures(self.reasons)}; "
+                f"y {tuple(self.y.shape[1:])})")
 
 
 def checked_sentences(given: Any) -> dict[int, str]:

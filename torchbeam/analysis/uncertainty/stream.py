@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ...core.validation import Value, as_tensor, broadcast, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
-from .estimate import FEW, Estimate, level_of, probabilities, replicated_well, share_half, student_half
+from .estimate import FEW, Estimate, failures, level_of, probabilities, replicated_well, share_half, student_half
 from .moments import Moments
 from .output import Summary
 from .samples import reasons_of
@@ -142,7 +142,7 @@ class Stream(Summary):
         them, its interval wider by that error.
         """
         given = probabilities(levels)
-        several, pooled, n = given.reshape(-1), self._pooled(), self.all.n
+        several, pooled, n = given.reshape(-1), self._pooled(), self._good
         centre = torch.stack([sketch.at_ranks(several * (n - 1)) for sketch in pooled], -1)
         if interval is None:
             return self._shaped(centre, given)
@@ -169,7 +169,7 @@ class Stream(Summary):
         """Probability that y > x, for thresholds x that broadcast with one y. Samples in the bin that x lies in are taken half:
         the interval is wider by them.
         """
-        level, n, pooled, groups = level_of("interval", interval), self.all.n, self._pooled(), self._groups
+        level, n, pooled, groups = level_of("interval", interval), self._good, self._pooled(), self._groups
         x = finite("x", as_tensor(x, torch.float64))
         shape = broadcast("the thresholds and y of a sample", x.shape, torch.Size(self.shape))
         numbers = torch.arange(max(math.prod(self.shape), 1)).reshape(self.shape).expand(shape).flatten().tolist()
@@ -195,7 +195,7 @@ class Stream(Summary):
         if edges.ndim != 1 or len(edges) < 2 or not (edges.diff() > 0).all():
             raise ValueError(f"edges {tuple(edges.shape)} were given; (bins + 1,) increasing numbers are wanted")
         above = torch.stack([sum(sketch.above(edges)) / 2 for sketch in self._pooled()])
-        return (-above.diff(dim=-1) / self.all.n).reshape(*self.shape, -1)
+        return (-above.diff(dim=-1) / self._good).reshape(*self.shape, -1)
 
     def _share_error(self, j: int, x: Tensor, level: float, n: int) -> Tensor:
         """Half the intervals (...) of P(y > x) from its shares in the replicates, x (...); at least the rule of three."""
@@ -210,10 +210,15 @@ class Stream(Summary):
         return known
 
     @property
+    def _good(self) -> int:
+        """Good samples of all replicates."""
+        return sum(one.n for one in self._known())
+
+    @property
     def _groups(self) -> int:
         """Groups whose scatter tells the error; 1 = samples do."""
         groups = 1 if self.independent else len(self._known())
-        return groups if replicated_well(groups, self.all.n) else 1
+        return groups if replicated_well(groups, self._good) else 1
 
     def _pooled(self) -> list[Sketch]:
         """Sketches of all replicates together, one for each number of y."""
@@ -233,8 +238,8 @@ class Stream(Summary):
         method = "counts" if counted.all() else f"{self._groups} replicates"
         method += ", or counts where they are few" if counted.any() and not counted.all() else ""
         reasons = dict(sorted(self.reasons.items(), key=lambda item: -item[1]))
-        return Estimate(centre, low, high, level, self.all.n, method, reasons)
+        return Estimate(centre, low, high, level, self._good, method, reasons)
 
     def __repr__(self) -> str:
-        lost = f"{self.failed} failed" + "".join(f", {n}: {why}" for why, n in self.reasons.items())
-        return f"Stream({self.samples} of {', '.join(self.names)} in {len(self.moments)} replicates; {lost}; y {self.shape})"
+        return (f"Stream({self.samples} of {', '.join(self.names)} in {len(self.moments)} replicates; "
+                f"{failures(self.reasons)}; y {self.shape})")

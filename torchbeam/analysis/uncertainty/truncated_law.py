@@ -9,17 +9,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import number
 from ...core.validation import shown
 from ...math.distributions import normal_probability, normal_score, probability_between, score_of_tails
 from .law_scores import has_tails, of_score, score, why_none
-from .parametric_laws import Uniform, set_fields
+from .parametric_laws import TwoTails, Uniform, plain_number, set_fields
 
 LEAST = 1e-12  # probability of the range, where a law does not tell its upper tail: fewer digits than four are left of less
 
 
 @dataclass(frozen=True)
-class Truncated:
+class Truncated(TwoTails):
     """A law with both `cdf` and `icdf`, or (least, largest), on condition that the value lies between `least` and `largest`."""
 
     law: Any
@@ -30,11 +29,8 @@ class Truncated:
         law = Uniform(*self.law) if isinstance(self.law, (tuple, list)) and len(self.law) == 2 else self.law
         if not hasattr(law, "icdf") or not hasattr(law, "cdf"):
             raise ValueError(f"the law {shown(self.law)} was given to Truncated; one with both cdf and icdf is wanted")
-        for name in ("least", "largest"):
-            if isinstance(given := getattr(self, name), Tensor) and given.requires_grad:
-                raise ValueError(f"Truncated's {name} that carries a gradient was given; a number is wanted")
-        set_fields(self, law=law, least=number("Truncated's least", self.least, infinite=True),
-                   largest=number("Truncated's largest", self.largest, infinite=True))
+        set_fields(self, law=law, least=plain_number("Truncated's least", self.least, infinite=True),
+                   largest=plain_number("Truncated's largest", self.largest, infinite=True))
         if not self.least < self.largest:
             raise ValueError(f"Truncated from {self.least:g} to {self.largest:g} was given; least below largest is wanted")
         if why := why_none(law):
@@ -54,14 +50,7 @@ class Truncated:
         above = normal_probability(-high) + normal_probability(-z) * within
         return of_score(self.law, score_of_tails(below, above)).clamp(self.least, self.largest)
 
-    def cdf(self, x: Tensor) -> Tensor:
-        return self._tails(x)[0]
-
-    def score(self, x: Tensor) -> Tensor:
-        return score_of_tails(*self._tails(x))
-
     def _tails(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Probabilities below and above x."""
         low, high = self._ends(x)
         at = torch.minimum(torch.maximum(score(self.law, x.clamp(self._below, self.largest)), low), high)
         within = probability_between(low, high)

@@ -14,6 +14,7 @@ from typing import Any
 
 from ...analysis.uncertainty.monte_carlo import monte_carlo
 from ...analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
+from ...analysis.uncertainty.output import write_found
 from ...cli import results_folder
 from ...core.files import NotWritten
 from ...core.results import table
@@ -109,14 +110,13 @@ def _files(folder: Path) -> int:
 
 def _report(config: Config, result: Any, out: Path) -> None:
     """Summaries as files and as a table."""
-    answers = config.levels, config.interval, config.thresholds
+    found = result.summary(config.levels, config.interval, config.thresholds)
     for kind in ("json", "csv"):
-        result.write_summary(out / f"summary.{kind}", *answers)
-    found = result.summary(*answers)["statistics"]
+        write_found(out / f"summary.{kind}", found)
     print(result)
-    columns = ("quantity", "y", "estimate", "low", "high")
+    columns, statistics = ("quantity", "y", "estimate", "low", "high"), found["statistics"]
     rows = [[*(row[key] for key in columns[:2]), *("-" if row[key] is None else f"{row[key]:.6g}" for key in columns[2:])]
-            for row in found[:ROWS]]
+            for row in statistics[:ROWS]]
     print(table(columns, rows, 2))
-    if len(found) > ROWS:
-        print(f"and {len(found) - ROWS} more rows in {out / 'summary.csv'}")
+    if len(statistics) > ROWS:
+        print(f"and {len(statistics) - ROWS} more rows in {out / 'summary.csv'}")

@@ -145,8 +145,8 @@ def test_replicates_with_few_good_samples():
     stream = tb.monte_carlo_stream(lambda theta: (y[:len(theta)], bad[:len(theta)]), LAWS, 16, replicates=1, chunk=16)
     stream.moments.clear()
     stream.sketches.clear()
-    for k, part in enumerate((y.chunk(4), bad.chunk(4))[0]):
-        stream.merge(k, Summarise({})((part[:, None], part, bad[4 * k:4 * k + 4])))
+    for k, (part, status) in enumerate(zip(y.chunk(4), bad.chunk(4), strict=True)):
+        stream.merge(k, Summarise({})((part[:, None], part, status)))
     groups = [y[:1], y[4:8], y[8:12]]
     means = torch.stack([group.mean() for group in groups])
     half = means.std() / 3**0.5 * 4.302653  # t of 2
