@@ -165,20 +165,21 @@ def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
 
 def _dense(M: Tensor, D: Tensor | None, K: Tensor, count: int, derivatives: bool, lags: bool) -> Pairs:
     n = K.shape[-1]
-    value, vectors, inverted = spectrum(M, D, K)
-    near = ((value[..., :, None] - value[..., None, :]).abs() <= DISTINCT * value.abs()[..., :, None]).sum(-1) > 1
+    found, vectors, inverted = spectrum(M, D, K)
     unknown = rounding(M, K)[..., None]  # growth that it may have made is none
     if D is None:
-        value = _upper(torch.where(value.abs() < unknown, 0.0, value).sqrt())
+        value = _upper(torch.where(found.abs() < unknown, 0.0, found).sqrt())
     else:
-        value = torch.where((value.real > 0) & (value.abs().square() < unknown), 0.0, value)
+        value = torch.where((found.real > 0) & (found.abs().square() < unknown), 0.0, found)
     slow = slow_first(value, count, lags)
     slow = slow.gather(-1, value.imag.gather(-1, slow).argsort(dim=-1, stable=True))
     rows, left = slow[..., None].expand(*slow.shape, vectors.shape[-1]), None
     if derivatives:
         own = inverse_unchecked(vectors).gather(-2, rows)[..., :n]
         left = solve(inverted.mT.to(own.dtype), own.mT).mT
-    return Pairs(value.gather(-1, slow), vectors.mT.gather(-2, rows)[..., :n], left, near.gather(-1, slow))
+    chosen = found.gather(-1, slow)
+    near = ((chosen[..., :, None] - found[..., None, :]).abs() <= DISTINCT * chosen.abs()[..., :, None]).sum(-1) > 1
+    return Pairs(value.gather(-1, slow), vectors.mT.gather(-2, rows)[..., :n], left, near)
 
 
 def attach(M: Tensor, D: Tensor | None, K: Tensor, pairs: Pairs) -> tuple[Tensor, Tensor]:

@@ -144,9 +144,9 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
 
 def _idle(problem: SteadyProblem, start: Configuration) -> Tensor:
     """(...) samples with a rigid motion that nothing holds, which start in balance: they stay, for no other place is better."""
-    idle = adrift(problem.model, problem.t, problem.inputs)
     if problem.model.internal_states:  # which have a rest of their own to come to
-        idle = torch.zeros_like(idle)
+        return torch.zeros_like(problem.load_factor, dtype=torch.bool)
+    idle = adrift(problem.model, problem.t, problem.inputs)
     if concrete(idle).any():
         with no_derivatives():
             idle = idle & (problem.residual(start)[0].measure() <= torch.finfo(start.stress.dtype).eps ** 0.5)

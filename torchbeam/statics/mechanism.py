@@ -11,6 +11,7 @@ from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
 from ..nodal.coordinates.planar import PLANES
 from ..nodal.model import Model
+from ..scene.scene import Scene
 from ..scene.supports import AXES
 from ..state.state import rest
 from .steady import SteadyProblem
@@ -56,40 +57,71 @@ def _hold(model: Model, t: Tensor, inputs: dict[str, Tensor]) -> tuple[Tensor, i
     rigid motion to what holds it: displacement of that node (in lengths of the beam) and rotation to those that supports and
     the scene's plane forbid, and to the generalised forces by which loads resist what is left.
     """
-    scene, space = model.scene, model.space
-    nodes = scene.beam.nodes.detach()
-    at = scene.supports[0].node if scene.supports else 0
-    size = torch.linalg.vector_norm(nodes.diff(dim=-2), dim=-1).sum(-1)[..., None, None, None]
-    eye = torch.eye(6, dtype=nodes.dtype, device=nodes.device)
+    nodes, supports = model.scene.beam.nodes.detach(), model.scene.supports
+    at = supports[0].node if supports else 0
+    moves, left, parts = _moves(nodes, at), torch.eye(6).to(nodes), []
+    held = _forbidden(model.scene, nodes, moves)
+    if held is not None:
+        _, s, V = torch.linalg.svd(held, full_matrices=True)
+        rank = torch.nn.functional.pad(s > NONE * s[..., :1], (0, 6 - s.shape[-1]))
+        free = torch.where(rank[..., None], 0.0, V)  # rows
+        left = (free.mT @ free).to(nodes)
+        parts.append(held / s[..., :1, None])
+    resisted = _resisted(model, t, inputs, moves, left)
+    if resisted is not None:
+        parts.append(resisted)
+    if not parts:
+        return nodes, at, nodes.new_zeros(6, 6).double()
+    lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
+    return nodes, at, torch.cat([x.expand(*lead, *x.shape[-2:]) for x in parts], -2)
+
+
+def _moves(nodes: Tensor, at: int) -> tuple[Tensor, Tensor]:
+    """Displacements m and rotations (..., 6, N+1, 3) of all nodes by each rigid motion."""
+    eye = torch.eye(6).to(nodes)
     shift, turn = (x[:, None].expand(*nodes.shape[:-2], 6, nodes.shape[-2], 3) for x in eye.split(3, -1))
     arm = (nodes - nodes[..., at:at + 1, :])[..., None, :, :].expand_as(turn)
-    shift = size * shift + torch.linalg.cross(turn, arm)  # of all nodes (..., 6, N+1, 3), by each motion
-    rows = [(shift[..., s.node, i] / size[..., 0, 0] if i < 3 else turn[..., s.node, i - 3])
+    return _length(nodes)[..., None, None, None] * shift + torch.linalg.cross(turn, arm), turn
+
+
+def _length(nodes: Tensor) -> Tensor:
+    return torch.linalg.vector_norm(nodes.diff(dim=-2), dim=-1).sum(-1)
+
+
+def _forbidden(scene: Scene, nodes: Tensor, moves: tuple[Tensor, Tensor]) -> Tensor | None:
+    """(..., m, 6) what supports, and the scene's plane, forbid, by each rigid motion; None = nothing."""
+    shift, turn = moves
+    size = _length(nodes)[..., None]
+    rows = [shift[..., s.node, i] / size if i < 3 else turn[..., s.node, i - 3]
             for s in scene.supports for i, fixed in enumerate(s.held) if fixed]
     if scene.plane is not None:
         normal = int(torch.tensor(PLANES[scene.plane][2]).abs().argmax())
+        eye = torch.eye(6).to(nodes)
         rows += [eye[i] for i in range(6) if i in (normal, *(3 + j for j in range(3) if j != normal))]
-    parts, left = [], eye
-    if rows:
-        held = torch.stack(torch.broadcast_tensors(*rows), -2).double()
-        _, s, V = torch.linalg.svd(held, full_matrices=True)
-        rank = s > NONE * s[..., :1]
-        kept = torch.nn.functional.pad(rank, (0, 6 - rank.shape[-1])) if rank.shape[-1] < 6 else rank
-        left = torch.where(kept[..., None], 0.0, V)  # rows: the motions that are left
-        parts.append(held / s[..., :1, None])
-        left = (left.mT @ left).to(nodes)
-    start = space.start(rest(scene))
-    by = external.tangent(model, SteadyProblem(model, t, inputs, t.new_ones(())).nodes(start), t, inputs, model.loads[0]) \
-        if model.loads[0] else 0.0
-    if not isinstance(by, float):
-        moves = torch.cat((space.project_vector(shift), space.project_spin(turn)), -1)
-        work = left @ torch.einsum("...anw,...nwv,...bnv->...ab", moves, by, moves) @ left
-        most = work.abs().amax((-1, -2), keepdim=True)
-        felt = most > NONE * by.abs().amax((-1, -2, -3))[..., None, None] * moves.abs().amax((-1, -2, -3))[..., None, None] ** 2
-        parts.append(torch.where(felt, work / torch.where(felt, most, 1), 0).double())
-    lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
-    hold = torch.cat([x.expand(*lead, *x.shape[-2:]) for x in parts], -2) if parts else eye.new_zeros(6, 6).double()
-    return nodes, at, hold
+    return torch.stack(torch.broadcast_tensors(*rows), -2).double() if rows else None
+
+
+def _resisted(model: Model, t: Tensor, inputs: dict[str, Tensor], moves: tuple[Tensor, Tensor], left: Tensor) -> Tensor | None:
+    """(..., 6, 6) generalised forces by which loads resist the rigid motions that are `left` (a projector); None = there are
+    no such loads.
+    """
+    if not model.loads[0]:
+        return None
+    space = model.space
+    still = SteadyProblem(model, t, inputs, t.new_ones(())).nodes(space.start(rest(model.scene)))
+    by = external.tangent(model, still, t, inputs, model.loads[0])
+    if isinstance(by, float):
+        return None
+    moves = torch.cat((space.project_vector(moves[0]), space.project_spin(moves[1])), -1)
+    work = left @ torch.einsum("...anw,...nwv,...bnv->...ab", moves, by, moves) @ left
+    most, least = work.abs().amax((-1, -2), keepdim=True), NONE * _largest(by) * _largest(moves) ** 2
+    felt = most > least
+    return torch.where(felt, work / torch.where(felt, most, 1), 0).double()
+
+
+def _largest(x: Tensor) -> Tensor:
+    """(..., 1, 1) of the numbers (..., n, w, v), or (..., k, n, w)."""
+    return x.abs().amax((-1, -2, -3))[..., None, None]
 
 
 def _words(motions: Tensor, place: Tensor, at: int) -> str:
