@@ -185,7 +185,7 @@ class Rates:
             parts.append(advanced_rates(model, nodes, t, self.inputs))
         if model.scene.has_prescribed_motion and model.constraints.first:
             moving = torch.cat((nodes.velocity, nodes.spin), -1)[..., 0, :]
-            power = power + (self.reaction(t, nodes, spin, net)[..., 0, :] * moving).sum(-1)
+            power = power + (self._clamp_reaction(t, nodes, net) * moving).sum(-1)
         return torch.cat([x.expand(*y.shape[:-1], x.shape[-1]) for x in (*parts, power[..., None])], -1)
 
     def reaction(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> Tensor:
@@ -200,12 +200,16 @@ class Rates:
         if not found:
             return net[..., :0, :]
         if model.scene.has_prescribed_motion and first:
-            frame, sizes = model.frame(t), (model.space.position, model.space.spin)
-            (P, H), (P_rate, H_rate) = (x.split(sizes, -1) for x in with_rate(self._momentum, t))
-            lever = self.clamped.offset.turned(nodes.rotation[..., :1, :])
-            rate = lever.wrench(frame.rate(P_rate, lambda: P), frame.spin_rate(H_rate, lambda: H))
-            found[0] = found[0] + rate[..., 0, :]
+            found[0] = self._clamp_reaction(t, nodes, net)
         return torch.stack(torch.broadcast_tensors(*found), -2)
+
+    def _clamp_reaction(self, t: Tensor, nodes: Nodes, net: Tensor) -> Tensor:
+        """(..., w) of a clamp at node 0 that moves: the rate of its node's momentum, less what else acts there."""
+        frame, sizes = self.model.frame(t), (self.model.space.position, self.model.space.spin)
+        (P, H), (P_rate, H_rate) = (x.split(sizes, -1) for x in with_rate(self._momentum, t))
+        lever = self.clamped.offset.turned(nodes.rotation[..., :1, :])
+        rate = lever.wrench(frame.rate(P_rate, lambda: P), frame.spin_rate(H_rate, lambda: H))
+        return rate[..., 0, :] - net[..., 0, :]
 
     def _momentum(self, t: Tensor) -> Tensor:
         """[m v_c; R J Omega] (..., 1, w) of a clamp at node 0."""
