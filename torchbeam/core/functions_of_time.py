@@ -6,8 +6,9 @@ torch.func.vmap, or in a loop where it cannot be mapped (`if t > 1`, math.sin(t)
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any
 
 import torch
@@ -157,6 +158,18 @@ def beside_hooks(function: Callable[[], Any]) -> Any:
         return function()
     with ThreadPoolExecutor(1) as thread:
         return thread.submit(function).result()
+
+
+@contextmanager
+def past_hooks() -> Iterator[None]:
+    """Within it, tensors that a graph saves are kept as they are, where else they would go through hooks: for values that are
+    kept for longer than a part of torch.utils.checkpoint, which would not save them again when it is made again.
+    """
+    if not saves_by_hooks():
+        yield
+        return
+    with torch.autograd.graph.saved_tensors_hooks(lambda x: x, lambda x: x):  # the last ones alone are asked
+        yield
 
 
 def user_rate(what: str, function: Callable[[Tensor], Any], t: Tensor) -> tuple[Any, Any]:

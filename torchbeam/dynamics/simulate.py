@@ -178,9 +178,6 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
         return *vars(whole_of(states)).values(), *vars(last).values(), iterations
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
-    if checkpoint:
-        # made here, and not within the first part, which would save more than when it is made again
-        _ = stepper.compiled, stepper.model.s
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
     parts, state, iterations = [stepper.reduced(start).map(lambda x: x[None])], start, []
     for done in range(0, len(plan), length):

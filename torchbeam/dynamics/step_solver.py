@@ -12,6 +12,7 @@ from torch import Tensor
 from torch._C import _functorch as functorch
 
 from ..core.derivatives import lasting
+from ..core.functions_of_time import past_hooks
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import concrete
 from ..math.shapes import broadcast_shapes
@@ -56,7 +57,7 @@ class StepSolver:
         if not self._decided and not functorch.peek_interpreter_stack():
             made = compiled_step if self.engine == "compiled" else automatic_step
             method, options = self.method.solves
-            with lasting():
+            with lasting(), past_hooks():
                 self._compiled, self._decided = made(self.model, method, **options), True
         return self._compiled
 

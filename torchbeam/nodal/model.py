@@ -8,6 +8,7 @@ from typing import Any
 from torch import Tensor
 
 from ..core.derivatives import cached
+from ..core.functions_of_time import past_hooks
 from ..core.leaves import Tree, leaf
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.prescribed_motion import PrescribedMotion, turning
@@ -49,7 +50,8 @@ class Model(Tree):
     @cached
     def s(self) -> Tensor:
         """(..., N+1) m, arclength of the nodes."""
-        return arclength(self.length[..., 0], self.scene.beam.order)
+        with past_hooks():
+            return arclength(self.length[..., 0], self.scene.beam.order)
 
     @property
     def turning(self) -> bool:
