@@ -71,7 +71,7 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
     for fewer computed modes than measured ones, other channels, or a measured shape that is zero.
     """
     instance("modes", modes, Modes)
-    own = check_function("read", read)(modes.shape)
+    own = check_function("read", read, "shape")(modes.shape)
     shapes = torch.as_tensor(shapes, device=own.device)
     shapes = shapes.to(own.dtype if shapes.is_complex() else own.real.dtype)
     if shapes.ndim != 2:

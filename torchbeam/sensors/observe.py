@@ -41,7 +41,7 @@ def observe(solution: Any, sensor: Sensor | Callable[[Any], Tensor], times: Valu
     t = solution.t.detach().contiguous()
     if len(t) < 2:
         raise ValueError(f"a solution of {len(t)} instants was given to observe; two or more are wanted")
-    values = (sensor if isinstance(sensor, Sensor) else check_function("sensor", sensor))(solution.state)
+    values = (sensor if isinstance(sensor, Sensor) else check_function("sensor", sensor, "state"))(solution.state)
     if values.shape[:1] != t.shape:
         raise ValueError(f"a sensor that gave {tuple(values.shape)} for {len(t)} instants was given; time as its first axis is "
                          "wanted")

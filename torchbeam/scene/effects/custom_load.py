@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import choice, count
+from ...core.arguments import choice, count, listed
 from ...core.arguments import function as check_function
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import leaf, with_values
@@ -79,10 +79,10 @@ class CustomLoad(Load):
             given = "internal states without a rate" if self.internal else "a rate without internal states"
             raise ValueError(f"{given} was given to Load; both or neither are wanted")
         given = self.inputs
-        inputs = [Input(n, size) for n, size in given.items()] if isinstance(given, dict) else _listed(given)
+        inputs = [Input(n, size) for n, size in given.items()] if isinstance(given, dict) else listed(given)
         if not all(isinstance(i, Input) for i in inputs):
             raise ValueError(f"{shown(given)} was given as Load's inputs; Inputs, or names with sizes, are wanted")
-        of = _listed(self.of)
+        of = listed(self.of)
         for name in of:
             choice("of", name, (*MOTION, PLACE))
         if PLACE in of and self.node is not None:
@@ -190,11 +190,6 @@ class CustomLoad(Load):
 def _with_axes(x: Tensor, count: int) -> Tensor:
     """x with so many axes, the new ones first."""
     return x if x.ndim == count else x[(None,) * (count - x.ndim)]
-
-
-def _listed(given: Any) -> list[Any]:
-    """A sequence, or one value as such."""
-    return list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
 
 
 def _returned(whose: str, value: Any, size: int, lead: torch.Size, like: Tensor) -> Tensor:
