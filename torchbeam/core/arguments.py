@@ -138,7 +138,7 @@ def mask(name: str, value: Any, like: Tensor) -> Tensor:
 
 
 def tolerance(name: str, value: Any, *, zero: bool = False, each: bool = False) -> Any:
-    """`value` if it is a positive finite number (or zero, where allowed), with `each` a tensor of such; ValueError otherwise."""
+    """`value` if it is a positive finite number (or zero, where allowed), `each`: a tensor of such; ValueError otherwise."""
     if isinstance(value, Tensor):
         if value.ndim and not each:
             raise ValueError(f"{name} of shape {tuple(value.shape)} was given; one number is wanted")

@@ -126,6 +126,7 @@ def rate_along(function: Callable[..., Any], at: tuple[Tensor, ...], rates: tupl
     twice inside of `torch.autograd.forward_ad`, whose dual numbers do not nest. Differentiable itself. Raises ValueError for
     such dual numbers beside hooks on saved tensors, where neither works.
     """
+    at, rates = (tuple(x.contiguous() for x in values) for values in (at, rates))  # dual numbers refuse expanded axes
     if not within_dual_numbers():
         return torch.func.jvp(function, at, rates)
     if saves_by_hooks():

@@ -21,7 +21,7 @@ from ..core.functions_of_time import within_dual_numbers
 from ..core.leaves import constant
 from ..core.memory import check_memory
 from ..core.status import FAILED, STATUS
-from ..core.validation import as_tensor, concrete, increasing, shown
+from ..core.validation import as_tensor, broadcast, concrete, increasing, shown
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..nodal.rates import Rates
@@ -233,6 +233,7 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
               rtol: float = 1e-6, atol: float = 1e-8, options: dict[str, Any] | None = None, adjoint: bool = False,
               begin: Tensor | None = None) -> Solution:
     """`begin` (...) s: the instant of each sample from which t counts; None = t is that of all."""
+    boolean("adjoint", adjoint)
     begin = None if begin is None else check_instants("begin", begin, t)
     instants = t if begin is None else [begin + now for now in t]
     held = {name: value for name, value in inputs.items() if not callable(value)}
@@ -245,8 +246,9 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
 
     first = instants[0]
     y0 = rates.pack(_begin(rates.model, initial, first))
+    broadcast("a scene, an initial state and begin", y0.shape[:-1], first.shape)
     acting = rates.balance(first, rates.unpack(first, y0)[0])[0]  # functions and inputs may have axes too
-    y0 = y0.expand(*broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
+    y0 = y0.expand(*broadcast_shapes(y0.shape[:-1], acting.shape[:-2], first.shape), -1)
     ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
                                         parameters=leaves(rhs, y0.detach(), t, adjoint))
     trajectory = State.stack([rates.state(*at) for at in zip(instants, ys, status, strict=True)])

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import count
-from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, positive, shown
 from ..core.memory import check_memory
+from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, positive, shown
 from .axes import axes_along
 from .section import Section
 from .stations import Stations
@@ -20,8 +20,9 @@ NUMBERS = 12  # at least, that an interval needs: node, axes of node and element
 
 
 def intervals(elements: int, order: int) -> int:
-    """Between nodes. Raises ValueError for fewer than one element, or another order than 1 or 2, MemoryError for more than there is
-    memory for."""
+    """Between nodes. Raises ValueError for fewer than one element, or another order than 1 or 2; MemoryError for more than there
+    is memory for.
+    """
     N = count("elements", elements) * check_order(order)
     check_memory(f"a beam of {elements} elements", NUMBERS * 8 * N, "fewer are wanted")
     return N
