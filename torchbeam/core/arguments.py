@@ -66,7 +66,7 @@ def function(name: str, value: Any, *arguments: str, named: Iterable[str] = ()) 
     """`value` if it can be called, with arguments by place and others by name, where they are said; ValueError otherwise."""
     if not callable(value):
         raise ValueError(f"{name} = {shown(value)} was given; a function{_of(arguments, named)} is wanted")
-    if arguments:
+    if arguments or named:
         try:
             inspect.signature(value).bind(*arguments, **dict.fromkeys(named))
         except TypeError as error:

@@ -38,8 +38,8 @@ def taken(what: str, value: Any, like: Tensor, size: int | None = None) -> Tenso
         except (TypeError, ValueError, RuntimeError):
             raise ValueError(f"{what} is {value!r}; real numbers or a tensor are wanted") from None
     elif value.dtype != like.dtype or value.device != like.device:
-        if value.is_complex():
-            raise ValueError(f"{what} is complex; real numbers are wanted")
+        if value.is_complex() or value.dtype == torch.bool:
+            raise ValueError(f"{what} is of {value.dtype}; real numbers are wanted")
         value = value.to(like)
     return value if size is None else axis_last(what, value, size)
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from ..core.arguments import function as check_function
 from ..core.arguments import instance
 from ..core.derivatives import no_derivatives
-from ..core.validation import broadcast
+from ..core.validation import broadcast, numbers
 from .modes import Modes
 
 
@@ -72,7 +72,8 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
     """
     instance("modes", modes, Modes)
     own = check_function("read", read, "shape")(modes.shape)
-    shapes = torch.as_tensor(shapes, device=own.device)
+    if not isinstance(shapes, Tensor):
+        shapes = torch.as_tensor(numbers(shapes, "fiuc"), device=own.device)
     shapes = shapes.to(own.dtype if shapes.is_complex() else own.real.dtype)
     if shapes.ndim != 2:
         raise ValueError(f"measured shapes of shape {tuple(shapes.shape)} were given; (modes, channels) is wanted")

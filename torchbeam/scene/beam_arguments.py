@@ -20,8 +20,8 @@ NUMBERS = 12  # at least, that an interval needs: node, axes of node and element
 
 
 def intervals(elements: int, order: int) -> int:
-    """Between nodes. Raises ValueError for fewer than one element, or another order than 1 or 2; MemoryError for more than there
-    is memory for.
+    """Between nodes. Raises ValueError for fewer than one element, or another order than 1 or 2; MemoryError for more
+    than there is memory for.
     """
     N = count("elements", elements) * check_order(order)
     check_memory(f"a beam of {elements} elements", NUMBERS * 8 * N, "fewer are wanted")

@@ -190,6 +190,8 @@ class Scene(Tree):
         """Inputs as tensors, by keyword or in a dictionary inputs={...}, which has room for names that are keywords of a
         function. Raises ValueError where one is missing, unknown, of the wrong size, or of axes that do not broadcast.
         """
+        if not isinstance(given, dict):
+            raise ValueError(f"inputs = {shown(given)} was given; a dictionary of values by name is wanted")
         if isinstance(given.get("inputs"), dict):
             given = merge_inputs(given["inputs"], {name: value for name, value in given.items() if name != "inputs"})
         sizes, dtype, device = self.inputs, self.dtype, self.device

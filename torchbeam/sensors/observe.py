@@ -38,6 +38,8 @@ def observe(solution: Any, sensor: Sensor | Callable[[Any], Tensor], times: Valu
     Raises ValueError for times beyond the trajectory where there is no delay, and for other shapes.
     """
     boolean("rate", rate)
+    if not (hasattr(solution, "t") and hasattr(solution, "state")):
+        raise ValueError(f"a solution of type {type(solution).__name__} was given; a torchbeam.Solution is wanted")
     t = solution.t.detach().contiguous()
     if len(t) < 2:
         raise ValueError(f"a solution of {len(t)} instants was given to observe; two or more are wanted")

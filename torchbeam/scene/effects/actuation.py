@@ -38,7 +38,8 @@ class Actuation(Effect):
         if self.curvature is None and self.strain is None:
             raise ValueError("Actuation with neither curvature nor strain was given; one of them is wanted")
         for name in ("curvature", "strain"):
-            object.__setattr__(self, name, load_value(f"Actuation's {name}", getattr(self, name), along=True))
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, load_value(f"Actuation's {name}", getattr(self, name), along=True))
         if isinstance(self.strain, Along) or isinstance(self.curvature, Along):
             raise ValueError("Actuation with a function Along the beam was given; PerElement gives each element its own")
         if self.elements is not None and not isinstance(self.elements, slice):

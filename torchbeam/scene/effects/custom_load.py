@@ -68,10 +68,9 @@ class CustomLoad(Load):
     values: dict[str, Value] | None = leaf(lambda load: int(load.node is None), default=None)
 
     def __post_init__(self) -> None:
-        if not callable(self.function):
-            raise ValueError(f"{shown(self.function)} was given to Load; a function of the motion is wanted")
+        check_function("Load's function", self.function)
         if self.rate is not None:
-            check_function("rate", self.rate)
+            check_function("Load's rate", self.rate)
         if self.node is not None:
             whole_node(self.node)
         count("internal", self.internal, least=0)
@@ -98,6 +97,10 @@ class CustomLoad(Load):
         names = [*(i.name for i in inputs), *values, *(["z"] if self.internal else []), *(n for n in of if n not in READS)]
         for name in {n for n in names if names.count(n) > 1}:
             raise ValueError(f"two arguments of the name {name!r} were given to Load; one is wanted")
+        motion = ("position", "rotation", "velocity", "spin", "t")
+        check_function("Load's function", self.function, *motion, named=names)
+        if self.rate is not None:
+            check_function("Load's rate", self.rate, "z", *motion, named=[name for name in names if name != "z"])
         for name, value in dict(inputs=tuple(inputs), of=tuple(of), values=values).items():
             object.__setattr__(self, name, value)
 

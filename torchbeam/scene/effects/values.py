@@ -241,14 +241,14 @@ def plain(value: Value) -> Tensor | np.ndarray:
     return as_tensor(value, *common_dtype(value)) if has_dtype(value) else numbers(value)
 
 
-def load_value(name: str, value: Value | None, *, along: bool = False) -> LoadValue | None:
-    """`value` checked: (..., 3), a function of t, an Input of size 3, or None; `along` the beam also Along and PerElement."""
+def load_value(name: str, value: Value, *, along: bool = False) -> LoadValue:
+    """`value` checked: (..., 3), a function of t, an Input of size 3; `along` the beam also Along and PerElement."""
     if isinstance(value, ByPlace):
         if not along:
             raise ValueError(f"{name} as {type(value).__name__} was given; only what acts along the beam takes it")
         return value
-    if value is None or callable(value):
-        return value if value is None else check_function(name, value, "t")
+    if callable(value):
+        return check_function(name, value, "t")
     if isinstance(value, Input):
         if value.size != 3:
             raise ValueError(f"{name} with an Input of size {value.size} was given; size 3 is wanted")
