@@ -104,6 +104,13 @@ class Stepper:
         """The steps by native code; None where they are made eagerly."""
         return self.solver.compiled
 
+    @property
+    def engine(self) -> str | None:
+        """What has made its steps so far: "native", "eager" or "mixed" (as where parts of a failed step are eager); None before
+        the first. The trial step by which generalized alpha starts does not count.
+        """
+        return self.solver.use.engine
+
     def rest(self, batch_shape: tuple[int, ...] | None = None) -> State:
         """The beam undeformed and at rest."""
         return rest(self.scene, batch_shape)
