@@ -72,7 +72,8 @@ class Stepper:
                there: forward mode, torch.func, gradients where strains are impossible or next to, some of the parts of a failed
                step. What a user's function of the motion closes over is taken here, once. "auto": compiled where llvmlite is
                installed and the scene is taken, a user's function of the motion as long as what it reads stays as it was; else
-               eager (`describe` says which, and why; the environment variable TORCHBEAM_ENGINE says otherwise)
+               eager, of which a SlowPathWarning tells (`describe` says which, and why; the environment variable
+               TORCHBEAM_ENGINE says otherwise)
 
     Raises ValueError for an unknown method, a step that is not positive, a scene that the nodal form does not take, or that
     the engine does not.
