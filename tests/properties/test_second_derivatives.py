@@ -138,8 +138,9 @@ def differences(f, p, h=1e-4):
     return rows((slope(p + h * x) - slope(p - h * x)) / (2 * h) for x in BASIS)
 
 
-@pytest.mark.parametrize("what, squared", [pytest.param(what, squared, marks=[pytest.mark.long] * ((what, squared) not in SHORT))
-                                           for what in QUANTITIES for squared in (False, True)])
+@pytest.mark.parametrize("what, squared", [
+    pytest.param(what, squared, marks=[pytest.mark.long] * ((what, squared) not in SHORT))
+    for what in QUANTITIES for squared in (False, True)])
 def test_second_derivatives_are_right_or_refused(what, squared):
     """Of a sum and of a sum of squares: the gradient of a sum knows no graph of what comes behind it. What comes back agrees
     with central differences of first derivatives to 1e-4.

@@ -107,7 +107,7 @@ class ChainSolve(torch.autograd.Function):
     @staticmethod
     def backward(ctx, grad: Tensor):
         D, L, U, b = ctx.saved_tensors
-        with torch.no_grad():
+        with torch.no_grad(), torch.autocast(grad.device.type, enabled=False):  # backward may be called where autocast is on
             g = block_tridiagonal(D.mT, U.mT, L.mT, grad).sum_to_size(b.shape)
         return None, None, None, first_only(g, grad, b)
 
