@@ -81,7 +81,8 @@ def rod(draw: Draw, shape: str, kind: str) -> Rod:
     root = draw.vector(draw(0.0, 1.0))
     across = np.array((0.0, 1.0, 0.0)) if draw.plane == "xz" else np.array((0.0, 0.0, 1.0))
     curvature = {"straight": np.zeros(3), "arc": across * draw(0.5, 2.0) / L,
-                 "helix": draw.vector(draw(0.5, 2.5) / L, across=True), "pretwisted": np.array((draw(0.4, 2.0), 0, 0)) / L}[shape]
+                 "helix": draw.vector(draw(0.5, 2.5) / L, across=True),
+                 "pretwisted": np.array((draw(0.4, 2.0), 0, 0)) / L}[shape]
     return Rod(L, root, axes, curvature, S, mass, centre, inertia, draw(0.2, 0.5) if kind == "tapered" else 0.0)
 
 
@@ -123,7 +124,8 @@ def effect(draw: Draw, name: str, rod: Rod, force: float, moving: bool) -> Any:
             np.array([draw(20, 80) * force / L for _ in range(3)] + [draw(3, 10) * force * L for _ in range(3)]),
             np.array([draw(0, 0.05) for _ in range(3)] + [draw(0, 0.05) * L**2 for _ in range(3)]) * np.sqrt(force * rod.mass)),
         "Actuation": lambda: fx.Actuation(value(1.0 / L, True), Value(draw.vector(0.02), frequency=rate and 2 * rate)),
-        "Damping": lambda: fx.Damping(np.array([draw(0.002, 0.02) for _ in range(6)]) * (1 / rate if moving else 1.0)),
+        "Damping": lambda: fx.Damping(np.array([draw(0.002, 0.02) for _ in range(6)] if rod.S.diagonal().all() else
+                                               [draw(0.002, 0.02)] * 6) * (1 / rate if moving else 1.0)),
         "Load": lambda: fx.Load(draw(0.2, 1.0) * force / L, free + draw.vector(0.2 * L), draw(0, 0.1) * rod.mass / L,
                                 0.0 if draw.plane == "xz" else draw(-0.5, 0.5) * force, draw(0, 0.02) * rod.mass * L**2,
                                 draw.vector(0.0 if draw.plane == "xy" else 0.3 * force * L), at) if draw.chance(0.5) else
@@ -149,11 +151,13 @@ def supports(draw: Draw, kind: str, rod: Rod, moving: bool, rate: float) -> dict
             "two clamps, moved": {0.0: Support(), 1.0: Support(**moved)}, "clamp, moved": {0.0: Support(**moved)}}[kind]
 
 
-def case(random: np.random.Generator, number: int = 0, moving: bool = False) -> Case:
-    """A random case. Numbers in a row take all effects, supports and sections in turn, the rest at random."""
-    plane = None if random.uniform() < 0.75 else str(random.choice(("xy", "xz")))
+def case(random: np.random.Generator, number: int = 0, moving: bool = False, every: bool = False) -> Case:
+    """A random case. Numbers in a row take all effects, supports and sections in turn, the rest at random. every: all effects
+    at once, in space.
+    """
+    plane = None if every or random.uniform() < 0.75 else str(random.choice(("xy", "xz")))
     draw = Draw(random, plane)
-    kind, hold = SECTIONS[number % 5], SUPPORTS[number % 7]
+    kind, hold = SECTIONS[number % 5], "elastic clamp" if every else SUPPORTS[number % 7]
     shapes = SHAPES if plane is None else SHAPES[:2]
     shape = shapes[int(random.integers(len(shapes)))]
     if kind == "rigid" and hold in ("clamp and pin", "hinge and pin", "two clamps, moved"):
@@ -163,7 +167,9 @@ def case(random: np.random.Generator, number: int = 0, moving: bool = False) -> 
     rate = float(np.sqrt(force / own.mass) / own.length)  # sqrt(EI/(m L^4))
     names = [name for name in fx.ROWS if name != "RootSpring"]
     chosen = {names[number % len(names)], names[int(random.integers(len(names)))], draw.one("TipLoad", "LineLoad", "Gravity")}
-    if hold == "elastic clamp":
+    if every:
+        chosen = set(fx.ROWS)
+    elif hold == "elastic clamp":
         chosen.add("RootSpring")
     spin = draw.vector(draw(0.2, 1.0) * rate, across=True) if draw.chance(0.4) else None
     velocity = draw.vector(draw(0.2, 1.0) * rate * own.length) if spin is not None and draw.chance(0.5) else None

@@ -1,4 +1,4 @@
-"""A described case as a scene of the library, by its public names alone."""
+"""A described case as a scene of the library, by its public names alone, and what the library says of it."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def effects(case: Case, elements: int) -> list[Any]:
         fx.Spring: lambda e: tb.Spring(at(e), e.stiffness, tensor(e.to), e.free_length or 0.0, e.damping),
         fx.RootSpring: lambda e: tb.RootSpring(tensor(e.stiffness), tensor(e.damping)),
         fx.Actuation: lambda e: tb.Actuation(_value(e.curvature, case.rod), _value(e.strain, case.rod)),
-        fx.Damping: lambda e: tb.Damping(tuple(e.tau)),
+        fx.Damping: lambda e: tb.Damping(tuple(e.tau) if np.ptp(e.tau) else e.tau[0]),
         fx.Load: lambda e: tb.Load(_law(e), None if e.at is None else at(e)),
     }
     return [make[type(e)](e) for e in case.effects]
