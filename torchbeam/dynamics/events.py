@@ -12,6 +12,7 @@ from torch import Tensor
 from ..core.arguments import function as check_function
 from ..core.batch_subset import BatchSubset
 from ..core.validation import concrete
+from ..math.first_derivative import Once
 from ..scene.prescribed_motion import PrescribedMotion
 from ..state.state import State
 from .dense_output import between
@@ -94,7 +95,7 @@ class Events:
                     break
             gap = 1e-4 * width
             rate = (value(at + gap) - value(at - gap)) / (2 * gap)
-        g = value(at)
+        g = Once.apply(value(at))
         at = at - torch.where(apart & (rate != 0), (g - g.detach()) / torch.where(rate != 0, rate, torch.ones_like(rate)), 0.0)
         return at, between(a, b, at, motion)
 
