@@ -7,8 +7,7 @@ changes of the factor over its range:
     arc length     <t, way> = step                 (the normal plane of Riks 1979)
     control        q(state) = where it is to be    (displacement control, q any quantity)
 
-Stability is read off the pivots of the tangent (Haynsworth 1968). A step past an event, where one of them changes its sign, is
-made again to just behind it: where the determinant, straight from one end of the step to the other, is zero.
+Stability is read off the pivots of the tangent (Haynsworth 1968).
 """
 
 from __future__ import annotations
@@ -33,7 +32,6 @@ TURN = 1.0  # rad that a node may turn in one step
 ITERATIONS = 12  # in a step: one that takes more is quicker in two
 EASY = 4  # iterations after which the step stays as it is; fewer, and it grows
 LEAST = 1e-4  # smallest step, as a share of the first
-BEHIND = 1e-3  # of the first step: how far behind an event its point may be
 ALIKE = 0.7  # cosine between the tangents at the ends of a step: 45 degrees
 ENOUGH = 1e-9  # of the way of a controlled quantity
 MODE = 6  # inverse iterations for a critical shape
@@ -46,7 +44,7 @@ class PathState(NamedTuple):
 
     place      shape, load factor and way from the equilibrium before
     reaction   (..., K, w) N and N m, load of each support
-    negative   (...) int, negative pivots of the tangent;  sign (...) int, of its determinant;  log (...) of its size
+    negative   (...) int, negative pivots of the tangent;  sign (...) int, of its determinant
     move       (..., N+1, w) and by_factor (...): tangent of the path, of unit length
     least      (...) the softest pivot at the start
     sound      (...) bool: whether all pivots are finite
@@ -56,7 +54,6 @@ class PathState(NamedTuple):
     reaction: Tensor
     negative: Tensor
     sign: Tensor
-    log: Tensor
     move: Tensor
     by_factor: Tensor
     least: Tensor
@@ -107,7 +104,6 @@ class Continuation:
         now = self.settle(PathPoint(*start, none[..., None, None], way), none - 1, None, None)
         first = None if self.control is None else self.led(start, shape)
         status, final, leap, at, step = no.long(), no, no, none, none + self.step
-        near, usual = no, step  # on the way to an event; the step before
         done = no if active is None else ~active
         record, behind = [(now, status, ~no)], now
         for _ in range(steps):
@@ -131,12 +127,8 @@ class Continuation:
                 beyond = good & ~final & ((factor > self.span[1]) | (factor < self.span[0]))
                 sharp = ~final & ~leap & (self.alike(after, now) < ALIKE) & (step > LEAST * self.step)
                 good = good & ~beyond & ~sharp
-            event = good & ~leap & (after.negative != now.negative)
-            share, long = self.passed(now, after), step if first is not None else self.along(now, after)
-            rough = event & ((1 - share) * long > BEHIND * self.step)
-            good, event = good & ~rough, event & ~rough
             kind = torch.where(after.by_factor * now.by_factor < 0, LIMIT_POINT, BRANCH_POINT)
-            kind = torch.where(event, kind, REGULAR)
+            kind = torch.where(good & ~leap & (after.negative != now.negative), kind, REGULAR)
             leaps = good & (after.negative > now.negative) & (kind == BRANCH_POINT) & self.branch
             now, behind = where(good, (after, now), (now, behind))
             record.append((now, kind, good))
@@ -145,10 +137,7 @@ class Continuation:
             done = done | good & ended & ~leaps
             leap = torch.where(good, leaps, leap)
             quick = torch.where(outcome.iterations <= EASY, 1.5 * step, step).clamp(max=self.step)
-            usual = torch.where(rough & ~near, step, usual)
-            shorter = torch.where(rough, share * long + BEHIND / 2 * self.step, step / 2)
-            step = torch.where(good, torch.where(near & event, usual, quick), torch.where(beyond, step, shorter))
-            near = rough | near & ~event
+            step = torch.where(good, quick, torch.where(beyond, step, step / 2))
             status = torch.where(going & (step < LEAST * self.step), DIVERGED, status)
             final = beyond  # an end that was out of reach in one step is tried again from nearer by
         return record, status, done
@@ -186,16 +175,14 @@ class Continuation:
         eigenvalues = torch.linalg.eigvalsh((blocks + blocks.mT) / 2).expand(*shape, *blocks.shape[-3:-1])
         least = eigenvalues.amin((-1, -2)).clamp(min=0) if least is None else least
         negative = (eigenvalues < -NEUTRAL * least[..., None, None]).sum((-1, -2))
-        signs, logs = torch.linalg.slogdet(blocks)
-        sign, log = signs.prod(-1).long().expand(shape), logs.sum(-1).expand(shape)
+        sign = torch.linalg.slogdet(blocks).sign.prod(-1).long().expand(shape)
         move, _, root = tangent.solve(*load_slope(self.loaded, x))
         sound = sound & torch.isfinite(move).all(-1).all(-1)
         length = ((self.size * move**2).sum((-1, -2)) + 1 / self.span[1] ** 2).sqrt()
         on = (self.size * move * x.way).sum((-1, -2)) + (x.factor[..., 0, 0] - before) / self.span[1] ** 2
         length = torch.where(on < 0, -length, length)
         reaction = root if reaction is None else reaction
-        move, sound = move / length[..., None, None], sound.expand(shape)
-        return PathState(x, reaction, negative, sign, log, move, 1 / length, least, sound)
+        return PathState(x, reaction, negative, sign, move / length[..., None, None], 1 / length, least, sound.expand(shape))
 
     def led(self, start: Configuration, shape: torch.Size) -> Tensor:
         """What `control` reads (...) where the path begins; ValueError where that is not one number of each sample."""
@@ -204,18 +191,6 @@ class Continuation:
             what = f"{tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
             raise ValueError(f"a control that returns {what} was given; one number of each sample, {tuple(shape)}, is wanted")
         return value.expand(shape)
-
-    def along(self, now: PathState, after: PathState) -> Tensor:
-        """Length (...) of the step between two points, along the tangent at the first."""
-        rise = now.by_factor * (after.factor - now.factor) / self.span[1] ** 2
-        return (self.size * now.move * after.place.way).sum((-1, -2)) + rise
-
-    def passed(self, now: PathState, after: PathState) -> Tensor:
-        """Share (...) of the step between two points after which the determinant, were it straight, is zero; half of it where
-        two pivots change their signs, or none.
-        """
-        ratio = torch.exp(after.log - now.log)
-        return torch.where(now.sign * after.sign < 0, 1 / (1 + ratio), 0.5)
 
     def alike(self, a: PathState, b: PathState) -> Tensor:
         """Cosine between two tangents."""

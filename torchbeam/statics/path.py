@@ -39,7 +39,8 @@ class Path:
                the softest at the start does not count: a round column turns about its axis at no cost
     sign       int: of the tangent's determinant, for loads that are not
     kind       int, of the way from the equilibrium before: BRANCH_POINT = 2 where a pivot changed sign without the factor
-               turning back, LIMIT_POINT = 1 where it turned back, REGULAR = 0; the event is within 1e-3 of a `step` before it
+               turning back, LIMIT_POINT = 1 where it turned back, REGULAR = 0. The event is anywhere on that way: its factor is
+               that of `critical_load`, or of `path` with a smaller `step`
     valid      bool: False where the last one is repeated
     reached    (...) bool: whether the end asked for was reached
     """

@@ -32,7 +32,7 @@ def test_a_pendulum_swings_to_where_it_hangs_if_that_is_near():
     """0.2 rad away; at 1.2 rad the sentence says what to do, and a damped run comes there."""
     assert_close(tb.equilibrium(hung(STRIP, 3, PIN, 0.2)).tip.position, torch.tensor([0.0, 0.0, -1.0]), rtol=0, atol=1e-6)
     for support in (HINGE, PIN):
-        with pytest.raises(RuntimeError, match=r"nothing holds the rotation about .* relax=True"):
+        with pytest.raises(RuntimeError, match=r"nothing holds the rotation about .*relax=True"):
             tb.equilibrium(hung(STRIP, 3, support, 1.2))
     there = tb.equilibrium(hung(STRIP, 2, PIN, 1.2), relax=True).tip.position
     assert_close(there, torch.tensor([0.0, 0.0, -1.0]), rtol=0, atol=1e-6)
