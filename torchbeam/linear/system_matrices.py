@@ -32,7 +32,7 @@ from ..statics.steady import Configuration, SteadyProblem
 def at_rest(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -> State:
     """`state`, to linearise about; ValueError where it is not one of the scene, moves beside frame a or is no equilibrium."""
     space = model.space
-    reduced = space.start(check_state(state, model.scene, "state"))
+    reduced = space.start(check_state(state, model.scene))
     problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
     if model.internal_states:
         x = Configuration(reduced.position, reduced.rotation, reduced.stress)
