@@ -47,8 +47,8 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
 
     Dense: n = 12 a free node. Differentiable. A load that turns with the beam is in A. An infinite stiffness is a very large
     one here. Raises ValueError for what the nodal form does not take, for a state that moves or is no equilibrium (where that
-    could bend the beam by 1e-3 rad), for damping that leaves a coordinate without inertia undamped, or where internal states of loads follow
-    the rate of one that is undamped.
+    could bend the beam by 1e-3 rad), for damping that leaves a coordinate without inertia undamped, or where internal states of
+    loads follow the rate of one that is undamped.
     """
     model = discretise(scene, lumped)
     given = scene.tensors(inputs)
