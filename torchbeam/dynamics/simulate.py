@@ -78,7 +78,8 @@ def simulate(
                  lumped=, conserve=, tolerance=, iterations=, halvings=, engine=    see `Stepper`
                  or, in place of the first three, adaptive steps, each sample's own (see `torchbeam.dynamics.adaptive`):
                  rtol=, atol=  the largest error of a position over the run is to be at most atol m + rtol times the length of
-                              the beam, that of a rotation rtol + atol/length rad (see `Tolerance`); numbers, or (...)
+                              the beam, that of a rotation rtol + atol/length rad (see `Tolerance`; measured on positions,
+                              rotations of light undamped nodes have missed it by 2.4); numbers, or (...)
                  events=      a function of the state that gives one number (...) a sample, or a list of such: a sample stops
                               where one crosses zero, and `sol.event` says which, when and how
                  max_steps=   of a run, 100,000;  first_step=  s, found by a trial otherwise

@@ -24,8 +24,9 @@ class Drag(Load):
 
         f = -1/2 rho d (C_n |v_n| v_n + pi C_t |v_t| v_t) - C_a rho pi d^2/4 a_n,    v = velocity - flow
 
-    with v_t along the deformed axis and v_n across it, and a_n across it of the acceleration: the flow is uniform and steady
-    where there is an added mass
+    with v_t along the section's x axis, the normal of the deformed cross-section, v_n across it, and a_n across it of the
+    acceleration: the flow is uniform and steady where there is an added mass. The axis of the beam leaves that normal by the
+    shear strain, an angle that is small unless the beam is soft in shear; so much of v_t counts as v_n, and the other way round
 
     density   (...) kg/m^3 of the fluid;  diameter (...) m: width across the flow, pi d the wetted circumference
     normal, tangential  (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and 0.4 above the drag crisis
