@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
@@ -21,6 +20,7 @@ from ..core.functions_of_time import within_dual_numbers
 from ..core.leaves import constant
 from ..core.status import FAILED, STATUS
 from ..core.validation import as_tensor, concrete, increasing, shown
+from ..core.warning import warn
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..nodal.rates import Rates
@@ -127,7 +127,7 @@ def simulate(
     if mixed:
         return _judged(simulate_mixed(scene, t, form, initial, method, inputs=inputs, **options), throw)
     made = _adaptive if controlled else _implicit if implicit else _explicit
-    return _judged(made(scene, t, initial, method, inputs, **options), throw, warn=implicit)
+    return _judged(made(scene, t, initial, method, inputs, **options), throw, warned=implicit)
 
 
 def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -193,7 +193,8 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
             states, state, count = carry_out(*span, state)
         parts += states
         iterations.append(count)
-    stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=stepper.failures.reasons())
+    stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=stepper.failures.reasons(),
+                  engine=stepper.engine)
     states = ReducedStates(tuple(parts), stepper.model.space)
     return Solution(t, states, partial(_energy, stepper.model, states, t, inputs), stats)
 
@@ -224,7 +225,7 @@ def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, input
     lengths, level = made.steps.sequence.instants.diff(dim=0), made.proof.level
     stats = Stats(steps=int((made.steps.sequence.counts * 2**level).max()), lengths=lengths, level=level,
                   rejected=made.steps.rejected, error=made.proof.error * tolerance.position,
-                  reason=stepper.failures.reasons())
+                  reason=stepper.failures.reasons(), engine=stepper.engine)
     return Solution(t, made.states, partial(_energy, stepper.model, made.states, t, inputs), stats, made.event)
 
 
@@ -253,9 +254,9 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
         trajectory, lost = stopped(rates.model, trajectory, partial(_energy, rates.model, trajectory, instants, inputs))
         if number := int(concrete(lost).sum()):
             reason = {FAILED: f"{method} {SENTENCE}; {ADVICE}"}
-            warnings.warn(f"{reason[FAILED]} ({number} of {lost.numel()} samples)", RuntimeWarning, stacklevel=3)
+            warn(f"{reason[FAILED]} ({number} of {lost.numel()} samples)")
     energy = partial(_energy, rates.model, trajectory, instants, inputs)
-    return Solution(t, trajectory, energy, Stats(evaluations=evaluations, reason=reason))
+    return Solution(t, trajectory, energy, Stats(evaluations=evaluations, reason=reason, engine="eager"))
 
 
 def _begin(model: Model, initial: State | None, t: Tensor) -> State:
@@ -284,7 +285,7 @@ def _energy(model: Model, states: State | ReducedStates, t: Iterable[Tensor], in
     return Energy(kinetic, torch.stack(strain), work)
 
 
-def _judged(solution: Solution, throw: bool, warn: bool = False) -> Solution:
+def _judged(solution: Solution, throw: bool, warned: bool = False) -> Solution:
     """The solution, with a sentence on every kind of failure in its stats; raised, or warned of where the solver has not."""
     status, steps = (concrete(x) for x in (solution.status, (solution.states.status == 0).sum(0)))
     for code in sorted(set(status.flatten().tolist()) - {0}):
@@ -297,6 +298,6 @@ def _judged(solution: Solution, throw: bool, warn: bool = False) -> Solution:
         solution.stats.reason[code] = sentence
         if throw:
             raise RuntimeError(sentence)
-        if warn:
-            warnings.warn(sentence, RuntimeWarning, stacklevel=3)
+        if warned:
+            warn(sentence)
     return solution
