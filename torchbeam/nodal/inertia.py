@@ -35,9 +35,9 @@ from .quadrature import gregory, too_uneven, trapezoidal
 from .rotary import NoRotaryInertia, RotaryInertia
 
 NEGATIVE = 1e-5  # of a beam's largest nodal mass, or inertia about an axis: what rounding may leave of none
-UNEVEN = ("linked interpolation was given elements whose lengths or masses jump by so much that mass and loads along the beam "
-          "are lumped half and half: frequencies are then less accurate than without it; lengths of neighbours within a factor of "
-          "1.5 are wanted")
+UNEVEN = ("linked interpolation was given elements whose lengths or masses jump by so much that mass and loads along the "
+          "beam are lumped half and half: frequencies are then less accurate than without it; lengths of neighbours within a "
+          "factor of 1.5 are wanted")
 
 
 class Momenta(NamedTuple):
