@@ -32,6 +32,8 @@ def fits(way: str, kind: str, name: str) -> bool:
         return False
     if way in (*MIXED, "nodal rk4") and (name in ("rigid", "without rotary inertia") or (held and moved)):
         return False
+    if way in MIXED and name == "linked":
+        return False
     return not (way == "block_rate" and name.startswith(("Damping", "rayleigh")))
 
 

@@ -9,7 +9,17 @@ from typing import Any, NamedTuple
 
 import torch
 from gradient_cases import EXPLICIT, UNSTABLE, Case, Unsolved
-from metamorphic_similarity import ENERGY, INSTANT, ONE, PLACE, VELOCITY, Quantity, Similarity, input_quantities, quantities
+from metamorphic_similarity import (
+    ENERGY,
+    INSTANT,
+    ONE,
+    PLACE,
+    VELOCITY,
+    Quantity,
+    Similarity,
+    input_quantities,
+    quantities,
+)
 from torch import Tensor
 from torch._C._functorch import is_batchedtensor
 
@@ -23,8 +33,8 @@ Found = dict[str, tuple[Quantity, Tensor]]
 
 @dataclass(frozen=True)
 class Problem:
-    """parts of a scene by name; instants t (time,) of a motion, or () of what stands; inputs by name; where it starts (None = at
-    rest); the longest step and what is a second here, s.
+    """parts of a scene by name; instants t (time,) of a motion, or () of what stands; inputs by name; where it starts (None =
+    at rest); the longest step and what is a second here, s.
     """
 
     parts: dict[str, Any]
@@ -78,7 +88,8 @@ def motion(p: Problem, method: str, form: str = "nodal", **options: Any) -> Foun
     solution = tb.simulate(p.scene, p.t, p.start, method, form=form, inputs=p.inputs, **with_step, **tolerance, **options)
     if form != "nodal":
         solved(solution, solution.tip.velocity)
-        return {"nodes": (PLACE, solution.nodes[1:]), "tip velocity": (VELOCITY, solution.tip.velocity[1:])} | energies(solution)
+        found = {"nodes": (PLACE, solution.nodes[1:]), "tip velocity": (VELOCITY, solution.tip.velocity[1:])}
+        return found | energies(solution)
     return states("motion", solution.state[1:]) | energies(solution)
 
 
@@ -91,7 +102,8 @@ def sensors(p: Problem, method: str = "midpoint") -> Found:
     every += [(s.TipPosition(), PLACE), (s.NodeVelocity(1), VELOCITY), (s.Spin(-1), Quantity(0, 0, -1, "own axial"))]
     if p.scene.beam.order == 1:
         beam = p.scene
-        every += [(s.Strain(element=0, beam=beam), strain), (s.Curvature(element=-1, beam=beam), Quantity(0, -1, 0, "own axial")),
+        every += [(s.Strain(element=0, beam=beam), strain),
+                  (s.Curvature(element=-1, beam=beam), Quantity(0, -1, 0, "own axial")),
                   (s.Stress(0.4 * p.scene.beam.length.sum(-1), beam=beam), Quantity(kind="own wrench"))]
     t = p.t.detach()
     times = torch.stack((t[1], 0.3 * t[0] + 0.7 * t[1], t[-1]))
@@ -142,11 +154,6 @@ def path(p: Problem) -> Found:
     if found.state.status.any() or not found.reached.all():
         raise Unsolved
     return {"factor": (ONE, found.factor)} | states("path", found.state)
-
-
-def _spectrum(values: Tensor) -> Tensor:
-    """Symmetric functions of eigenvalues, which have no order: sums of powers of those on a disc of size one."""
-    return torch.stack([(values**k).sum(-1) for k in (1, 2, 3)], -1)
 
 
 def modes(p: Problem) -> Found:

@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import torch
-from gradient_cases import Case, Spec, is_refusal
+from gradient_cases import Case, Spec, Unsolved, is_refusal
 from gradient_fuzz import NO_SOLUTION, Fuzz
 from metamorphic_answers import ANSWERS
-from metamorphic_relations import RELATIONS, VALUES_ONLY, NotHere, Said, Unsolved, engine
+from metamorphic_parts import NotHere
+from metamorphic_relations import RELATIONS, VALUES_ONLY
+from metamorphic_said import Said, engine
 
 VALUE, GRADIENT = 1e-8, 1e-6  # of the largest: both solve to 1e-12 of the forces, of which stiff scenes make more
 CONTROLLED = 1e-6  # of values with adaptive steps, whose lengths are found to the precision of their errors
@@ -80,14 +82,17 @@ def _slopes(blocks: dict, like: dict, x: dict) -> dict:
         if like[name].numel():
             w = torch.randn(like[name].shape, generator=draw)
             total = total + (w * blocks[name]).sum() / like[name].detach().square().mean().sqrt().clamp(min=1e-3)
-    found = torch.autograd.grad(total, list(x.values()), allow_unused=True, retain_graph=True) if total.requires_grad else [None] * len(x)
+    found = [None] * len(x)
+    if total.requires_grad:
+        found = torch.autograd.grad(total, list(x.values()), allow_unused=True, retain_graph=True)
     return {n: torch.zeros_like(v) if g is None else g for (n, v), g in zip(x.items(), found, strict=True)}
 
 
 class Metamorphic:
-    """A run: rows, failures (what, how), refused by sentence, and how often each relation, answer and ingredient was compared."""
+    """A run: rows, failures (what, how), refused by sentence, and how often each relation, answer, ingredient was compared."""
 
-    def __init__(self, seed: int, relations: tuple[str, ...] = tuple(RELATIONS), engines: tuple[str, ...] = ("eager",)) -> None:
+    def __init__(self, seed: int, relations: tuple[str, ...] = tuple(RELATIONS),
+                 engines: tuple[str, ...] = ("eager",)) -> None:
         self.source, self.seed = Fuzz(seed), seed
         self.relations, self.engines = relations, engines
         self.rows: list[Row] = []
@@ -107,12 +112,12 @@ class Metamorphic:
         relations = sorted(self.relations, key=lambda r: (self.pairs[answer, r] + self.covered[r] / 4))
         return spec, answer, relations
 
-    def run(self, cases: int, each: int = 3, seconds: float = float("inf"), report: bool = False, gradient: bool = True) -> None:
-        """So many scenes, some relations of each."""
+    def run(self, cases: int, each: int = 3, seconds: float = float("inf"), report: bool = False) -> None:
+        """So many scenes, some relations of each; of every third the derivatives."""
         begin, done = time.process_time(), 0
         while done < cases and time.process_time() - begin < seconds:
             spec, answer, relations = self._next()
-            of, by = said(spec, answer, gradient and done % 3 == 0), self.engines[done % len(self.engines)]
+            of, by = said(spec, answer, done % 3 == 0), self.engines[done % len(self.engines)]
             held, done = 0, done + 1
             if self._tried(lambda of=of: of.plain, (spec, answer, "plain", by), by) is None:
                 continue
