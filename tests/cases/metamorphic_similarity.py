@@ -128,7 +128,7 @@ class Similarity:
         if x is None:
             return None
         if not isinstance(x, Tensor):
-            return self.value(q, torch.astensor(np.asarray(x), dtype=torch.float64)).tolist()
+            return self.value(q, torch.as_tensor(np.asarray(x), dtype=torch.float64)).tolist()
         if q.kind == "number":
             return self.size(q) * x
         if q.kind == "instant":
@@ -220,7 +220,7 @@ def tensor(value: Any) -> Tensor | None:
     """What a user's function returned: a tensor, or a sequence of components."""
     if value is None or isinstance(value, Tensor):
         return value
-    return torch.stack(torch.broadcast_tensors(*(torch.astensor(v, dtype=torch.float64) for v in value)), -1)
+    return torch.stack(torch.broadcast_tensors(*(torch.as_tensor(v, dtype=torch.float64) for v in value)), -1)
 
 
 def input_quantities(effects: Any) -> dict[str, Quantity]:

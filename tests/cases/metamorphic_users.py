@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import torch
 from metamorphic_parts import NotHere, Parts, each
 from metamorphic_similarity import quantities, tensor
@@ -22,7 +21,7 @@ def _inputs(of: Any) -> dict[str, int]:
 def _at(value: Any, t: Tensor, named: dict[str, Tensor]) -> Tensor | None:
     if isinstance(value, tb.Input):
         return named[value.name]
-    return None if value is None else tensor(value(t)) if callable(value) else torch.astensor(value)
+    return None if value is None else tensor(value(t)) if callable(value) else torch.as_tensor(value)
 
 
 def _user_given(e: Any, parts: Parts) -> Any:
@@ -68,7 +67,7 @@ def _user_gravity(e: Any, parts: Parts) -> Any:
 
 def _user_mass_damping(e: Any, parts: Parts) -> Any:
     _plain_mass(parts)
-    m, J, alpha = parts["beam"].mass[..., 0, 0, 0], parts["beam"].mass[..., 0, 3:, 3:], torch.astensor(e.alpha)
+    m, J, alpha = parts["beam"].mass[..., 0, 0, 0], parts["beam"].mass[..., 0, 3:, 3:], torch.as_tensor(e.alpha)
 
     def function(position, rotation, velocity, spin, t):
         back = J[..., None, :, :] @ (rotation.mT @ spin[..., None])
@@ -77,11 +76,11 @@ def _user_mass_damping(e: Any, parts: Parts) -> Any:
 
 
 def _user_drag(e: Any, parts: Parts) -> Any:
-    if isinstance(e.added_mass, Tensor) or np.any(e.added_mass):
+    if e.added_mass is not None:
         raise NotHere
     if e.flow is not None and not callable(e.flow):
         _inertial(parts)
-    rho, d, normal, tangential = (torch.astensor(v)[..., None, None] for v in (e.density, e.diameter, e.normal, e.tangential))
+    rho, d, normal, tangential = (torch.as_tensor(v)[..., None, None] for v in (e.density, e.diameter, e.normal, e.tangential))
 
     def size(v):
         return torch.where((s := v.square().sum(-1, keepdim=True)) > 0, s, torch.ones_like(s)).sqrt() * (s > 0)
@@ -89,7 +88,7 @@ def _user_drag(e: Any, parts: Parts) -> Any:
     def function(position, rotation, velocity, spin, t):
         v = velocity
         if e.flow is not None:
-            v = v - (tensor(e.flow(position, t)) if callable(e.flow) else torch.astensor(e.flow)[..., None, :])
+            v = v - (tensor(e.flow(position, t)) if callable(e.flow) else torch.as_tensor(e.flow)[..., None, :])
         axis = rotation[..., :, 0]
         along = (v * axis).sum(-1, keepdim=True) * axis
         across = v - along
@@ -100,7 +99,7 @@ def _user_drag(e: Any, parts: Parts) -> Any:
 def _user_spring(e: Any, parts: Parts) -> Any:
     if e.damped and (parts["frame"] is not None or callable(e.to)):
         raise NotHere
-    k, length, c = (torch.astensor(v)[..., None] for v in (e.stiffness, e.length, e.damping))
+    k, length, c = (torch.as_tensor(0.0 if v is None else v)[..., None] for v in (e.stiffness, e.length, e.damping))
 
     def function(position, rotation, velocity, spin, t, **named):
         d = position - _at(e.to, t, named)
@@ -142,7 +141,7 @@ def nodal_loads(parts: Parts) -> Parts:
         if value is None or isinstance(value, tb.Input | tb.PerElement | tb.Along):
             raise NotHere
         return (lambda t: share_of[..., n, None] * tensor(value(t))) if callable(value) else (
-            share_of[..., n, None] * torch.astensor(value))
+            share_of[..., n, None] * torch.as_tensor(value))
 
     found = []
     for e in parts["effects"]:

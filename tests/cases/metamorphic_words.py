@@ -95,21 +95,21 @@ def _valued(change: Callable[[Any], Any], only: tuple[str, ...] = MAY_BE_FUNCTIO
 def _function(value: Any) -> Any:
     if callable(value) or isinstance(value, tb.Input | tb.PerElement):
         return value
-    held = torch.astensor(value)
+    held = torch.as_tensor(value)
     return lambda t: held
 
 
 def _history(value: Any) -> Any:
     if callable(value) or isinstance(value, tb.Input | tb.PerElement):
         return value
-    held = torch.astensor(value)
+    held = torch.as_tensor(value)
     return tb.History(torch.tensor([-1e3, 0.2, 1e3]), torch.stack((held, held, held), -2))
 
 
 def _tuple(value: Any) -> Any:
     if callable(value) or isinstance(value, tb.Input | tb.PerElement):
         return value
-    held = torch.astensor(value)
+    held = torch.as_tensor(value)
     return lambda t: (held[..., 0], held[..., 1], held[..., 2])
 
 
@@ -123,7 +123,7 @@ def _along(of: Any) -> Any:
             return tb.Along(lambda s, t: tensor(value(t))[..., None, :] + 0 * s[..., None])
         if callable(value) or isinstance(value, tb.Input | tb.PerElement | tb.Along):
             return value
-        held = torch.astensor(value)
+        held = torch.as_tensor(value)
         return tb.Along(lambda s, t: held[..., None, :] + 0 * s[..., None])
     return _valued(along)(of)
 
@@ -135,7 +135,7 @@ def _per_element(parts: Parts) -> Parts:
         N = parts["beam"].element_count
         if callable(value):
             return tb.PerElement(lambda t: tensor(value(t))[..., None, :].expand(*tensor(value(t)).shape[:-1], N, 3))
-        held = torch.astensor(value)
+        held = torch.as_tensor(value)
         return tb.PerElement(held[..., None, :].expand(*held.shape[:-1], N, 3))
     return each(lambda e: _valued(of_each)(e) if isinstance(e, tb.LineLoad | tb.Actuation) else e)(parts)
 

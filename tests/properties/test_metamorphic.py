@@ -89,15 +89,15 @@ HERE = tuple(r for r in RELATIONS if r not in ("engines", "again", "threads", "v
 
 @pytest.mark.parametrize("name", SCENES)
 def test_scenes_said_twice(name):
-    """Each relation that says something about a scene, values and derivatives."""
-    fuzz = Metamorphic(SEEDED)
-    of = said(SCENES[name], "midpoint")
-    for relation in HERE:
+    """Each relation that says something about a scene; derivatives, and effects of zero, of the first."""
+    fuzz, first = Metamorphic(SEEDED), name == "loads"
+    of = said(SCENES[name], "midpoint", gradient=first)
+    for relation in HERE if first else [r for r in HERE if not r.startswith("words: no ")]:
         row = fuzz._tried(lambda r=relation: compare(of, r), (SCENES[name], "midpoint", relation, "eager"), "eager")
         if row is not None:
             fuzz._take(row, report=False)
     assert not fuzz.failures
-    assert len(fuzz.rows) > 15
+    assert len(fuzz.rows) > 10
 
 
 @pytest.mark.parametrize("holder", [r for r in RELATIONS if r.startswith("numbers")])
