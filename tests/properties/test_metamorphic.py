@@ -87,7 +87,7 @@ SCENES = {  # what random scenes draw seldom: one of each, by hand
 HERE = tuple(r for r in RELATIONS if r not in ("engines", "again", "threads", "vmap", "dual") and not r.startswith("numbers"))
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [*list(SCENES)[:4], pytest.param("linked", marks=pytest.mark.long)])
 def test_scenes_said_twice(name):
     """Each relation that says something about a scene; derivatives, and effects of zero, of the first."""
     fuzz, first = Metamorphic(SEEDED), name == "loads"
@@ -100,7 +100,11 @@ def test_scenes_said_twice(name):
     assert len(fuzz.rows) > 10
 
 
-@pytest.mark.parametrize("holder", [r for r in RELATIONS if r.startswith("numbers")])
+SHORT = ("numbers: closure", "numbers: default", "numbers: object", "numbers: module")
+
+
+@pytest.mark.parametrize("holder", [*SHORT, *(pytest.param(r, marks=pytest.mark.long) for r in RELATIONS
+                                              if r.startswith("numbers") and r not in SHORT)])
 def test_a_second_scene_of_the_same_code_has_its_own_numbers(holder):
     """Native code made for functions with one number serves those with another, wherever users keep it: in a closure, a
     default, a partial, an object, a list, a module.
