@@ -11,11 +11,11 @@ from torch import Tensor
 
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import leaf
-from ...core.validation import Value
+from ...core.validation import Value, present
 from ...math.quaternions import skew
 from ...math.shapes import broadcast_shapes
 from .load_point import ACCELERATION, POSITION, ROTATION, VELOCITY, Load, LoadPoint, Wrench, jacobians
-from .values import Input, Inputs, load_value, parameter, present
+from .values import Input, Inputs, load_value, parameter
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,14 @@ from torch.nn.functional import pad
 
 from ...core.functions_of_time import taken, with_user_rate
 from ...core.leaves import FunctionOfTime, leaf
-from ...core.validation import Value, as_tensor, axis_last, common_dtype, has_dtype, numbers
+from ...core.validation import Value, as_tensor, axis_last, common_dtype, has_dtype, numbers, present
 from ...math import quaternions as quat
 from ...math.quaternions import skew
 from ...math.shapes import broadcast_shapes
 from .drag import norm, outer
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, Load, LoadPoint, Pose, Wrench
 from .loads import whole_node
-from .values import Inputs, load_value, parameter, plain, present, value_at
+from .values import Inputs, load_value, parameter, plain, value_at
 
 
 @dataclass(frozen=True)

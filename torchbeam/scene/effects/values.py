@@ -262,8 +262,3 @@ def parameter(name: str, value: Value, *, zero: bool = True) -> Tensor | np.ndar
     value = plain(value)
     positive(name, torch.as_tensor(value), zero=zero)
     return value
-
-
-def present(value: Tensor | np.ndarray) -> bool:
-    """Whether a parameter is present: any tensor, and any number but 0."""
-    return isinstance(value, Tensor) or bool(value.any())
