@@ -106,7 +106,7 @@ class ChainSolve(torch.autograd.Function):
     @staticmethod
     def backward(ctx, grad: Tensor):
         D, L, U, b = ctx.saved_tensors
-        with torch.no_grad():
+        with torch.no_grad(), torch.autocast(grad.device.type, enabled=False):  # backward may be called where autocast is on
             g = block_tridiagonal(D.mT, U.mT, L.mT, grad).sum_to_size(b.shape)
         return None, None, None, _FirstOnly.apply(g, grad, b) if torch.is_grad_enabled() else g
 

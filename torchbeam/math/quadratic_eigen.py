@@ -272,7 +272,8 @@ class _Shape(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, grad: Tensor):
-        return _Shape._solve(ctx.saved_tensors, grad, True), *[None] * 7
+        with torch.autocast(grad.device.type, enabled=False):  # it may be on where backward is called
+            return _Shape._solve(ctx.saved_tensors, grad, True), *[None] * 7
 
     @staticmethod
     def jvp(ctx, tangent: Tensor, *_):

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from ...core.entry_point import without_autocast
 from .call import Call, Chain, Field, like, made_like
 from .chain_constants import flattened
 from .native import NativeProgram
@@ -137,4 +138,5 @@ class Differentiated(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
         saved, count = ctx.saved_tensors, len(grads)
-        return None, None, None, *ctx.adjoint.cotangents(saved[:count], saved[count:2 * count], grads)
+        with without_autocast():  # it may be on where backward is called
+            return None, None, None, *ctx.adjoint.cotangents(saved[:count], saved[count:2 * count], grads)
