@@ -189,7 +189,8 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
             states, state, count = carry_out(*span, state)
         parts += states
         iterations.append(count)
-    stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=stepper.failures.reasons())
+    stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=stepper.failures.reasons(),
+                  engine=stepper.engine)
     states = ReducedStates(tuple(parts), stepper.model.space)
     return Solution(t, states, partial(_energy, stepper.model, states, t, inputs), stats)
 
@@ -220,7 +221,7 @@ def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, input
     lengths, level = made.steps.sequence.instants.diff(dim=0), made.proof.level
     stats = Stats(steps=int((made.steps.sequence.counts * 2**level).max()), lengths=lengths, level=level,
                   rejected=made.steps.rejected, error=made.proof.error * tolerance.position,
-                  reason=stepper.failures.reasons())
+                  reason=stepper.failures.reasons(), engine=stepper.engine)
     return Solution(t, made.states, partial(_energy, stepper.model, made.states, t, inputs), stats, made.event)
 
 
@@ -251,7 +252,7 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
             reason = {FAILED: f"{method} {SENTENCE}; {ADVICE}"}
             warn(f"{reason[FAILED]} ({number} of {lost.numel()} samples)")
     energy = partial(_energy, rates.model, trajectory, instants, inputs)
-    return Solution(t, trajectory, energy, Stats(evaluations=evaluations, reason=reason))
+    return Solution(t, trajectory, energy, Stats(evaluations=evaluations, reason=reason, engine="eager"))
 
 
 def _begin(model: Model, initial: State | None, t: Tensor) -> State:

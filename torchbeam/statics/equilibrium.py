@@ -56,7 +56,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     engine     "eager": torch operations. "compiled": the load is raised by native code, many samples at once on the CPU
                (llvmlite, the extra `fast`), the same answers up to rounding; what follows (gradients, `branch`) is eager.
                "auto": compiled for many samples (32,768 and more, times elements; all those of a run of `monte_carlo` count)
-               where llvmlite is installed and the scene is taken, but for functions of the motion; else eager
+               where llvmlite is installed and the scene is taken; else eager, of which a SlowPathWarning tells
                (TORCHBEAM_ENGINE in the environment says otherwise)
     inputs     by name, (..., size): by keyword, or all in a dictionary inputs={...}
 
