@@ -146,6 +146,9 @@ CASES = {
         scale=1e-2),
     "Beam.from_nodes nodes": Case(lambda x: scene(beam=tb.Beam.from_nodes(
         torch.tensor([[0.0, 0, 0], [0.3, 0, 0], [0.6, 0, 0]]) + free_nodes(x), section())), 3, scale=1e-2),
+    "Beam.from_nodes up": Case(lambda x: scene(beam=tb.Beam.from_nodes(
+        torch.tensor([[0.0, 0, 0], [0.3, 0, 0], [0.6, 0, 0]]), section(),
+        up=torch.stack((x[..., 0], x[..., 1], 1 + 0 * x[..., 0]), -1))), 2, scale=1e-2),
     "Beam.from_nodes nodes, order 2": Case(lambda x: scene(beam=tb.Beam.from_nodes(
         torch.linspace(0, 0.6, 5)[:, None] * torch.eye(3)[0] + x[..., None, :] * torch.linspace(0, 1, 5)[:, None] ** 2,
         section(), order=2)), 3, scale=2e-3),

@@ -44,7 +44,8 @@ UNRELAXED = "the damped run came to no rest; its loads may drive it on"
 def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, tolerance: float | None = None,
                 throw: bool = True, branch: str = "first", relax: bool = False, engine: str = "auto", **inputs: Any
                 ) -> State:
-    """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which stands as at t = 0.
+    """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which stands
+    as it does at t (its axes are the inertial ones at t = 0).
 
     initial    where to start, at no load; None = the undeformed beam. What supports hold is put where they have it
     tolerance  of the scaled residual, which is measured before the last update; default 1e-8 in float64

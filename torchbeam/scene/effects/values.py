@@ -262,3 +262,11 @@ def parameter(name: str, value: Value, *, zero: bool = True) -> Tensor | np.ndar
     value = plain(value)
     positive(name, torch.as_tensor(value), zero=zero)
     return value
+
+
+def optional(name: str, value: Value | None) -> Tensor | np.ndarray | None:
+    """The same, or None where it is absent: not given, or the plain number 0. A tensor is always there. (None stays None where
+    an effect that a scene has bound to tensors is made again by `dataclasses.replace`; a 0 would have become a tensor.)
+    """
+    value = None if value is None else parameter(name, value)
+    return value if isinstance(value, Tensor) or (value is not None and value.any()) else None

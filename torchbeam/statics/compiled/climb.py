@@ -106,7 +106,7 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
     if functorch.peek_interpreter_stack() is not None:
         return None
     constants = Constants(model, steps=False)
-    nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs)
+    nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
     trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
     kinds = _kinds(model, constants)
     around = NOTHING if around is None and not by_function(model) else around
