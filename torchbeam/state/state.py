@@ -159,9 +159,9 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     shape = broadcast("a scene and t", scene.batch_shape, time.shape)
     if batch_shape is not None:
         wanted = batch("batch_shape", batch_shape)
-        if broadcast("batch_shape and a scene", wanted, shape) != wanted:
-            raise ValueError(f"batch_shape = {tuple(wanted)} was given for a scene and t of shape {tuple(shape)}; one that "
-                             "has these axes is wanted")
+        if broadcast("batch_shape and t", wanted, time.shape) != wanted:
+            raise ValueError(f"batch_shape = {tuple(wanted)} was given for t of shape {tuple(time.shape)}; one that has its axes "
+                             "is wanted")
         shape = wanted
     state = State(
         position=beam.nodes.expand(*shape, nodes, 3),
