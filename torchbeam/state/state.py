@@ -160,7 +160,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     if batch_shape is not None:
         wanted = batch("batch_shape", batch_shape)
         if broadcast("batch_shape and t", wanted, time.shape) != wanted:
-            raise ValueError(f"batch_shape = {tuple(wanted)} was given for t of shape {tuple(time.shape)}; one that has its axes "
+            raise ValueError(f"batch_shape = {tuple(wanted)} was given for t of shape {tuple(time.shape)}; one with its axes "
                              "is wanted")
         shape = wanted
     state = State(
