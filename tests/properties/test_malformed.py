@@ -53,7 +53,8 @@ def answers(call, wrong):
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("call", CALLS)
-def test_what_an_argument_cannot_be_is_refused(call, capsys):
+def test_what_an_argument_cannot_be_is_refused(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # folders of results may have any name
     function, given = CALLS[call]
     function(**given)  # the call as such is a good one
     assert not (found := [*answers(call, WRONG)]), "\n".join(found)
@@ -62,7 +63,8 @@ def test_what_an_argument_cannot_be_is_refused(call, capsys):
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("call", CALLS)
-def test_what_an_argument_may_not_be_is_refused(call, capsys):
+def test_what_an_argument_may_not_be_is_refused(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     assert not (found := [*answers(call, MORE)]), "\n".join(found)
 
 
