@@ -62,7 +62,7 @@ def why_not_traced(model: Model, method: str, **options: Any) -> str | None:
     own = by_function(model)
     try:
         if own:
-            CompiledStep(model, method, around=_known(own), **options)
+            CompiledStep(model, method, around=known(own), **options)
     except Exception as reason:
         return f"{own[0].called} by a function of the motion: {reason}"
     return None
@@ -86,7 +86,7 @@ def surroundings(loads: list[Any]) -> Surroundings:
     return Surroundings(reads)
 
 
-def _known(loads: list[Any]) -> Surroundings | None:
+def known(loads: list[Any]) -> Surroundings | None:
     """The same; None where that is not known."""
     try:
         return surroundings(loads)
@@ -106,7 +106,7 @@ def compiled_step(model: Model, method: str, **options: Any) -> CompiledStep:
         reason = MISSING
     try:
         if reason is None:
-            return CompiledStep(model, method, around=_known(by_function(model)), **options)
+            return CompiledStep(model, method, around=known(by_function(model)), **options)
     except NotTraceable as error:
         reason = str(error)
     raise ValueError(f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does")

@@ -16,6 +16,7 @@ from ...core.surroundings import Surroundings
 from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...scene.effects import Inputs
+from ...solvers.compiled.trace import NotTraceable
 from ...state.state import State
 from .alpha_functions import AlphaFunctions
 from .call import Call, Chain, Field, like, made_like
@@ -71,7 +72,8 @@ class CompiledStep:
         functions_of = FUNCTIONS[method, conserve]
         self.model, self.batch = model, model.scene.batch_shape
         self._options = {"method": method, "conserve": conserve, **options}
-        self.constants = Constants(model, instant=functions_of.INSTANT)
+        captured = () if around is None else around.inputs
+        self.constants = Constants(model, instant=functions_of.INSTANT, captured=captured)
         length = model.length
         nothing = {name: length.new_zeros(size) for name, size in model.scene.inputs.items()}
         dt = length.new_full((), TRIED)
@@ -84,6 +86,8 @@ class CompiledStep:
         self.kinds = Kinds.of(node_kinds(model, self.constants.loads), model.scene.beam.order)
         self.local = functions_of(model, *self.trees, **options)
         self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), self.around)
+        if self.around is not None and not self.around.unchanged():
+            raise NotTraceable("a function of the motion writes to what it reads; one without memory is wanted")
         self.chain = Chain(self.program, model, self.kinds)
         samples = self.program.sample_state
         self.state = state_fields(self.program)
@@ -143,7 +147,7 @@ class CompiledStep:
         given = [values[name] for _, name in self.changing]
         if forward_ad._current_level >= 0 and any(forward_ad.unpack_dual(x).tangent is not None for x in given):
             return None
-        if recorded and self.function and wants_gradient(*self.constants.closures(values)):
+        if recorded and self.function and self.around is None and wants_gradient(*self.constants.closures(values)):
             return None
         held = [*given, *(one.value for one in self.constant), *states] if recorded else []
         wanted = [k for k, x in enumerate(held) if x.requires_grad]

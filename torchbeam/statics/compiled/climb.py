@@ -15,7 +15,7 @@ from ...core.validation import broadcast
 from ...dynamics.compiled.call import Call, Chain, Field
 from ...dynamics.compiled.constants import Constants
 from ...dynamics.compiled.cotangents import constant_fields
-from ...dynamics.compiled.coverage import MISSING, by_function, given_up, meaning
+from ...dynamics.compiled.coverage import MISSING, by_function, given_up, known, meaning
 from ...dynamics.compiled.kinds import Kinds, node_kinds
 from ...dynamics.compiled.native import NotCompiled
 from ...dynamics.compiled.program import NOTHING, program_of
@@ -72,14 +72,16 @@ def climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: 
 def automatic_climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool
                     ) -> Climbed | None:
     """The same where "auto" takes native code: for many samples of what it takes, those of all calls of a run, but for
-    functions of the motion. What fails in the compiler is warned of; None where it is to be done eagerly.
+    functions of the motion that read what may change unnoticed. What fails in the compiler is warned of; None where it is to be done eagerly.
     """
     if meaning() == "compiled":
         return climb(model, t, inputs, x, tolerance, judged)
     samples = broadcast("a scene, a start and inputs", model.scene.batch_shape, *(v.shape[:-2] for v in x),
                         *(v.shape[:-1] for v in inputs.values())).numel()
     samples *= repetitions()
-    if meaning() == "eager" or samples * model.count < WORTH or by_function(model) or refusal(model) is not None:
+    if meaning() == "eager" or samples * model.count < WORTH or refusal(model) is not None:
+        return None
+    if known(by_function(model)) is None:
         return None
     try:
         return _climbed(model, t, inputs, x, tolerance, judged, None)
@@ -95,11 +97,12 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
              lanes: int | None) -> Climbed | None:
     if functorch.peek_interpreter_stack() is not None:
         return None
-    constants = Constants(model, steps=False)
+    own = by_function(model)
+    around = known(own) if own else NOTHING
+    constants = Constants(model, steps=False, captured=() if around is None else around.inputs)
     nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs)
     trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
     kinds = _kinds(model, constants)
-    around = None if by_function(model) else NOTHING
     program = program_of(SteadyFunctions(model, *trees), kinds, bool(model.constraints.nodes), around,
                          JudgedProgram if judged else LoadProgram)
     chain = Chain(program, model, kinds)
