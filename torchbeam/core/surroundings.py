@@ -36,8 +36,8 @@ ABSENT = object()
 SMALL = 64  # numbers of a tensor by which it is known
 LARGE = 4096  # numbers of an array of NumPy, that are looked at each time
 # what Python gives classes, and what only makes their objects
-MADE = {"__post_init__", "__setattr__", "__new__", "__init_subclass__", *vars(make_dataclass("Empty", (), frozen=True, order=True)),
-        *vars(namedtuple("Empty", ()))}
+MADE = {"__post_init__", "__setattr__", "__new__", "__init_subclass__",
+        *vars(make_dataclass("Empty", (), frozen=True, order=True)), *vars(namedtuple("Empty", ()))}
 
 Read = tuple[str, Callable[[], Any]]  # a name, and what gives what it stands for
 
@@ -137,7 +137,8 @@ class Surroundings:
             self._part(name, value.func)
             self._part(name, value.args)
             self._contents(name, value.keywords)
-        elif isinstance(value, types.FunctionType) and not (_of_package(value) or str(value.__module__).split(".")[0] == "numpy"):
+        elif isinstance(value, types.FunctionType) and not (
+                _of_package(value) or str(value.__module__).split(".")[0] == "numpy"):
             self._function(value.__name__, value)
         elif isinstance(value, types.MethodType):
             self._part(name, value.__self__)
@@ -265,7 +266,7 @@ def _frozen(value: Any) -> bool:
 
 
 def _followed(value: Any) -> bool:
-    """Whether it is a module of torch.nn, a user's Python module, or an object of a class that a user wrote, or that is frozen."""
+    """Whether it is a module of torch.nn, a user's Python module, or an object of a user's class, or of a frozen one."""
     if isinstance(value, types.ModuleType):
         name = value.__name__.split(".")[0]
         return name == "numpy" or name not in PACKAGES | sys.stdlib_module_names | {"__main__"}

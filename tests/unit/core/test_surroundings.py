@@ -115,9 +115,9 @@ def test_numbers_tensors_and_functions_are_steady(function):
 @pytest.mark.parametrize("function, said", [
     (counts, "'counted', which counts writes to"),
     (lambda x: random.random() * x, r"'random' \(a module\)"), (lambda x: time.time() * x, r"'time' \(a module\)"),
-    (lambda x: np.random.normal() * x, "normal"), (lambda x: np.load("file") * x, "'np.load'"),
+    (lambda x: np.random.normal() * x, "normal"), (lambda x: np.load("file") * x, "'np.load'"),  # noqa: NPY002
     (lambda x: contact.counted(x), "'count', which counted writes to"), (lambda x: contact.draw.normal(x), "'contact.draw'"),
-    (lambda x: getattr(contact, "push")(x), "'contact.draw'"),
+    (lambda x: getattr(contact, number)(x), "'contact.draw'"),
     (lambda x: print(x) or x, "'print'"),
     (lambda x: x + nowhere, "'nowhere'"),  # noqa: F821
     (closing(torch.ones(2).sum), r"'value' \(builtin_function_or_method\)"),

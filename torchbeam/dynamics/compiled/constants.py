@@ -198,10 +198,10 @@ class Constants:
         inputs = {name: values[f"input {name}"] for name in self.model.scene.inputs}
         frame = (values.get(name) for name in ("frame velocity", "frame angular_velocity", "frame"))
         supports = SupportConstants(*(values[f"held {name}"] for name in HELD)) if f"held {HELD[0]}" in values else None
+        common = Common(values["dt"], values["t"], common.loads, inputs, place, common.support, *frame, before[1],
+                        self.captured)
         return (replace(self.nodes, dead=nodes.dead, loads=nodes.loads, before=before[0]),
-                replace(self.elements, C=values["C"], eigenstrain=values.get("eigenstrain")),
-                Common(values["dt"], values["t"], common.loads, inputs, place, common.support, *frame, before[1], self.captured),
-                supports)
+                replace(self.elements, C=values["C"], eigenstrain=values.get("eigenstrain")), common, supports)
 
     def _load_trees(self, values: dict[str, Tensor], when: str = "") -> tuple[NodeLoads, CommonLoads]:
         rows = tuple(filled(row, lambda i, k=k: values[f"{when}row {k} {i}"]) for k, row in enumerate(self.rows))

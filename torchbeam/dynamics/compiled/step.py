@@ -108,7 +108,7 @@ class CompiledStep:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies, also in other processes, are made from the model."""
-        return partial(CompiledStep, **self._options), (self.model,)
+        return partial(_again, **self._options), (self.model,)
 
     def __call__(self, start: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, tolerance: float,
                  least: float, limit: int, K: int | None = None, lanes: int | None = None, repeat: int = 1,
@@ -147,7 +147,8 @@ class CompiledStep:
         given = [values[name] for _, name in self.changing]
         if forward_ad._current_level >= 0 and any(forward_ad.unpack_dual(x).tangent is not None for x in given):
             return None
-        if recorded and self.function and self.around is None and wants_gradient(*self.constants.closures(values)):
+        known = self.around is not None and forward_ad._current_level < 0  # what carries gradient is an input
+        if recorded and self.function and not known and wants_gradient(*self.constants.closures(values)):
             return None
         held = [*given, *(one.value for one in self.constant), *states] if recorded else []
         wanted = [k for k, x in enumerate(held) if x.requires_grad]
@@ -238,3 +239,9 @@ class CompiledStep:
         if names not in self._adjoints:
             self._adjoints[names] = Chain(adjoint_of(self.program, self.local, names), self.model, self.kinds)
         return self._adjoints[names]
+
+
+def _again(model: Model, **options: Any) -> CompiledStep:
+    from .coverage import by_function, known
+
+    return CompiledStep(model, around=known(by_function(model)), **options)

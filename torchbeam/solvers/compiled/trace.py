@@ -34,7 +34,7 @@ def trace(function: Callable[..., Any], inputs: dict[str, Tensor], captured: dic
     reading of, traced values, and for a constant that carries gradient, which would be lost. The graph is the same beside hooks
     on saved tensors (torch.utils.checkpoint), which the function does not see.
 
-    captured: by the names of inputs, tensors that the function reads beside its arguments, in whose place it reads these inputs.
+    captured: by the names of inputs, tensors that the function reads beside its arguments: it reads these inputs instead.
     """
     captured = captured or {}
     own, inputs = set(inputs), inputs | captured
@@ -140,7 +140,7 @@ class _Tracer(TorchDispatchMode):
         if torch.Tag.nondeterministic_seeded in func.tags:
             raise NotTraceable(f"random numbers were drawn by {func} at {line()}; numbers that are drawn before are wanted")
         if self.captured and any(memory(x) in self.captured for x in given):
-            raise NotTraceable(f"{func} at {line()} reads a parameter that something else shows as well; the parameter itself is "
+            raise NotTraceable(f"{func} at {line()} reads the memory of a parameter by another tensor; the parameter itself is "
                                "wanted")
         if name in FRESH or name in RESHAPED:
             return self._made(func(*args, **kwargs), () if name in FRESH else given)

@@ -72,7 +72,8 @@ def climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: 
 def automatic_climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool
                     ) -> Climbed | None:
     """The same where "auto" takes native code: for many samples of what it takes, those of all calls of a run, but for
-    functions of the motion that read what may change unnoticed. What fails in the compiler is warned of; None where it is to be done eagerly.
+    functions of the motion that read what may change unnoticed. What fails in the compiler is warned of; None where it is to be
+    done eagerly.
     """
     if meaning() == "compiled":
         return climb(model, t, inputs, x, tolerance, judged)

@@ -67,10 +67,12 @@ ARGUMENTS = {
     "log": ((np.concatenate((np.exp(DRAW.uniform(-740, 709, 500)), 1 + DRAW.uniform(-0.3, 0.42, 500))),), 1),
     "expm1": ((DRAW.normal(size=1000) * SIZES.clip(1e-5, 100),), 4),
     "log1p": ((np.concatenate((DRAW.uniform(-1, 1, 400) * SIZES[:400].clip(1e-5, 1), SIZES[400:])),), 4),
-    "sinh": ((DRAW.uniform(-1, 1, 1000) * SIZES.clip(1e-5, 100),), 4), "cosh": ((DRAW.normal(size=1000) * SIZES.clip(1e-5, 100),), 4),
+    "sinh": ((DRAW.uniform(-1, 1, 1000) * SIZES.clip(1e-5, 100),), 4),
+    "cosh": ((DRAW.normal(size=1000) * SIZES.clip(1e-5, 100),), 4),
     "asinh": ((DRAW.normal(size=1000) * SIZES,), 4), "acosh": ((1 + DRAW.uniform(0, 1, 1000) * SIZES,), 4),
     "atanh": ((DRAW.uniform(-1, 1, 1000) * SIZES.clip(1e-5, 1),), 4),
-    "erf": ((DRAW.normal(size=1000) * SIZES.clip(1e-5, 5),), 2), "erfc": ((DRAW.uniform(-1, 1, 1000) * SIZES.clip(1e-5, 25),), 8)}
+    "erf": ((DRAW.normal(size=1000) * SIZES.clip(1e-5, 5),), 2),
+    "erfc": ((DRAW.uniform(-1, 1, 1000) * SIZES.clip(1e-5, 25),), 8)}
 
 
 @pytest.mark.parametrize("name", ARGUMENTS)
