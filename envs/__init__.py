@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
+from torchbeam.core.entry_point import entry_point, entry_points
+
 from .actuators import Actuator, TipForce
 from .config import BeamEnvConfig
 from .core import BeamVectorEnv
@@ -35,11 +37,12 @@ __all__ = [
     "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv",
 ]
 LAZY = {"Sb3VecEnv": "sb3"}  # what wants an extra, by module
+entry_points(globals(), __all__)
 
 
 def __getattr__(name: str) -> Any:
     if name in LAZY:
-        return getattr(import_module(f".{LAZY[name]}", __name__), name)
+        return entry_point(getattr(import_module(f".{LAZY[name]}", __name__), name))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
-os.environ["TORCHBEAM_ENGINE"] = "eager"  # what "auto" means here: hundreds of scenes are not compiled for one step each
+os.environ.setdefault("TORCHBEAM_ENGINE", "eager")
 
 sys.path.insert(0, str(Path(__file__).parent / "cases"))  # what several tests draw on: nodal_cases, mixed_cases, gradient_cases
 

@@ -19,6 +19,8 @@ from .analysis.uncertainty.samples import Samples
 from .analysis.uncertainty.sobol_indices import SobolIndices, sobol_indices
 from .analysis.uncertainty.stream import Stream
 from .analysis.uncertainty.tornado import Tornado, tornado
+from .core.entry_point import entry_points
+from .core.warning import SlowPathWarning
 from .dynamics.explicit import ExplicitStepper
 from .dynamics.rollout import rollout
 from .dynamics.simulate import simulate
@@ -70,9 +72,11 @@ __all__ = [
     "Energy", "Estimate", "ExplicitStepper", "FieldFit", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad",
     "Linear", "Load", "MassDamping", "Measurement", "MixedState", "Modes", "MomentDerivatives", "PairedModes", "Parameter",
     "Path", "PerElement", "PerInterval", "PointLoad", "PointMass", "RareEvent", "RootMotion", "RootSpring", "Samples",
-    "Scene", "Section", "Smoothness", "SobolIndices", "Solution", "Spring", "State", "Stations", "Stats", "Stepper",
-    "Stream", "Support", "Table", "TipLoad", "Tornado", "advise", "block_rate", "consistent_state", "critical_load",
+    "Scene", "Section", "SlowPathWarning", "Smoothness", "SobolIndices", "Solution", "Spring", "State", "Stations", "Stats",
+    "Stepper", "Stream", "Support", "Table", "TipLoad", "Tornado", "advise", "block_rate", "consistent_state", "critical_load",
     "describe", "equilibrium", "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes",
     "moment_derivatives", "monte_carlo", "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event",
     "rayleigh", "rest", "rollout", "sensors", "simulate", "sobol_indices", "tornado",
 ]
+
+entry_points(globals(), __all__)

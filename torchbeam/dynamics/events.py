@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..core.batch_subset import BatchSubset
 from ..core.validation import concrete
+from ..math.first_derivative import Once
 from ..scene.prescribed_motion import PrescribedMotion
 from ..state.state import State
 from .dense_output import between
@@ -93,7 +94,7 @@ class Events:
                     break
             gap = 1e-4 * width
             rate = (value(at + gap) - value(at - gap)) / (2 * gap)
-        g = value(at)
+        g = Once.apply(value(at))
         at = at - torch.where(apart & (rate != 0), (g - g.detach()) / torch.where(rate != 0, rate, torch.ones_like(rate)), 0.0)
         return at, between(a, b, at, motion)
 

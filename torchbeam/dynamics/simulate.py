@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
@@ -20,6 +19,7 @@ from ..core.functions_of_time import within_dual_numbers
 from ..core.leaves import constant
 from ..core.status import FAILED, STATUS
 from ..core.validation import as_tensor, concrete, increasing, shown
+from ..core.warning import warn
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..nodal.rates import Rates
@@ -123,7 +123,7 @@ def simulate(
     if mixed:
         return _judged(simulate_mixed(scene, t, form, initial, method, inputs=inputs, **options), throw)
     made = _adaptive if controlled else _implicit if implicit else _explicit
-    return _judged(made(scene, t, initial, method, inputs, **options), throw, warn=implicit)
+    return _judged(made(scene, t, initial, method, inputs, **options), throw, warned=implicit)
 
 
 def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -249,7 +249,7 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
         trajectory, lost = stopped(rates.model, trajectory, partial(_energy, rates.model, trajectory, instants, inputs))
         if number := int(concrete(lost).sum()):
             reason = {FAILED: f"{method} {SENTENCE}; {ADVICE}"}
-            warnings.warn(f"{reason[FAILED]} ({number} of {lost.numel()} samples)", RuntimeWarning, stacklevel=3)
+            warn(f"{reason[FAILED]} ({number} of {lost.numel()} samples)")
     energy = partial(_energy, rates.model, trajectory, instants, inputs)
     return Solution(t, trajectory, energy, Stats(evaluations=evaluations, reason=reason))
 
@@ -278,7 +278,7 @@ def _energy(model: Model, states: State | ReducedStates, t: Iterable[Tensor], in
     return Energy(kinetic, torch.stack(strain), work)
 
 
-def _judged(solution: Solution, throw: bool, warn: bool = False) -> Solution:
+def _judged(solution: Solution, throw: bool, warned: bool = False) -> Solution:
     """The solution, with a sentence on every kind of failure in its stats; raised, or warned of where the solver has not."""
     status, steps = (concrete(x) for x in (solution.status, (solution.states.status == 0).sum(0)))
     for code in sorted(set(status.flatten().tolist()) - {0}):
@@ -291,6 +291,6 @@ def _judged(solution: Solution, throw: bool, warn: bool = False) -> Solution:
         solution.stats.reason[code] = sentence
         if throw:
             raise RuntimeError(sentence)
-        if warn:
-            warnings.warn(sentence, RuntimeWarning, stacklevel=3)
+        if warned:
+            warn(sentence)
     return solution

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import itertools
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -18,6 +17,7 @@ from ..core.arguments import boolean, tolerance
 from ..core.arguments import options as check_options
 from ..core.status import FAILED
 from ..core.validation import broadcast, increasing
+from ..core.warning import warn
 
 METHODS = tuple(SOLVERS)
 ADAPTIVE = tuple(name for name, solver in SOLVERS.items() if issubclass(solver, AdaptiveStepsizeODESolver))
@@ -102,7 +102,7 @@ def integrate(
         solve.dead = solve.dead | rows
         if solve.dead.all():
             raise AllFailed(sentence)
-        warnings.warn(sentence, RuntimeWarning, stacklevel=4)  # the caller of simulate
+        warn(sentence)
     if good:
         flat = ys.reshape(len(t), -1, y0.shape[-1])
         ys = torch.stack([good.get(row, flat[:, row]) for row in range(flat.shape[1])], 1).view_as(ys)
@@ -250,8 +250,8 @@ def _check_reconstruction(solve: _Solve, ys: Tensor, t: Tensor) -> None:
             error = float("inf")
         worst = max(worst, error) if error == error else float("inf")
     if worst > TRUSTED:
-        warnings.warn(
+        warn(
             f"the continuous adjoint cannot be trusted here: integrated back, the state misses itself by {worst:.2g} "
             f"of its largest value (up to {TRUSTED:g} is accepted); use adjoint=False, or ask for more outputs",
-            UserWarning, stacklevel=5,
+            UserWarning,
         )

@@ -28,6 +28,7 @@ from ..core.leaves import wants_gradient
 from ..core.summary import kind, lines, span
 from ..core.validation import concrete
 from ..math.dense import solve_unchecked
+from ..math.first_derivative import Once
 from ..math.quadratic_eigen import rounding, slow_first, spectrum, upright
 from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import discretise
@@ -143,7 +144,7 @@ def critical_load(scene: Factored | Scene, highest: float, *, lowest: float = 0.
         with no_derivatives():
             nudge = 1e-4 * torch.maximum(factor.abs(), torch.full_like(factor, 1e-2 * (highest - lowest)))
             slope = (condition(factor + nudge) - condition(factor - nudge)) / (2 * nudge)
-        here = condition(factor)
+        here = Once.apply(condition(factor))
         factor = factor - torch.where(found, (here - here.detach()) / slope, 0.0)
     frequency = leading.imag.abs() if path.damped else leading.real.neg().clamp(min=0).sqrt()
     slow = coarse.eigenvalue if path.damped else _root(coarse.eigenvalue)

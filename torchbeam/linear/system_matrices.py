@@ -106,10 +106,10 @@ def dense(model: Model, *blocks: Tensor) -> Tensor:
     """(..., n, n) of the free moves, from blocks of all nodes, one at least."""
     nodes, w = model.count + 1, model.space.unknowns
     shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
-    A = blocks[0].new_zeros(*shape, nodes, w, nodes, w)
+    A = blocks[0].new_zeros(*shape, nodes, nodes, w, w)
     at = torch.arange(nodes, device=A.device)
     rows, columns = model.space.chain.coupled(at, 0)
     for block, row, column in zip(blocks, (at, *rows), (at, *columns), strict=False):
-        A[..., row, :, column, :] = block.expand(*shape, len(row), w, w).movedim(-3, 0)
+        A[..., row, column, :, :] = block.expand(*shape, len(row), w, w)
     free = model.constraints.moving.flatten().nonzero()[:, 0]
-    return A.flatten(-4, -3).flatten(-2).index_select(-1, free).index_select(-2, free)
+    return A.transpose(-3, -2).flatten(-4, -3).flatten(-2).index_select(-1, free).index_select(-2, free)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from .first_derivative import first_only
 from .shapes import broadcast_shapes
 
 
@@ -106,32 +107,11 @@ class ChainSolve(torch.autograd.Function):
     @staticmethod
     def backward(ctx, grad: Tensor):
         D, L, U, b = ctx.saved_tensors
-        with torch.no_grad():
+        with torch.no_grad(), torch.autocast(grad.device.type, enabled=False):  # backward may be called where autocast is on
             g = block_tridiagonal(D.mT, U.mT, L.mT, grad).sum_to_size(b.shape)
-        return None, None, None, _FirstOnly.apply(g, grad, b) if torch.is_grad_enabled() else g
+        return None, None, None, first_only(g, grad, b)
 
     @staticmethod
     def jvp(ctx, _D, _L, _U, b_t: Tensor) -> Tensor:
-        D, L, U, _ = ctx.saved_tensors
-        return block_tridiagonal(D, L, U, b_t)
-
-
-class _FirstOnly(torch.autograd.Function):
-    """A first derivative, in the graph of all that a second one would have to follow: whoever asks for that gets an error."""
-
-    generate_vmap_rule = True
-
-    @staticmethod
-    def forward(gradient: Tensor, *sources: Tensor) -> Tensor:
-        return gradient.clone()
-
-    @staticmethod
-    def setup_context(ctx, inputs, output) -> None:
-        pass
-
-    @staticmethod
-    def backward(ctx, *_):
-        raise NotImplementedError("a second derivative through an equilibrium or an implicit step was asked for; there are "
-                                  "first ones only")
-
-    jvp = backward
+        D, L, U, b = ctx.saved_tensors
+        return first_only(block_tridiagonal(D, L, U, b_t), b_t, b)

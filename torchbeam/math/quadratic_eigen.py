@@ -18,6 +18,7 @@ from torch import Tensor
 
 from .block_tridiagonal import positive_definite
 from .dense import inverse_unchecked, solve
+from .first_derivative import first_only
 from .subspace import Blocks, subspace
 
 DENSE = 96  # unknowns up to which the dense way is the shorter
@@ -215,7 +216,7 @@ def _times(A: Tensor, v: Tensor) -> Tensor:
 
 
 class _Distinct(torch.autograd.Function):
-    """The same, with an error where the derivative of a repeated eigenvalue, or of its vector, is asked for."""
+    """The same, once differentiable, with an error where that of a repeated eigenvalue, or of its vector, is asked for."""
 
     generate_vmap_rule = True
 
@@ -225,16 +226,18 @@ class _Distinct(torch.autograd.Function):
 
     @staticmethod
     def setup_context(ctx, inputs, output) -> None:
-        ctx.save_for_backward(inputs[1])
-        ctx.save_for_forward(inputs[1])
+        ctx.save_for_backward(*inputs)
+        ctx.save_for_forward(*inputs)
 
     @staticmethod
     def backward(ctx, grad: Tensor):
-        return _refuse(grad, *ctx.saved_tensors), None
+        x, repeated = ctx.saved_tensors
+        return first_only(_refuse(grad, repeated), grad, x), None
 
     @staticmethod
     def jvp(ctx, tangent: Tensor, _):
-        return _refuse(tangent, *ctx.saved_tensors)
+        x, repeated = ctx.saved_tensors
+        return first_only(_refuse(tangent, repeated), tangent, x)
 
 
 def _refuse(x: Tensor, repeated: Tensor) -> Tensor:
@@ -272,7 +275,8 @@ class _Shape(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, grad: Tensor):
-        return _Shape._solve(ctx.saved_tensors, grad, True), *[None] * 7
+        with torch.autocast(grad.device.type, enabled=False):  # it may be on where backward is called
+            return _Shape._solve(ctx.saved_tensors, grad, True), *[None] * 7
 
     @staticmethod
     def jvp(ctx, tangent: Tensor, *_):

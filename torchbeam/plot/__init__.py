@@ -7,6 +7,7 @@
 Figures belong to nobody but the caller: pyplot, its state and its windows are not used.
 """
 
+from ..core.entry_point import entry_points
 from .animation import animate
 from .canvas import axes, grid, save
 from .curves import campbell, energies, history, load_path
@@ -16,3 +17,5 @@ from .uncertainty import bands, convergence, histogram, tornado
 
 __all__ = ["animate", "axes", "bands", "campbell", "convergence", "correlation", "energies", "fit", "grid", "histogram",
            "history", "load_path", "mode_shapes", "profile", "save", "shape", "tornado"]
+
+entry_points(globals(), __all__)

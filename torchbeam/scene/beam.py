@@ -202,7 +202,7 @@ class Beam(Tree):
         dtype, device = dtype_with(section, nodes, frames)
         if isinstance(nodes, (list, tuple)) and any(isinstance(point, Tensor) for point in nodes):  # (..., 3) each
             nodes = torch.stack(torch.broadcast_tensors(*(as_tensor(point, dtype, device) for point in nodes)), -2)
-        nodes = finite("nodes", axis_last("nodes", as_tensor(nodes, dtype, device), 3))
+        nodes = finite("nodes", axis_last("nodes", as_tensor(nodes, dtype, device), 3)).clone()  # lengths and axes are of these
         if nodes.ndim < 2 or nodes.shape[-2] < 2:
             raise ValueError(f"nodes of shape {tuple(nodes.shape)} were given; (..., N+1, 3) with N >= 1 is wanted")
         if order == 2:

@@ -11,6 +11,7 @@ tensor with the same leading axes; it is differentiable in the state and in what
     shape   of a reading, (3,) for a vector         size    numbers in it
 """
 
+from ..core.entry_point import entry_points
 from .acceleration import NodeAcceleration
 from .along import Curvature, Gauge, Strain, Stress
 from .node import Angles, NodePosition, NodeRotation, NodeVelocity, Spin, TipPosition, TipVelocity
@@ -22,3 +23,5 @@ __all__ = [
     "Reaction", "RootForce", "RootMoment", "RootReaction", "Sensor", "Spin", "Stack", "Strain", "Stress",
     "TipPosition", "TipVelocity",
 ]
+
+entry_points(globals(), __all__)

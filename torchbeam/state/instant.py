@@ -9,12 +9,14 @@ import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
+from ..core.entry_point import entry_point
 from ..core.leaves import Tree, map_leaves
 from ..core.summary import kind, lines, point, span, statuses
 
 Made = Tensor | Callable[[], Tensor]
 
 
+@entry_point
 class Point:
     """One node. All in frame a: position (..., 3) m, velocity (..., 3) m/s, rotation (..., 3, 3) section axes -> a,
     spin (..., 3) rad/s. Each may be given by a function, which is called where it is asked for.

@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.entry_point import entry_point
 from ..core.leaves import with_values
 from ..math.shapes import broadcast_shapes
 from .instant import Point, Reaction
@@ -15,6 +16,7 @@ from .instant import Point, Reaction
 AT_NODES = ("position", "rotation", "velocity", "spin")
 
 
+@entry_point
 class ReducedStates:
     """Parts of a trajectory, one after the other, in the coordinates of a space (see `torchbeam.nodal.coordinates`): of a plane
     they are half the numbers, and of the tip a few.

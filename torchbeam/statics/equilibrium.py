@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -17,6 +16,7 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.status import DIVERGED, STATUS
 from ..core.validation import concrete
+from ..core.warning import warn
 from ..dynamics.compiled.coverage import ENGINES
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
@@ -113,8 +113,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
             raise RuntimeError(f"{_which(limit)} is at a limit point: the equilibrium has no derivative by the load there "
                                "(`path` goes through it)")
         if concrete(fork).any():
-            warnings.warn(f"{_which(fork)} is at a point of bifurcation: derivatives by what pushes it off its path do not "
-                          "exist", RuntimeWarning, stacklevel=2)
+            warn(f"{_which(fork)} is at a point of bifurcation: derivatives by what pushes it off its path do not exist")
         good = good & ~limit
         held = {name: torch.where(good[..., None], v, v.detach()) for name, v in given.items()}
         problem = replace(problem, inputs=held)
@@ -137,8 +136,8 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
         found = ~failed & ~idle
         unstable = found & _unstable(problem, x, start, None if doubtful is None else doubtful & found)
         if concrete(unstable).any():
-            warnings.warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to "
-                          "another (branch='stable' looks for it)", RuntimeWarning, stacklevel=2)
+            warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to another "
+                 "(branch='stable' looks for it)")
     return problem.state(x, reaction, status)
 
 

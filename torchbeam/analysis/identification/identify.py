@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,6 +13,7 @@ from torch import Tensor
 from ...core.arguments import boolean, choice, count
 from ...core.arguments import tolerance as check_tolerance
 from ...core.validation import Value
+from ...core.warning import SlowPathWarning, warn
 from ...solvers.lbfgs import descend
 from ...solvers.least_squares import Found, search
 from ...solvers.region import Region
@@ -146,8 +146,8 @@ def _chosen(problem: Problem, x: Tensor) -> str:
         if (off <= 0).all():
             return "difference"
         worst = problem.parameters.names[int((off / size).nan_to_num().argmax())]
-        warnings.warn(f"derivatives = 'auto' takes forward mode, whose steps are eager and slow: the differences of {worst!r} "
-                      "depend on their step ('difference' takes them all the same)", RuntimeWarning, stacklevel=3)
+        warn(f"derivatives = 'auto' takes forward mode, whose steps are eager and slow: the differences of {worst!r} depend on "
+             "their step ('difference' takes them all the same)", SlowPathWarning)
         return "forward"
     return "difference"
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from ...core.warning import warn
 from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED, Found
 from ...solvers.region import Region
 from .covariance import Spread
@@ -57,7 +57,7 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
     hints = (*odd, *fit_hints(readings, squares[best].item(), spare, problem.sigma_given),
              *bound_hints(parameters.names, theta[best], spread.held))
     if odd:
-        warnings.warn(odd[0], UserWarning, stacklevel=4)
+        warn(odd[0], UserWarning)
     status, misfits = int(statuses[best]), r[:, problem.measured].square().mean(-1).sqrt()
     failed = int((statuses == FAILED).sum())
     message = "; ".join((REASON[status], *shown[best], *hints, *(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -16,6 +15,7 @@ import torch
 from torch import Tensor
 
 from ...core.files import folder, save, write
+from ...core.warning import warn
 from ..fingerprint import NoFingerprint, fingerprint
 
 FORMAT = 2  # of run.json and the chunks
@@ -80,7 +80,7 @@ class ChunkFolder:
                 raise ValueError("its checksum is wrong")
             return chunk
 
-        chunk = loaded(self._file(first), content, 5)
+        chunk = loaded(self._file(first), content)
         return chunk if chunk is not None and len(chunk[0]) >= count else None  # the last chunk of a smaller n is shorter
 
     def put(self, first: int, chunk: Chunk) -> None:
@@ -115,7 +115,7 @@ class ChunkFolder:
         return sum_.hexdigest()
 
 
-def loaded(path: Path, content: Callable[[dict[str, Any]], T], stacklevel: int) -> T | None:
+def loaded(path: Path, content: Callable[[dict[str, Any]], T]) -> T | None:
     """What `content` makes of the dict in a file; None where there is no file, and, with a warning, where it is damaged: cannot
     be read, or has content that is not what it should be, of which a ValueError says why.
     """
@@ -125,7 +125,7 @@ def loaded(path: Path, content: Callable[[dict[str, Any]], T], stacklevel: int) 
         return None
     except Exception as error:  # of a damaged file torch.load may raise anything
         why = str(error) if type(error) is ValueError else "it cannot be read"
-        warnings.warn(f"{str(path)!r} is damaged ({why}); it is computed anew", stacklevel=stacklevel)
+        warn(f"{str(path)!r} is damaged ({why}); it is computed anew", UserWarning)
         return None
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...core.entry_point import entry_points
 from .empirical_law import Empirical
 from .parametric_laws import Constant, Gumbel, LogNormal, Normal, Triangular, Uniform, Weibull
 from .random_field import RandomField
@@ -15,4 +16,5 @@ from .truncated_law import Truncated
 
 __all__ = ["Constant", "Empirical", "Gumbel", "LogNormal", "Normal", "RandomField", "Triangular", "Truncated", "Uniform",
            "Weibull"]
+entry_points(globals(), __all__)
 Law = Any

@@ -88,7 +88,7 @@ def _taken_up(folder: ChunkFolder, joint: JointLaw, independent: bool) -> tuple[
             raise ValueError("it is another run's, or its checksum is wrong")
         return _stream(stored, joint, independent), done
 
-    found = loaded(folder.path / FILE, content, 4)
+    found = loaded(folder.path / FILE, content)
     if found is None:
         folder.writable()
         return Stream(joint.names, independent), 0

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
+from ...core.entry_point import without_autocast
+from ...math.first_derivative import first_only
 from .call import Call, Chain, Field, like, made_like
 from .chain_constants import flattened
 from .native import NativeProgram
@@ -134,7 +135,10 @@ class Differentiated(torch.autograd.Function):
         return tuple(made)
 
     @staticmethod
-    @once_differentiable
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
-        saved, count = ctx.saved_tensors, len(grads)
-        return None, None, None, *ctx.adjoint.cotangents(saved[:count], saved[count:2 * count], grads)
+        adjoint, saved, count = ctx.adjoint, ctx.saved_tensors, len(grads)
+        start, made, known = saved[:count], saved[count:2 * count], saved[2 * count:]
+        with torch.no_grad(), without_autocast():  # it may be on where backward is called
+            found = adjoint.cotangents(start, made, grads)
+        sources = [grad for grad in grads if grad is not None] + [(*known, *start)[k] for k in adjoint.wanted]
+        return None, None, None, *(None if x is None else first_only(x, *sources) for x in found)

@@ -57,7 +57,7 @@ class Accelerogram(FunctionOfTime):
     _displacement: Tensor = leaf(2, init=False)
 
     def __post_init__(self) -> None:
-        t, a = _sampled("an Accelerogram's", self.t, self.acceleration)
+        t, a = (x.clone() for x in _sampled("an Accelerogram's", self.t, self.acceleration))  # velocities are of these
         dt = t.diff()[:, None]
         before, after = a[..., :-1, :], a[..., 1:, :]
         v = pad((dt * (before + after) / 2).cumsum(-2), (0, 0, 1, 0))

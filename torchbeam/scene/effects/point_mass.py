@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,8 +61,8 @@ class PointMass(Effect):
             J, m = torch.as_tensor(inertia), torch.as_tensor(mass)
             arm = torch.zeros(()) if offset is None else torch.as_tensor(offset).square().sum(-1)
             _check_inertia(J, m.detach() * arm.detach())
-        for name, value in (("mass", mass), ("inertia", inertia), ("offset", offset)):
-            object.__setattr__(self, name, value)
+        for name, value in (("mass", mass), ("inertia", inertia), ("offset", offset)):  # its own: a model's inertia is of these
+            object.__setattr__(self, name, value.clone() if isinstance(value, Tensor) else copy(value))
 
     @property
     def about_node(self) -> Tensor:

@@ -1,8 +1,11 @@
 """Compiled objects on disk, so that a process need not compile again what another one has.
 
 A file a key, in $TORCHBEAM_CACHE, else $XDG_CACHE_HOME/torchbeam, else ~/.cache/torchbeam (on Windows in %LOCALAPPDATA%), each
-beginning with the checksum of what follows. Written beside and renamed, so that no reader sees a part. A damaged file is as
-none; where the folder cannot be written, objects live in memory alone.
+beginning with the checksum of its key and of what follows. Written beside and renamed, so that no reader sees a part. A file
+that is damaged, or another key's, is as none; where the folder cannot be written, objects live in memory alone.
+
+What lies there runs in one's own process, and a checksum is no secret: the folder is made for its owner alone, and what another
+user owns, or may write to, is not read (where the system knows owners).
 """
 
 from __future__ import annotations
@@ -10,7 +13,9 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import stat
 import tempfile
+from functools import cache
 from pathlib import Path
 
 LOG = logging.getLogger("torchbeam")
@@ -24,6 +29,30 @@ def key_of(*parts: str | bytes) -> str:
         part = part.encode() if isinstance(part, str) else part
         digest.update(len(part).to_bytes(8, "little") + part)
     return digest.hexdigest()
+
+
+def checksum(key: str, data: bytes) -> bytes:
+    return bytes.fromhex(key_of(key, data))
+
+
+def own(path: Path, found: os.stat_result) -> bool:
+    """Whether a file or folder is this user's, and nobody else may write to it; a warning says so where not."""
+    user = getattr(os, "geteuid", None)  # Windows has none: folders of users are closed there
+    if user is None:
+        return True
+    if found.st_uid != user():
+        _not_read(path, "belongs to another user")
+    elif found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        _not_read(path, f"may be written to by others; `chmod go-w {path}` closes it")
+    else:
+        return True
+    return False
+
+
+@cache
+def _not_read(path: Path, why: str) -> None:
+    """Warn, once."""
+    LOG.warning("compiled code in %s is neither read nor kept, for it %s; TORCHBEAM_CACHE names another folder", path, why)
 
 
 def default_folder() -> Path:
@@ -44,24 +73,30 @@ class ObjectCache:
     def get(self, key: str) -> bytes | None:
         """None where there is none, or a damaged one."""
         if key not in self._held:
-            try:
-                stored = (self.folder / f"{key}.o").read_bytes()
-            except OSError:
+            stored = self._stored(self.folder / f"{key}.o")
+            if stored is None or stored[:CHECKSUM] != checksum(key, stored[CHECKSUM:]):
                 return None
-            checksum, data = stored[:CHECKSUM], stored[CHECKSUM:]
-            if hashlib.sha256(data).digest() != checksum:
-                return None
-            self._held[key] = data
+            self._held[key] = stored[CHECKSUM:]
         return self._held[key]
+
+    def _stored(self, path: Path) -> bytes | None:
+        """What is in a file that nobody else may have written; of the file that was opened, should another take its place."""
+        try:
+            with path.open("rb") as file:
+                return file.read() if own(self.folder, self.folder.stat()) and own(path, os.fstat(file.fileno())) else None
+        except OSError:
+            return None
 
     def put(self, key: str, data: bytes) -> None:
         self._held[key] = data
         beside = None
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if not own(self.folder, self.folder.stat()):
+                return
             handle, beside = tempfile.mkstemp(dir=self.folder, prefix=key[:8], suffix=".part")
             with os.fdopen(handle, "wb") as file:
-                file.write(hashlib.sha256(data).digest() + data)
+                file.write(checksum(key, data) + data)
             os.replace(beside, self.folder / f"{key}.o")
         except OSError as error:
             LOG.warning("compiled code cannot be kept in %s (%s): TORCHBEAM_CACHE names another folder", self.folder, error)

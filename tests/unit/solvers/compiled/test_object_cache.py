@@ -1,5 +1,8 @@
 """Compiled objects: found again, compiled anew where they are damaged, and kept in memory where nothing can be written."""
 
+import logging
+import os
+
 import pytest
 import torch
 from compiled_cases import native
@@ -66,3 +69,53 @@ def test_the_folder_is_the_users_choice(monkeypatch, tmp_path):
     assert ObjectCache().folder == tmp_path / "own"
     monkeypatch.delenv("TORCHBEAM_CACHE")
     assert object_cache.default_folder() == tmp_path / "shared" / "torchbeam"
+
+
+def test_a_file_by_another_keys_name_is_as_none(tmp_path):
+    """Code of another program under this one's name would end the process at its first call."""
+    cache = ObjectCache(tmp_path)
+    cache.put(key_of("one"), b"one")
+    (file,) = tmp_path.iterdir()
+    file.rename(tmp_path / f"{key_of('other')}.o")
+    assert ObjectCache(tmp_path).get(key_of("other")) is None
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="this system knows no owners")
+class TestOfOneUser:
+    """What another user may have written is code that runs as oneself."""
+
+    def test_the_folder_is_made_for_its_owner_alone(self, tmp_path):
+        cache = ObjectCache(tmp_path / "new" / "folder")
+        cache.put("key", b"object")
+        assert cache.folder.stat().st_mode & 0o777 == 0o700
+        assert (cache.folder / "key.o").stat().st_mode & 0o077 == 0
+
+    @pytest.mark.parametrize("which", ["folder", "file"])
+    @pytest.mark.parametrize("how", ["another owner", "group", "others"])
+    def test_what_another_may_have_written_is_not_read(self, tmp_path, monkeypatch, caplog, which, how):
+        cache = ObjectCache(tmp_path / "cache")
+        cache.put("key", b"object")
+        path = cache.folder if which == "folder" else cache.folder / "key.o"
+        assert ObjectCache(cache.folder).get("key") == b"object"
+        if how == "another owner":
+            user, found = os.geteuid(), path.stat()
+            of = object_cache.own
+            monkeypatch.setattr(object_cache, "own", lambda path, stat: of(path, os.stat_result(
+                (*stat[:4], user + (stat.st_ino == found.st_ino), *stat[5:]))))
+        else:
+            path.chmod(path.stat().st_mode | (0o020 if how == "group" else 0o002))
+        with caplog.at_level(logging.WARNING, logger="torchbeam"):
+            assert ObjectCache(cache.folder).get("key") is None
+            assert ObjectCache(cache.folder).get("key") is None
+        (warning,) = caplog.messages  # once
+        assert str(path) in warning and ("another user" if how == "another owner" else "chmod go-w") in warning
+        if which == "folder":
+            ObjectCache(cache.folder).put("other", b"object")
+            assert not (cache.folder / "other.o").exists()
+
+    def test_systems_without_owners_read_all(self, tmp_path, monkeypatch):
+        cache = ObjectCache(tmp_path)
+        cache.put("key", b"object")
+        tmp_path.chmod(0o777)
+        monkeypatch.delattr(os, "geteuid")
+        assert ObjectCache(tmp_path).get("key") == b"object"

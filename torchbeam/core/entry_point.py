@@ -1,0 +1,94 @@
+"""Entry points: what users call. Within them torch.autocast is off, and torch.compile leaves them alone.
+
+Autocast would compute matrix products of float32 in half precision, in which no step converges; a function of the user's that
+is called from inside, a load or a network, runs without it too. torch.compile would trace Python that is no tensor program:
+native code, Newton's iterations, what is kept from call to call. It breaks its graph here instead, and compiles what the user
+has around it. Who uses neither pays under a microsecond a call.
+"""
+
+from __future__ import annotations
+
+import functools
+import types
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+import torch
+from torch._C._dynamo import eval_frame
+
+from .derivatives import cached
+
+T = TypeVar("T")
+DEVICES = "cpu", "cuda"
+# beside the public names of a class: what Python calls for its user
+SPECIAL = {"__init__", "__call__", "__getitem__", "__iter__", "__repr__", "__str__", "__add__", "__mul__"}
+# by which torch.compile knows what not to trace; `torch.compiler.disable` sets it too, but imports all of torch's compiler
+MARK = "_torchdynamo_disable"
+SKIPPED = eval_frame._FrameExecStrategy(eval_frame._FrameAction.SKIP, eval_frame._FrameAction.SKIP)  # with all that it calls
+
+
+def entry_point(of: T) -> T:
+    """A function as an entry point; or a class, of which every public method and property becomes one, with those that it has
+    from other classes of its package.
+    """
+    if not isinstance(of, type):
+        return _function(of)
+    package = of.__module__.partition(".")[0]
+    for kind in of.__mro__:
+        if kind.__module__.partition(".")[0] == package:
+            for name, value in list(vars(kind).items()):
+                if (name in SPECIAL or not name.startswith("_")) and (made := _member(value)) is not value:
+                    setattr(kind, name, made)
+    return of
+
+
+def entry_points(module: dict[str, Any], names: Iterable[str]) -> None:
+    """The functions and classes of these names in a module's dictionary as entry points: a function is one under the module's
+    name alone, so that those who import it from where it is written do without.
+    """
+    for name in names:
+        value = module.get(name)
+        if isinstance(value, type):
+            entry_point(value)
+        elif isinstance(value, types.FunctionType) and not hasattr(value, MARK):
+            module[name] = entry_point(value)
+            module[name].__module__ = module["__name__"]  # pickled, it is found again
+
+
+def _function(function: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(function)
+    def entered(*args: Any, **kwargs: Any) -> Any:
+        if not (torch.is_autocast_enabled("cpu") or torch.is_autocast_enabled("cuda")):
+            return function(*args, **kwargs)
+        with without_autocast():
+            return function(*args, **kwargs)
+
+    setattr(entered, MARK, True)
+    eval_frame.set_code_exec_strategy(entered.__code__, SKIPPED)
+    return entered
+
+
+def _member(value: Any) -> Any:
+    """An attribute of a class as an entry point; as it is where it is no function."""
+    if isinstance(value, types.FunctionType):
+        return value if hasattr(value, MARK) else _function(value)
+    if isinstance(value, (staticmethod, classmethod)):
+        return value if hasattr(value.__func__, MARK) else type(value)(_function(value.__func__))
+    if isinstance(value, property):
+        return value if hasattr(value.fget, MARK) else value.getter(_function(value.fget))
+    if isinstance(value, cached) and not hasattr(value.func, MARK):
+        value.func = _function(value.func)
+    return value
+
+
+@contextmanager
+def without_autocast() -> Iterator[None]:
+    enabled = [device for device in DEVICES if torch.is_autocast_enabled(device)]
+    try:
+        for device in enabled:
+            torch.set_autocast_enabled(device, False)
+        yield
+    finally:
+        for device in enabled:
+            torch.set_autocast_enabled(device, True)
