@@ -84,7 +84,7 @@ def bouc_wen(x, R, v, w, t, z):
 
 def bouc_wen_rate(z, x, R, v, w, t):
     slip = v[..., 2:3]
-    return 8.0 * slip - 4.0 * slip.abs() * z.abs()**0.5 * z - 2.0 * slip * z.abs()**1.5
+    return 8.0 * slip - 4.0 * slip.abs() * z.abs() * z - 2.0 * slip * z**2
 
 
 def wagner(x, R, v, w, t, z):

@@ -191,6 +191,6 @@ def reduction(g: Graph, rule: Callable[[Graph, Sequence[int]], int], x: Tensor, 
     dims = range(x.ndim) if dim is None or (not isinstance(dim, int) and not dim) else [dim] if isinstance(dim, int) else dim
     dims = [d % x.ndim for d in dims] if x.ndim else []
     kept = [d for d in range(x.ndim) if d not in dims]
-    rows = x.permute(*kept, *dims).reshape(math.prod(x.shape[d] for d in kept), -1).tolist()
+    rows = x.permute([*kept, *dims]).reshape(math.prod(x.shape[d] for d in kept), -1).tolist()
     shape = [1 if d in dims else n for d, n in enumerate(x.shape)] if keepdim else [x.shape[d] for d in kept]
     return torch.tensor([rule(g, row) for row in rows], dtype=torch.long).reshape(shape)

@@ -112,6 +112,7 @@ VECTOR = {
     "solve": lambda x: torch.linalg.solve(torch.outer(x[:3], x[:3]) + 3 * torch.eye(3), x[:3]),
     "kron": lambda x: torch.kron(x[:2], x[2:4]), "trace": lambda x: torch.trace(torch.outer(x, x)),
     "cumprod": lambda x: x.cumprod(0), "cumsum": lambda x: x.cumsum(0), "diff": lambda x: x.diff(), "roll": lambda x: x.roll(2),
+    "sums of one number": lambda x: x[2].sum() * x[1].mean(),
     "amax": lambda x: x.amax(), "max of an axis": lambda x: x.reshape(1, 7).max(-1).values, "min": lambda x: x.min(),
     "where it is largest": lambda x: x[x.argmax()], "where it is smallest": lambda x: x[..., x.argmin()],
     "distance": lambda x: F.pairwise_distance(x[None, :3], x[None, 3:6]),
