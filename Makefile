@@ -6,7 +6,7 @@ PYTEST := python -m pytest -n 2 --dist worksteal
 # Another processor's rounding, in software: MKL's and ATen's plainest instructions, and sums split over two threads.
 OTHER_ROUNDING := MKL_CBWR=COMPATIBLE ATEN_CPU_CAPABILITY=default OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE
 
-.PHONY: demo test test-long test-rounding test-lowest bench lint clean
+.PHONY: demo test test-long test-engines test-rounding test-lowest bench lint clean
 
 demo: .venv/demo.done
 	$(BIN)/python -m torchbeam demo --out out/demo
@@ -18,6 +18,10 @@ test: .venv/dev.done
 # What `make test` leaves out: the tests marked "long".
 test-long: .venv/dev.done
 	$(BIN)/$(PYTEST) -m long
+
+# Properties and verification by the engine that users have, where `make test` steps eagerly.
+test-engines: .venv/dev.done
+	TORCHBEAM_ENGINE=auto $(BIN)/$(PYTEST) tests/properties tests/verification
 
 test-rounding: .venv/dev.done
 	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) tests/unit $(addprefix --ignore=tests/unit/,plot studies analysis mixed dynamics/compiled)

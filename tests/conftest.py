@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
+# what "auto" means here, unless it is said: hundreds of scenes are not compiled for one step each
 os.environ.setdefault("TORCHBEAM_ENGINE", "eager")
 
 sys.path.insert(0, str(Path(__file__).parent / "cases"))  # what several tests draw on: nodal_cases, mixed_cases, gradient_cases

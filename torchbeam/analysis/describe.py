@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import constant, map_leaves
-from ..dynamics.compiled.coverage import why_eager, why_not_traced
+from ..dynamics.compiled.coverage import why_eager
 from ..dynamics.methods import METHODS
 from ..dynamics.stepper import Stepper
 from ..linear.modes import modes
@@ -114,7 +114,7 @@ def _forms(scene: Scene, free: int) -> tuple[dict[str, int | None], dict[str, st
 
 def _engine(model: Model) -> tuple[str, ...]:
     """Which engine steps the scene, and why the eager one does."""
-    reason = why_eager(model, "midpoint") or why_not_traced(model, "midpoint")
+    reason = why_eager(model, "midpoint")
     return ("compiled: native code" if reason is None else f"eager: {reason}",)
 
 

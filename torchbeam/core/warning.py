@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from pathlib import Path
 
-OWN = str(Path(__file__).parents[1])  # the package's folder
+import torch
+
+PASSED = tuple(f"{folder}{os.sep}" for folder in (Path(__file__).parents[1], Path(torch.__file__).parent))  # torchbeam, torch
 
 
 class SlowPathWarning(UserWarning):
@@ -14,8 +17,8 @@ class SlowPathWarning(UserWarning):
 
 
 def warn(sentence: str, category: type[Warning] = RuntimeWarning) -> None:
-    """Warns of `sentence` at the innermost line that is not torchbeam's own."""
+    """Warns of `sentence` at the innermost line that is neither torchbeam's own nor torch's."""
     level, frame = 2, sys._getframe(1)
-    while frame.f_back is not None and frame.f_code.co_filename.startswith(OWN):
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(PASSED):
         level, frame = level + 1, frame.f_back
-    warnings.warn(sentence, category, stacklevel=level - 1)
+    warnings.warn(sentence, category, stacklevel=level)

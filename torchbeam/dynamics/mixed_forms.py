@@ -94,7 +94,8 @@ def simulate_mixed(
     reason = {FAILED: f"{method}: the step shrank to nothing, or the rates were not finite; {ADVICE}"}
     return Solution(
         t, state, _energy(model, state),
-        Stats(evaluations=evaluations, drift=problem.drift(instants, ys), reason=reason if status.any() else {}),
+        Stats(evaluations=evaluations, drift=problem.drift(instants, ys), reason=reason if status.any() else {},
+              engine="eager"),
     )
 
 

@@ -22,9 +22,10 @@ from ..solvers.compiled.trace import NotTraceable
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..solvers.newton import TOLERANCE, newton
 from ..state.state import State
-from .compiled.coverage import automatic_step, compiled_step, given_up, meaning
+from .compiled.coverage import VALUES, automatic_step, compiled_step, given_up, meaning
 from .compiled.native import NotCompiled
 from .compiled.step import CompiledStep, Steps
+from .engine_use import EngineUse
 from .method import Method, Midpoint
 
 QUICK = 12  # iterations of a step that can still be made in parts: one that takes more is quicker so
@@ -45,7 +46,7 @@ class StepSolver:
     def __init__(self, model: Model, method: Method, engine: str, tolerance: float | None, limit: int) -> None:
         self.model, self.method, self.tolerance, self.limit = model, method, tolerance, limit
         self.engine = engine if engine != "auto" else "compiled" if meaning() == "compiled" else "auto"
-        self._compiled, self._decided = None, self.engine == "eager"
+        self._compiled, self._decided, self.use = None, self.engine == "eager", EngineUse()
         if self.engine == "compiled":
             _ = self.compiled  # is refused here, if at all
 
@@ -55,10 +56,13 @@ class StepSolver:
         of torch.func, whose tensors are not to be kept.
         """
         if not self._decided and not functorch.peek_interpreter_stack():
-            made = compiled_step if self.engine == "compiled" else automatic_step
             method, options = self.method.solves
             with lasting(), past_hooks():
-                self._compiled, self._decided = made(self.model, method, **options), True
+                if self.engine == "compiled":
+                    self._compiled = compiled_step(self.model, method, **options)
+                else:
+                    self._compiled, self.use.reason = automatic_step(self.model, method, **options)
+            self._decided = True
         return self._compiled
 
     def __getstate__(self) -> dict[str, Any]:
@@ -78,7 +82,7 @@ class StepSolver:
         """The same by the midpoint step, eagerly."""
         other = copy(self)
         other.method = Midpoint()
-        other._compiled, other._decided = None, True
+        other._compiled, other._decided, other.use = None, True, EngineUse()
         return other
 
     def solve(self, model: Model, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor, last: bool
@@ -91,6 +95,7 @@ class StepSolver:
                 good = moving & (found.status == SUCCESS)
                 after = replace(state, **found.fields, t=torch.where(good, state.t + dt, state.t))
                 return Made(after, found.status, found.iterations)
+        self.use.eagerly()
         problem = self.method.problem(model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(problem, problem.predictor(), moving, self.tolerance, self._limit(last))
         turned = self.model.space.cosine(x.m).amin(-1) < self._least
@@ -114,17 +119,23 @@ class StepSolver:
             return None
         if self.engine != "compiled" and compiled.around is not None and not compiled.around.unchanged():
             self._compiled = None  # what a user's function reads has changed since it was traced: it may again
+            self.use.reason = f"what a function of the motion reads has changed since the stepper was made{VALUES}"
             return None
         tolerance = TOLERANCE[state.position.dtype] if self.tolerance is None else float(self.tolerance)
         try:
-            return compiled(state, dt, t, inputs, moving, tolerance, self._least, self._limit(last), K, repeat=repeat,
-                            every=every)
+            found = compiled(state, dt, t, inputs, moving, tolerance, self._least, self._limit(last), K, repeat=repeat,
+                             every=every)
         except (NotCompiled, NotTraceable) as error:
             if self.engine == "compiled":
                 raise
             given_up(error)
             self._compiled = None
             return None
+        if found is None:
+            self.use.reason = compiled.eager_because
+        else:
+            self.use.native += K or repeat
+        return found
 
     def _limit(self, last: bool) -> int:
         """Iterations of a solve; fewer where the step can still be made in parts."""

@@ -72,7 +72,8 @@ class Stepper:
                there: forward mode, torch.func, gradients where strains are impossible or next to, some of the parts of a failed
                step. What a user's function of the motion closes over is taken here, once. "auto": compiled where llvmlite is
                installed and the scene is taken, a user's function of the motion as long as what it reads stays as it was; else
-               eager (`describe` says which, and why; the environment variable TORCHBEAM_ENGINE says otherwise)
+               eager, of which a SlowPathWarning tells (`describe` says which, and why; the environment variable
+               TORCHBEAM_ENGINE says otherwise)
 
     Raises ValueError for an unknown method, a step that is not positive, a scene that the nodal form does not take, or that
     the engine does not.
@@ -103,6 +104,13 @@ class Stepper:
     def compiled(self) -> CompiledStep | None:
         """The steps by native code; None where they are made eagerly."""
         return self.solver.compiled
+
+    @property
+    def engine(self) -> str | None:
+        """What has made its steps so far: "native", "eager" or "mixed" (as where parts of a failed step are eager); None before
+        the first. The trial step by which generalized alpha starts does not count.
+        """
+        return self.solver.use.engine
 
     def rest(self, batch_shape: tuple[int, ...] | None = None) -> State:
         """The beam undeformed and at rest."""

@@ -25,12 +25,12 @@ from ..core.arguments import instant
 from ..math.dense import solve
 from ..nodal.discretise import discretise
 from ..scene.scene import Scene
-from ..state.state import State, check_state
+from ..state.state import State
 from ..statics.equilibrium import equilibrium
 from .chart import Chart
 from .linear_model import Linear
 from .perturbation import Perturbation, Sensor
-from .system_matrices import matrices
+from .system_matrices import at_rest, matrices
 
 SINGULAR = 1e-13
 
@@ -46,13 +46,14 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
     inputs   by name, (..., size), at the equilibrium
 
     Dense: n = 12 a free node. Differentiable. A load that turns with the beam is in A. An infinite stiffness is a very large
-    one here. Raises ValueError for what the nodal form does not take, for damping that leaves a coordinate without inertia
-    undamped, or where internal states of loads follow the rate of one that is undamped.
+    one here. Raises ValueError for what the nodal form does not take, for a state that moves or is no equilibrium (where that
+    could bend the beam by 1e-3 rad), for damping that leaves a coordinate without inertia undamped, or where internal states of
+    loads follow the rate of one that is undamped.
     """
     model = discretise(scene, lumped)
-    state = (equilibrium(scene, t=t, **inputs) if state is None else check_state(state, scene)).broadcast()
     given = scene.tensors(inputs)
     time = instant("t", t, scene.beam.nodes)
+    state = (equilibrium(scene, t=t, **inputs) if state is None else at_rest(model, state, time, given)).broadcast()
     M, D, K = matrices(model, state, time, given)
     M, K = torch.broadcast_tensors(M, K)
     near = Perturbation.of(model, state, time, given, M.shape[:-2])

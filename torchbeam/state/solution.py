@@ -48,6 +48,7 @@ class Stats:
     rejected     adaptive steps that were made again, (...)
     error        m, (...), the largest error of a position over the run as the solution found it itself
     reason       one sentence per kind of failure that occurred: status -> sentence
+    engine       what made the steps: "native"; "eager" (torch operations); "mixed", as where parts of a failed step are eager
     """
 
     steps: int | None = None
@@ -59,6 +60,7 @@ class Stats:
     rejected: Tensor | None = None
     error: Tensor | None = None
     reason: dict[int, str] = field(default_factory=dict)
+    engine: str | None = None
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,8 @@ class State(Instant):
     t         (...) s
     status    (...) int: 0 = success; anything else names the failure, see `torchbeam.core.status.STATUS`. A failed sample
               keeps its last good state.
-    frame     (..., 4) unit quaternion w x y z, frame a -> inertial axes; None where frame a does not turn
+    frame     (..., 4) unit quaternion w x y z, frame a -> inertial axes, which coincide at t = 0; None where frame a does not
+              turn
     internal  (..., z) internal states of user loads, one load after the other, those of a load along the beam node by node;
               None without
     """
@@ -145,7 +146,8 @@ def of_mesh(state: Any, nodes: int, dtype: torch.dtype, name: str) -> State:
 
 def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tensor = 0.0) -> State:
     """The scene's beam undeformed and at rest in frame a, with the scene's batch axes (or those given). What supports hold is
-    where they have it at the time t s (0-dim, or one of each sample), and moves with them.
+    where they have it at the time t s (0-dim, or one of each sample), and moves with them. A frame that turns has turned since
+    t = 0, when it coincides with the inertial axes.
     """
     beam = scene.beam
     nodes = beam.count + 1
@@ -164,7 +166,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
         defect=zero.expand(shape),
         t=time.expand(shape),
         status=torch.zeros(shape, dtype=torch.long, device=zero.device),
-        frame=orientation(scene, shape),
+        frame=orientation(scene, shape, time),
         internal=zero.expand(*shape, states) if states else None,
     )
     if not scene.has_prescribed_motion and not any(s.displaced for s in scene.supports):
@@ -181,7 +183,7 @@ def with_optional_fields(state: State, scene: Any) -> State:
         raise ValueError("a state whose frame has turned was given for a scene whose frame does not turn; one of a scene with "
                          "such a frame is wanted")
     if turning(scene) and state.frame is None:
-        state = replace(state, frame=orientation(scene, state.batch_shape))
+        state = replace(state, frame=orientation(scene, state.batch_shape, state.t)).broadcast()
     sizes = sum(scene.internal_states)
     if state.internal is not None and state.internal.shape[-1] != sizes:
         raise ValueError(f"a state with {state.internal.shape[-1]} internal states was given; the scene's loads have {sizes}")

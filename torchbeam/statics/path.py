@@ -22,6 +22,7 @@ from ..nodal.model import Model
 from ..scene.scene import Scene
 from ..state.state import State, check_state, rest
 from .arc_length import LoadedProblem
+from .balance_check import check_balance
 from .continuation import BRANCH_POINT, LIMIT_POINT, REGULAR, Attempt, Continuation, move_weights
 from .steady import Configuration
 
@@ -38,7 +39,8 @@ class Path:
                the softest at the start does not count: a round column turns about its axis at no cost
     sign       int: of the tangent's determinant, for loads that are not
     kind       int, of the way from the equilibrium before: BRANCH_POINT = 2 where a pivot changed sign without the factor
-               turning back, LIMIT_POINT = 1 where it turned back, REGULAR = 0
+               turning back, LIMIT_POINT = 1 where it turned back, REGULAR = 0. The event is anywhere on that way: its factor is
+               that of `critical_load`, or of `path` with a smaller `step`
     valid      bool: False where the last one is repeated
     reached    (...) bool: whether the end asked for was reached
     """
@@ -103,7 +105,8 @@ def path(scene: Scene, highest: float = 1.0, *, lowest: float = -math.inf, load:
 
     Each sample goes its own way at its own pace. Without derivatives: `equilibrium` has those.
 
-    Raises ValueError for what the nodal form does not take, an unknown `load`, or `control` without `target`.
+    Raises ValueError for what the nodal form does not take, an unknown `load`, `control` without `target`, a `control` of more
+    than one number a sample, or an `initial` that is no equilibrium.
     """
     model = discretise(scene)
     boolean("branch", branch)
@@ -135,7 +138,10 @@ def path(scene: Scene, highest: float = 1.0, *, lowest: float = -math.inf, load:
                         move_weights(model))
     with no_derivatives():
         start = model.space.start(rest(scene) if initial is None else check_state(initial, scene))
-        record = walk(Configuration(start.position, start.rotation, start.stress), check_count("steps", steps))
+        start = Configuration(start.position, start.rotation, start.stress)
+        if initial is not None:
+            check_balance(loaded(time.new_zeros(())), start)
+        record = walk(start, check_count("steps", steps))
         return Path.of(loaded, *record)
 
 

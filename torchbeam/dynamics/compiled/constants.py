@@ -109,7 +109,8 @@ class Constants:
             found[f"input {name}"] = x
         velocities = zip(("frame velocity", "frame angular_velocity"), model.prescribed_motion.frame(t), strict=True)
         found |= {name: x for name, x in velocities if x is not None}
-        return found | self._prescribed(t + (1 - self.instant) * dt, frame) if self.prescribes else found
+        found |= {} if frame is None else {"frame": frame}
+        return found | self._prescribed(t + (1 - self.instant) * dt) if self.prescribes else found
 
     def _loads(self, t: Tensor, inputs: Inputs, frame: Tensor | None) -> dict[str, Tensor]:
         """Those that are dead, what the others have by time, and where the root's support stands."""
@@ -140,10 +141,9 @@ class Constants:
     def _rows(self, load: Any, t: Tensor, inputs: Inputs) -> Any:
         return load.at_sites(self.model.s, t, inputs, self.model.scene.beam.element_count)
 
-    def _prescribed(self, end: Tensor, frame: Tensor | None) -> dict[str, Tensor]:
-        """Orientation of frame a, None = it does not turn; and the motion of supports at the time `end`."""
-        scene, motion, like = self.model.scene, self.model.prescribed_motion, self.model.length
-        found = {} if frame is None else {"frame": frame}
+    def _prescribed(self, end: Tensor) -> dict[str, Tensor]:
+        """The motion of supports at the time `end`."""
+        scene, motion, like, found = self.model.scene, self.model.prescribed_motion, self.model.length, {}
         if scene.supports:
             none = {"pose": (like.new_zeros(3), like.new_zeros(4)), "absolute": (like.new_zeros(3),) * 2}
             rows = [(*(motion.pose(one, end) if one.moves else none["pose"]),

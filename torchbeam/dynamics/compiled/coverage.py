@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-import warnings
+import types
 from dataclasses import fields
 from importlib.util import find_spec
 from typing import Any
@@ -13,13 +13,14 @@ from ...core.leaves import AXES, own_leaves
 from ...core.surroundings import Read, Surroundings, Unsteady, of_class
 from ...nodal.model import Model
 from ...solvers.compiled.trace import NotTraceable
+from ..engine_use import slow_path
 from .constants import of_library
 from .step import FUNCTIONS, CompiledStep
 
 ENGINES = ("auto", "eager", "compiled")
 VARIABLE = "TORCHBEAM_ENGINE"  # of the environment: what "auto" means
 MISSING = "llvmlite is not installed: `pip install torchbeam[fast]`"
-TAKES = "; 'compiled' takes it"
+VALUES = "; numbers that change are wanted by tb.Load(values=), constants as numbers, tensors, tuples or frozen dataclasses"
 
 
 def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -> str | None:
@@ -33,39 +34,51 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
 
 
 def why_eager(model: Model, method: str, **options: Any) -> str | None:
-    """Why "auto" steps a model eagerly, in words that `describe` shows; None where it takes native code."""
-    return _decision(model, method, **options)[0]
-
-
-def _decision(model: Model, method: str, **options: Any) -> tuple[str | None, Surroundings | None]:
-    """See `why_eager`; where it is None, what users' functions read (None = that is not known)."""
-    reason = refusal(model, method, **options)
-    if reason is None and find_spec("llvmlite") is None:
-        reason = MISSING
+    """Why "auto" steps a model eagerly, in words that `describe` shows, and whether "compiled" takes it, which is tried; None
+    where "auto" takes native code.
+    """
+    reason = refusal(model, method, **options) or (MISSING if find_spec("llvmlite") is None else None)
     if reason is not None:
-        return reason, None
-    if meaning() == "eager":
-        return f"{VARIABLE} is 'eager'{TAKES}", None
+        return reason
+    untraced = why_not_traced(model, method, **options)
+    reason = f"{VARIABLE} is 'eager'" if meaning() == "eager" else unsteady(model) if meaning() == "auto" else None
+    if reason is None or untraced is not None:
+        return untraced
+    return f"{reason}; 'compiled' takes it, as it is"
+
+
+def unsteady(model: Model) -> str | None:
+    """What a user's function of the motion reads that may change unnoticed, in words; None where there is none."""
     own = by_function(model)
     try:
-        return None, surroundings(own)
+        surroundings(own)
     except Unsteady as reason:
-        if meaning() == "compiled":
-            return None, None
-        return f"{own[0].called} by a function of the motion that reads {reason}, which may change{TAKES}, as it is", None
+        return f"{own[0].called} by a function of the motion that reads {reason}, which may change{place(own[0])}"
+    return None
 
 
 def why_not_traced(model: Model, method: str, **options: Any) -> str | None:
-    """Why what users wrote is not traced, by name and line, or what it raises; None where it is traced. To be asked where
-    `why_eager` is None.
-    """
+    """Why what users wrote is not traced, by name and line, or what it raises; None where it is traced."""
     own = by_function(model)
     try:
         if own:
             CompiledStep(model, method, around=known(own), **options)
-    except Exception as reason:
-        return f"{own[0].called} by a function of the motion: {reason}"
+    except Exception as error:
+        return untraceable(own[0], error)
     return None
+
+
+def untraceable(load: Any, error: Exception) -> str:
+    return f"{load.called} by a function of the motion: {error}{place(load)}"
+
+
+def place(load: Any) -> str:
+    """File and line of the first function that a load is made of, in brackets; of a class of the user's own its name."""
+    functions = [one.value for one in own_leaves(load) if isinstance(one.value, types.FunctionType)]
+    if not functions:
+        return f" (class {type(load).__qualname__} of {type(load).__module__})" if not of_library(load) else ""
+    code = functions[0].__code__
+    return f" ({code.co_filename}:{code.co_firstlineno})"
 
 
 def by_function(model: Model) -> list[Any]:
@@ -112,22 +125,27 @@ def compiled_step(model: Model, method: str, **options: Any) -> CompiledStep:
     raise ValueError(f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does")
 
 
-def automatic_step(model: Model, method: str, **options: Any) -> CompiledStep | None:
-    """Steps of a model by native code where "auto" takes it. What fails in the compiler is warned of, and made eagerly."""
-    reason, around = _decision(model, method, **options)
+def automatic_step(model: Model, method: str, **options: Any) -> tuple[CompiledStep | None, str | None]:
+    """Steps of a model by native code where "auto" takes it; else None, and why it is to be said that steps are eager, None =
+    that is meant. What fails in the compiler is warned of at once. What a user's function raises is raised eagerly, too.
+    """
+    if refusal(model, method, **options) is not None or meaning() == "eager":
+        return None, None
+    if find_spec("llvmlite") is None:
+        return None, MISSING
+    own, reason = by_function(model), unsteady(model) if meaning() == "auto" else None
     if reason is not None:
-        return None
+        return None, reason + VALUES
     try:
-        return CompiledStep(model, method, around=around, **options)
-    except NotTraceable:
-        return None
+        return CompiledStep(model, method, around=known(own), **options), None
     except Exception as error:
+        if own:
+            return None, untraceable(own[0], error)
         given_up(error)
-        return None
+        return None, None
 
 
 def given_up(error: Exception, what: str = "steps are made") -> None:
     """The warning about a compiler that failed."""
     first = next(iter(str(error).splitlines()), "")
-    warnings.warn(f"{what} eagerly, as no native code could be made: {type(error).__name__}: {first}", RuntimeWarning,
-                  stacklevel=2)
+    slow_path(what, f"no native code could be made: {type(error).__name__}: {first}")

@@ -32,6 +32,9 @@ NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterat
 FUNCTIONS = {("midpoint", False): LocalFunctions, ("midpoint", True): ConservingFunctions,
              ("generalized_alpha", False): AlphaFunctions}  # by the method, and whether it conserves energy
 TRIED = 1e-6  # s, of the step that is traced; functions of time are asked near 0
+CLOSURE = "a function of the motion holds a tensor that carries gradient; tb.Load(values=) takes it natively"
+RIGID = ("a gradient is asked for where strains are impossible, or next to, in this dtype; lower stiffnesses of stretching and "
+         "shear, or float64, are wanted")
 FORMS = 32  # that are kept; the oldest goes first
 
 
@@ -102,6 +105,7 @@ class CompiledStep:
                                                      for one, name in self.changing if name == "t")
         self.sources = [*(one.value for one in self.constant), *self.constants.sources]
         self.none, self.all = length.new_zeros(()), length.new_ones(())
+        self.eager_because: str | None = None  # of the last call: what a user may mend
         self._seen: tuple[int, ...] | None = None
         self._forms: dict[tuple, Form] = {}
         self._adjoints: dict[frozenset[str], Chain] = {}
@@ -126,7 +130,7 @@ class CompiledStep:
         make are 0. None where torch alone can do it: forward mode, torch.func, functions of the motion that hold what
         carries gradient, and gradients where strains are impossible, or next to.
         """
-        t, dims = self.none if t is None else t, 0
+        t, dims, self.eager_because = self.none if t is None else t, 0, None
         if K is not None:
             axes = start.status.ndim if moving is None else moving.ndim
             dims = max(axes, self.dims)
@@ -149,10 +153,12 @@ class CompiledStep:
             return None
         known = self.around is not None and forward_ad._current_level < 0  # what carries gradient is an input
         if recorded and self.function and not known and wants_gradient(*self.constants.closures(values)):
+            self.eager_because = CLOSURE
             return None
         held = [*given, *(one.value for one in self.constant), *states] if recorded else []
         wanted = [k for k, x in enumerate(held) if x.requires_grad]
         if wanted and (repeat > 1 or not values["exact"].all()):
+            self.eager_because = RIGID if repeat == 1 else None
             return None
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         every = 1 if wanted or frame is not None else every

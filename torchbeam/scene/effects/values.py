@@ -264,6 +264,9 @@ def parameter(name: str, value: Value, *, zero: bool = True) -> Tensor | np.ndar
     return value
 
 
-def present(value: Tensor | np.ndarray) -> bool:
-    """Whether a parameter is present: any tensor, and any number but 0."""
-    return isinstance(value, Tensor) or bool(value.any())
+def optional(name: str, value: Value | None) -> Tensor | np.ndarray | None:
+    """The same, or None where it is absent: not given, or the plain number 0. A tensor is always there. (None stays None where
+    an effect that a scene has bound to tensors is made again by `dataclasses.replace`; a 0 would have become a tensor.)
+    """
+    value = None if value is None else parameter(name, value)
+    return value if isinstance(value, Tensor) or (value is not None and value.any()) else None

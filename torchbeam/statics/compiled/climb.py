@@ -11,14 +11,16 @@ from torch import Tensor
 from torch._C import _functorch as functorch
 
 from ...core.repetition import repetitions
+from ...core.surroundings import Surroundings
 from ...core.validation import broadcast
 from ...dynamics.compiled.call import Call, Chain, Field
 from ...dynamics.compiled.constants import Constants
 from ...dynamics.compiled.cotangents import constant_fields
-from ...dynamics.compiled.coverage import MISSING, by_function, given_up, known, meaning
+from ...dynamics.compiled.coverage import MISSING, by_function, given_up, known, meaning, surroundings, unsteady, untraceable
 from ...dynamics.compiled.kinds import Kinds, node_kinds
 from ...dynamics.compiled.native import NotCompiled
 from ...dynamics.compiled.program import NOTHING, program_of
+from ...dynamics.engine_use import slow_path
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
 from ...nodal.model import Model
@@ -72,36 +74,41 @@ def climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: 
 def automatic_climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool
                     ) -> Climbed | None:
     """The same where "auto" takes native code: for many samples of what it takes, those of all calls of a run, but for
-    functions of the motion that read what may change unnoticed. What fails in the compiler is warned of; None where it is to be
-    done eagerly.
+    what may change unnoticed. What is not taken is warned of; None where it is to be done eagerly.
     """
     if meaning() == "compiled":
         return climb(model, t, inputs, x, tolerance, judged)
     samples = broadcast("a scene, a start and inputs", model.scene.batch_shape, *(v.shape[:-2] for v in x),
                         *(v.shape[:-1] for v in inputs.values())).numel()
     samples *= repetitions()
-    if meaning() == "eager" or samples * model.count < WORTH or refusal(model) is not None:
+    if meaning() == "eager" or samples * model.count < WORTH or model.scene.device.type != "cpu":
         return None
-    if known(by_function(model)) is None:
-        return None
-    try:
-        return _climbed(model, t, inputs, x, tolerance, judged, None)
-    except NotTraceable:
-        return None
-    except NotCompiled as error:
-        given_up(error, "equilibria are found")
-        return None
+    reason, own = refusal(model), by_function(model)
+    if reason is None and (reason := unsteady(model)) is None:
+        try:
+            return _climbed(model, t, inputs, x, tolerance, judged, None, surroundings(own) if own else NOTHING)
+        except NotCompiled as error:
+            given_up(error, "equilibria are found")
+            return None
+        except NotTraceable as error:
+            reason = untraceable(own[0], error) if own else str(error)
+        except Exception:
+            if own:  # of the user's function: raised eagerly, too
+                return None
+            raise
+    slow_path("equilibria are found", reason)
+    return None
 
 
 @torch.no_grad()
 def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool,
-             lanes: int | None) -> Climbed | None:
+             lanes: int | None, around: Surroundings | None = None) -> Climbed | None:
     if functorch.peek_interpreter_stack() is not None:
         return None
-    own = by_function(model)
-    around = known(own) if own else NOTHING
+    if around is None:
+        around = known(by_function(model)) if by_function(model) else NOTHING
     constants = Constants(model, steps=False, captured=() if around is None else around.inputs)
-    nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs)
+    nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
     trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
     kinds = _kinds(model, constants)
     program = program_of(SteadyFunctions(model, *trees), kinds, bool(model.constraints.nodes), around,

@@ -227,7 +227,7 @@ def test_unstable_samples_are_named_alike(N, order):
 
 @torch.no_grad()
 def test_what_fails_is_raised_alike():
-    scene = tb.Scene(straight(3), [tb.TipLoad(force=(1.0, 0.2, 0))], supports=[tb.Support(0, rotation="")])
+    scene = tb.Scene(straight(3), [tb.TipLoad(force=(0.2, 1.0, 0))], supports=[tb.Support(0, rotation="")])
     for engine in ("compiled", "eager"):
         with pytest.raises(RuntimeError, match="nothing holds"):
             tb.equilibrium(scene, engine=engine)
@@ -235,7 +235,9 @@ def test_what_fails_is_raised_alike():
 
 @torch.no_grad()
 def test_auto_compiles_for_many_samples(monkeypatch):
-    """But for functions of the motion, and what is not taken; TORCHBEAM_ENGINE says otherwise; a failed compiler warns."""
+    """Functions of the motion too, as long as what they read is steady; TORCHBEAM_ENGINE says otherwise; what is not taken, and
+    a failed compiler, are warned of.
+    """
     natively, found = compiled._climbed, []
     monkeypatch.setattr(compiled, "_climbed", lambda *args: found.append(natively(*args)) or found[-1])
     u, dead = pulls(4, 3.0), tb.TipLoad(force=tb.Input("u", 3))
@@ -252,7 +254,12 @@ def test_auto_compiles_for_many_samples(monkeypatch):
     with one_of(1024):  # calls of 4 samples of 8 elements
         assert made() == 1
     monkeypatch.setattr(compiled, "WORTH", 32)
-    assert made() == 1 and made(engine="eager") == made(own) == made(relax=True) == 0
+    assert made() == made(own) == 1 and made(engine="eager") == made(relax=True) == 0
+    held = [1.0]
+    unsteady = tb.Scene(straight(8), [tb.Load(lambda r, R, v, w, t: (-held[0] * r, None)), dead], plane="xz")
+    for scene, reason in ((refused, "control flow"), (unsteady, r"'held' \(list\)")):
+        with pytest.warns(tb.SlowPathWarning, match=f"equilibria are found eagerly.*{reason}.*test_compiled_equilibrium"):
+            assert made(scene) == 0
     monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
     assert made() == 0
     monkeypatch.setenv("TORCHBEAM_ENGINE", "compiled")
@@ -261,7 +268,7 @@ def test_auto_compiles_for_many_samples(monkeypatch):
         made(refused)
     monkeypatch.setenv("TORCHBEAM_ENGINE", "auto")
     monkeypatch.setattr(compiled, "_climbed", lambda *args: raises(NotCompiled("no room")))
-    with pytest.warns(RuntimeWarning, match="equilibria are found eagerly.*no room"):
+    with pytest.warns(tb.SlowPathWarning, match="equilibria are found eagerly.*no room"):
         assert made() == 0
 
 

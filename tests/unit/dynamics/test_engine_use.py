@@ -1,0 +1,117 @@
+"""Which engine has made the steps is told; where "auto" makes many of them eagerly a warning says why, once."""
+
+import warnings
+
+import pytest
+import torch
+
+import torchbeam as tb
+from torchbeam.dynamics.engine_use import SOLVES
+
+pytest.importorskip("llvmlite")
+table = [0.5]
+
+
+@pytest.fixture(autouse=True)
+def auto(monkeypatch):
+    monkeypatch.delenv("TORCHBEAM_ENGINE", raising=False)
+
+
+def scene(*effects, N=2, **stiffness):
+    usual = {"EA": 1e3, "GA": 400.0, "GJ": 0.8, "EI": 1.0, "mass": 1.0, "inertia": 0.01}
+    beam = tb.Beam.straight(1.0, N, tb.Section.from_stiffness(**{**usual, **stiffness}))
+    return tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3)), *effects], plane="xz")
+
+
+def unsteady(r, R, v, w, t):
+    return -table[0] * v, None
+
+
+def untraceable(r, R, v, w, t):
+    return v if v.sum() > 0 else -v, None
+
+
+def said(call, category=tb.SlowPathWarning):
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        call()
+    return [one for one in found if issubclass(one.category, category)]
+
+
+def run(load=None, steps=SOLVES, u=(0.0, 0.0, 0.1), **options):
+    made = scene(*([] if load is None else [load]))
+    return tb.simulate(made, torch.linspace(0, 0.01 * steps, 2), step=0.01, inputs={"u": u}, **options)
+
+
+@pytest.mark.parametrize("function, reason", [(unsteady, r"'table' \(list\), which may change"), (untraceable, "control flow")])
+def test_many_eager_steps_are_warned_of_once_at_the_users_line(function, reason):
+    """What, where the function stands, what to write instead, how to silence; and the warning points to the call."""
+    found = said(lambda: run(tb.Load(function), 2 * SOLVES))
+    assert len(found) == 1 and found[0].filename == __file__
+    line = function.__code__.co_firstlineno
+    for part in (f"{__file__}:{line}", "steps are made eagerly, 15 to 300 times slower", "engine='eager'", "SlowPathWarning"):
+        assert part in str(found[0].message)
+    with pytest.warns(tb.SlowPathWarning, match=reason):
+        run(tb.Load(function))
+
+
+def test_what_is_meant_or_few_is_not_warned_of():
+    """A handful of steps, engine="eager", explicit methods, forward mode, and of course native code."""
+    load = tb.Load(unsteady)
+    few, meant = said(lambda: run(load, SOLVES - 1)), said(lambda: run(load, engine="eager"))
+    explicit = said(lambda: tb.simulate(scene(load), [0.0, 0.01], method="rk4", options={"step_size": 1e-3}, u=(0, 0, 0.1)))
+    forward = said(lambda: torch.func.jvp(lambda u: run(u=u).tip.position, (torch.zeros(3),), (torch.ones(3),)))
+    assert few == meant == explicit == forward == said(run) == []
+
+
+def test_a_gradient_that_native_code_has_not_is_warned_of():
+    factor = torch.tensor(0.5, requires_grad=True)
+    flow = tb.Load(lambda r, R, v, w, t, c: (-c * v, None), values={"c": factor})
+    assert said(lambda: run(flow)) == []
+    rigid = scene(EA=float("inf"))
+    force = torch.tensor([0.0, 0.0, 0.1], requires_grad=True)
+    with pytest.warns(tb.SlowPathWarning, match="strains are impossible"):
+        tb.simulate(rigid, torch.linspace(0, 0.2, 2), step=0.01, inputs={"u": force})
+
+
+def test_what_a_function_reads_and_changes_is_warned_of(monkeypatch):
+    monkeypatch.setitem(globals(), "pull", 0.5)
+    stepper = tb.Stepper(scene(tb.Load(lambda r, R, v, w, t: (-pull * v, None))), 0.01)  # noqa: F821
+    state = stepper(stepper.rest(), u=(0, 0, 0.1))
+    assert stepper.engine == "native"
+    monkeypatch.setitem(globals(), "pull", 0.7)
+    with pytest.warns(tb.SlowPathWarning, match="has changed since the stepper was made"):
+        for _ in range(SOLVES):
+            state = stepper(state, u=(0, 0, 0.1))
+    assert stepper.engine == "mixed"
+
+
+def test_the_engine_is_told():
+    stepper = tb.Stepper(scene(), 0.01)
+    assert stepper.engine is None
+    stepper(stepper.rest(), u=(0, 0, 0.1))
+    assert stepper.engine == run(steps=3).stats.engine == "native"
+    assert run(steps=3, engine="eager").stats.engine == run(tb.Load(unsteady), 3).stats.engine == "eager"
+    for options in (dict(method="midpoint4"), dict(method="generalized_alpha")):
+        assert run(steps=3, **options).stats.engine == "native"
+    adaptive = tb.simulate(scene(), [0.0, 0.05], rtol=1e-3, u=(0, 0, 0.1))
+    explicit = tb.simulate(scene(), [0.0, 0.01], method="rk4", options={"step_size": 1e-3}, u=(0, 0, 0.1))
+    assert (adaptive.stats.engine, explicit.stats.engine) == ("native", "eager")
+
+
+@pytest.mark.parametrize("function, sentence", [
+    (lambda r, R, v, w, t: None, "None"),
+    (lambda r, R, v, w, t: (v[..., :2], None), "3"),
+    (lambda r, R, v, w: (v, None), "argument"),
+])
+@pytest.mark.parametrize("call", [run, lambda load: tb.equilibrium(scene(load), u=(0, 0, 0.1))])
+def test_a_mistake_in_a_function_is_told_as_that(call, function, sentence):
+    """By the error alone, without a warning about native code before it."""
+    found = []
+
+    def fails():
+        with pytest.raises((ValueError, TypeError), match=sentence):
+            call(tb.Load(function))
+
+    found = said(fails, Warning)
+    assert found == []

@@ -1,0 +1,40 @@
+"""Which engine has made the steps of a run, and the warning where "auto" makes many of them eagerly."""
+
+from __future__ import annotations
+
+from ..core.warning import SlowPathWarning, warn
+
+SOLVES = 20  # made eagerly from which on it is said: fewer take less time than compiling
+SILENCED = ("(docs/compiled_engine.md has what native code takes; engine='eager', or "
+            "warnings.filterwarnings(\"ignore\", category=torchbeam.SlowPathWarning), silences this)")
+
+
+def slow_path(what: str, reason: str) -> None:
+    """The warning that steps or equilibria are made by torch operations where native code was to be expected."""
+    warn(f"{what} eagerly, 15 to 300 times slower than by native code: {reason} {SILENCED}", SlowPathWarning)
+
+
+class EngineUse:
+    """Solves of a step, or of a part of one, that each engine has made; one for all copies of a stepper.
+
+    reason  why "auto" makes them eagerly, for the warning; None where that is meant, or needs no word
+    """
+
+    def __init__(self) -> None:
+        self.native = self.eager = 0
+        self.reason: str | None = None
+        self._said = False
+
+    def eagerly(self) -> None:
+        """One more. Warns once, if there is a reason."""
+        self.eager += 1
+        if self.reason is not None and self.eager >= SOLVES and not self._said:
+            self._said = True
+            slow_path("steps are made", self.reason)
+
+    @property
+    def engine(self) -> str | None:
+        """"native", "eager" or "mixed"; None before the first step."""
+        if self.native and self.eager:
+            return "mixed"
+        return "native" if self.native else "eager" if self.eager else None
