@@ -27,6 +27,7 @@ from .kinds import Kinds, node_kinds
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .program import NOTHING, adjoint_of, program_of
+from .user_functions import by_function, known
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
 FUNCTIONS = {("midpoint", False): LocalFunctions, ("midpoint", True): ConservingFunctions,
@@ -248,6 +249,4 @@ class CompiledStep:
 
 
 def _again(model: Model, **options: Any) -> CompiledStep:
-    from .coverage import by_function, known
-
     return CompiledStep(model, around=known(by_function(model)), **options)

@@ -16,10 +16,11 @@ from ...core.validation import broadcast
 from ...dynamics.compiled.call import Call, Chain, Field
 from ...dynamics.compiled.constants import Constants
 from ...dynamics.compiled.cotangents import constant_fields
-from ...dynamics.compiled.coverage import MISSING, by_function, given_up, known, meaning, surroundings, unsteady, untraceable
+from ...dynamics.compiled.coverage import MISSING, given_up, meaning, unsteady, untraceable
 from ...dynamics.compiled.kinds import Kinds, node_kinds
 from ...dynamics.compiled.native import NotCompiled
 from ...dynamics.compiled.program import NOTHING, program_of
+from ...dynamics.compiled.user_functions import by_function, known, surroundings
 from ...dynamics.engine_use import slow_path
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
