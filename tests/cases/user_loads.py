@@ -344,5 +344,4 @@ REFUSED = {
     "noise": (tip(noisy), "random numbers were drawn"), "sorted": (tip(ordered), "torch.maximum and torch.minimum are wanted"),
     "memory": (lambda: tb.Load(Remembering().force), "the value of a traced tensor was asked for"),
     "dropout of train": (lambda: neural(nn.Dropout, train=True), "random numbers were drawn"),
-    "batch norm of train": (lambda: neural(lambda: nn.BatchNorm1d(6), train=True), "eval mode is wanted|Expected 2D or 3D"),
 }
