@@ -101,6 +101,16 @@ def holds_tensor(value: Value) -> bool:
     return isinstance(value, (list, tuple)) and any(isinstance(leaf, Tensor) for leaf in _leaves(value))
 
 
+def present(given: Value, part: Tensor | None = None) -> bool:
+    """Whether a number that was given, or that `part` of given numbers, is there: what came as a tensor always is, since a
+    gradient or a tangent may be asked for where it is 0 as anywhere else, and other samples may have other values. Plain
+    numbers are there unless they are all 0.
+    """
+    if isinstance(given, Tensor) or holds_tensor(given):
+        return True
+    return bool(np.any(given) if part is None else (part != 0).any())
+
+
 def has_dtype(value: Value) -> bool:
     """Whether there is a tensor, or a floating array or scalar of NumPy, in `value`: its dtype is then not for us to choose."""
     return any(isinstance(leaf, Tensor) or numpy_dtype(leaf) is not None for leaf in _leaves(value))

@@ -31,7 +31,7 @@ class Scene(Tree):
     root      `RootMotion` of the clamp at node 0, None = it stays where the beam has it
     plane     None = 3D. "xy" or "xz": solved in that plane of frame a with three unknowns a node; what acts out of it is left
               out where it is a function or an input, and refused where it is a number. "auto": in a plane if the beam, its
-              sections and all numbers lie in one and nothing else acts
+              sections and all numbers lie in one and nothing else acts. A gradient by what would leave the plane is 0
     supports  `Support`s; None = a clamp at node 0, () = free
     small     small displacements and rotations: linear about the undeformed beam. A state holds rotations below pi
 

@@ -14,7 +14,7 @@ from ..core.arguments import count, instance
 from ..core.leaves import Tree, leaf
 from ..core.validation import as_tensor, broadcast, common_dtype, finite
 from ..math.quadratic import X
-from .section import Section
+from .section import STRUCTURE, Section
 
 # Gauss-Legendre points and weights on [0, 1], exact to the seventh power
 POINTS = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263)
@@ -110,8 +110,9 @@ def _sections(given: Any) -> tuple[Section, ...]:
 
 def stacked(sections: Sequence[Section]) -> Section:
     """One section whose last batch axis counts the given ones."""
-    return Section(*(torch.stack(torch.broadcast_tensors(*(getattr(s, name) for s in sections)), -3)
-                     for name in ("compliance", "mass")))
+    compliance, mass = (torch.stack(torch.broadcast_tensors(*(getattr(s, name) for s in sections)), -3)
+                        for name in ("compliance", "mass"))
+    return Section(compliance, mass).declared(*(any(getattr(s, what) for s in sections) for what in STRUCTURE))
 
 
 def stations_of(length: Tensor) -> Tensor:
