@@ -130,13 +130,17 @@ class Case:
             self.disturbed = d.vector(f"initial {s.initial}", sizes[s.initial], s.initial in ("spin", "rotation"),
                                       s.count if s.way in ("minimal", "block_rate") else nodes)
 
-    def scene(self, x: Tensors) -> tb.Scene:
+    def parts(self, x: Tensors) -> dict:
+        """What the scene is made of, by the names of `Scene`'s arguments."""
         made = {kind: [make(x) for make in readers] for kind, readers in self.kinds.items() if kind not in ("beam", "section")}
-        beam = self.kinds["beam"][0](x, self.kinds["section"][0](x))
         effects = [e for some in made["effect"] for e in (some if isinstance(some, tuple) else (some,))]
-        return tb.Scene(beam, effects, frame=next(iter(made["frame"]), None), root=next(iter(made["root"]), None),
-                        supports=next(iter(made["supports"]), None), small=self.spec.space == "small",
-                        plane=self.spec.space if self.spec.space in ("xy", "xz", "auto") else None)
+        plane = self.spec.space if self.spec.space in ("xy", "xz", "auto") else None
+        return dict(beam=self.kinds["beam"][0](x, self.kinds["section"][0](x)), effects=tuple(effects),
+                    **{name: next(iter(made[name]), None) for name in ("frame", "root", "supports")},
+                    small=self.spec.space == "small", plane=plane)
+
+    def scene(self, x: Tensors) -> tb.Scene:
+        return tb.Scene(**self.parts(x))
 
     def inputs(self, x: Tensors) -> dict:
         found = {name: read(x) for name, read in self.draw.inputs.items()}

@@ -141,6 +141,15 @@ def unplaced(d):
     return lambda x, section: tb.Beam.straight(length(x), d.count, section, order=d.order)
 
 
+@ingredient("beam", "linked")
+def linked(d):
+    """Elements of order 2 are none that could be linked."""
+    length = d.number("length", 0.9, 1.2)
+    if d.order == 2:
+        return lambda x, section: tb.Beam.straight(length(x), d.count, section, order=2)
+    return lambda x, section: tb.Beam.straight(length(x), d.count, section).linked()
+
+
 @ingredient("beam", "twisted")
 def twisted(d):
     length, twist, placing = d.number("length", 0.9, 1.2), d.number("twist", 0.4, 0.8), _placing(d)

@@ -1,6 +1,6 @@
 """Random rods by the library and by a dense reference that shares no line with it (`python -m torchbeam oracle` takes more).
 
-Errors are those of what three meshes tend to; accepted is half of what the last refinement changed that by, see `comparison`.
+Errors are those of what three meshes tend to; accepted is what the last refinement changed that by, see `comparison`.
 """
 
 import numpy as np

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,17 +14,20 @@ from torch.utils.checkpoint import checkpoint as recompute
 
 from ..core.arguments import boolean, choice, count, instance, keywords, step_size
 from ..core.arguments import function as check_function
+from ..core.arguments import instants as check_instants
 from ..core.arguments import options as check_options
 from ..core.derivatives import no_derivatives
 from ..core.functions_of_time import within_dual_numbers
 from ..core.leaves import constant
+from ..core.memory import check_memory
 from ..core.status import FAILED, STATUS
-from ..core.validation import as_tensor, concrete, increasing, shown
+from ..core.validation import as_tensor, broadcast, concrete, increasing, shown
 from ..core.warning import warn
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..nodal.rates import Rates
 from ..scene.effects import PerInterval, changing, inputs_at, inputs_over
+from ..scene.prescribed_motion import oriented
 from ..scene.scene import Scene, merge_inputs
 from ..state.reduced import ReducedStates, joined, whole_of
 from ..state.solution import Energy, Solution, Stats
@@ -43,6 +47,7 @@ from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 
 FORMS = ("nodal", "minimal", "block_rate")
+PLAN = 200  # bytes of one step in it
 STEPS = 200  # of the default step, over the whole of t
 TOLERANCES = "rtol", "atol"  # of implicit methods: adaptive steps
 FIXED = "step", "checkpoint", "progress"  # options of steps that are given
@@ -64,7 +69,8 @@ def simulate(
     t        (time,) s, strictly increasing; the first is that of the initial state
     initial  a state of the form; None = undeformed and at rest. What supports hold has to be where they have it at t[0], see
              `Support`, and at rest where neither they nor frame a move: `rest`, `equilibrium`, `State.from_nodes` and states of
-             a solution are. What is off by rounding is put there
+             a solution are. What is off by rounding is put there. Of a state of another time than t[0] frame a turns on until
+             then, see `State.frame`
     method   "midpoint" (nodal form, its default: implicit, mean strain) with
                  step=        s; each output interval is split into ceil(interval/step) equal steps. Default: the shortest
                               interval or 1/200 of the whole, whichever is less
@@ -75,7 +81,8 @@ def simulate(
                  lumped=, conserve=, tolerance=, iterations=, halvings=, engine=    see `Stepper`
                  or, in place of the first three, adaptive steps, each sample's own (see `torchbeam.dynamics.adaptive`):
                  rtol=, atol=  the largest error of a position over the run is to be at most atol m + rtol times the length of
-                              the beam, that of a rotation rtol + atol/length rad (see `Tolerance`); numbers, or (...)
+                              the beam, that of a rotation rtol + atol/length rad (see `Tolerance`; measured on positions,
+                              rotations of light undamped nodes have missed it by 2.4); numbers, or (...)
                  events=      a function of the state that gives one number (...) a sample, or a list of such: a sample stops
                               where one crosses zero, and `sol.event` says which, when and how
                  max_steps=   of a run, 100,000;  first_step=  s, found by a trial otherwise
@@ -131,9 +138,11 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
               **options: Any) -> Solution:
     boolean("checkpoint", checkpoint)
     if progress is not None:
-        check_function("progress", progress)
+        check_function("progress", progress, "done", "steps")
     intervals = concrete(t).detach().diff()
     step = step_size("step", step) if step is not None else min(intervals.min().item(), (t[-1] - t[0]).item() / STEPS)
+    check_memory(f"the plan of {sum(gap / step for gap in intervals.tolist()):.3g} steps of {step:g} s",
+                 PLAN * sum(gap / step for gap in intervals.tolist()), "a longer step is wanted")
     rounding = 1e-6 + 2 * torch.finfo(t.dtype).eps * t.abs().max().item() / step  # of an interval, in steps
     counts = [max(1, math.ceil(gap / step - rounding)) for gap in intervals.tolist()]
     plan = [(k, i) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it
@@ -229,6 +238,8 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
               rtol: float = 1e-6, atol: float = 1e-8, options: dict[str, Any] | None = None, adjoint: bool = False,
               begin: Tensor | None = None) -> Solution:
     """`begin` (...) s: the instant of each sample from which t counts; None = t is that of all."""
+    boolean("adjoint", adjoint)
+    begin = None if begin is None else check_instants("begin", begin, t)
     instants = t if begin is None else [begin + now for now in t]
     held = {name: value for name, value in inputs.items() if not callable(value)}
     moving = {name: value for name, value in inputs.items() if callable(value)}
@@ -240,8 +251,9 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
 
     first = instants[0]
     y0 = rates.pack(_begin(rates.model, initial, first))
+    broadcast("a scene, an initial state and begin", y0.shape[:-1], first.shape)
     acting = rates.balance(first, rates.unpack(first, y0)[0])[0]  # functions and inputs may have axes too
-    y0 = y0.expand(*broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
+    y0 = y0.expand(*broadcast_shapes(y0.shape[:-1], acting.shape[:-2], first.shape), -1)
     ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
                                         parameters=leaves(rhs, y0.detach(), t, adjoint))
     trajectory = State.stack([rates.state(*at) for at in zip(instants, ys, status, strict=True)])
@@ -260,6 +272,8 @@ def _begin(model: Model, initial: State | None, t: Tensor) -> State:
     start = rest(scene, t=t) if initial is None else check_state(initial, scene)
     model.space.start(start)  # says so where it does not fit
     start = with_optional_fields(start.broadcast(), scene)
+    if start.frame is not None:  # it turns on from the state's own time
+        start = replace(start, frame=oriented(scene, start.frame, start.t, t))
     return (start if initial is None else on_supports(start, scene, t).broadcast()).at(t)
 
 

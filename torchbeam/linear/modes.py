@@ -22,9 +22,9 @@ from ..math.quadratic_eigen import DENSE, attach, slowest, slowest_of_chain, upr
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.scene import Scene
-from ..state.state import State, check_state
+from ..state.state import State
 from ..statics.equilibrium import equilibrium
-from .system_matrices import Blocks, augmented, chains, dense, moves
+from .system_matrices import Blocks, at_rest, augmented, chains, dense, moves
 
 GROWING = 1e-6  # real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts by its root
 NORMS = ("largest", "mass")
@@ -96,16 +96,18 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     Internal states of loads are unknowns of their own, in the dense solver. The motions that they add decay without
     oscillating, often slowly: where loads have such states, what does so comes last, behind what oscillates or grows.
 
-    Raises ValueError for more modes than the mesh has, or for what the nodal form does not take.
+    Raises ValueError for more modes than the mesh has, a state that moves or is no equilibrium, or what the nodal form does not
+    take.
     """
     choice("normalize", normalize, NORMS)
     model = discretise(scene, lumped)
     check_count("count", count)
-    state = equilibrium(scene, t=t, **inputs) if state is None else check_state(state, scene)
+    given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
+    state = equilibrium(scene, t=t, **inputs) if state is None else at_rest(model, state, time, given)
     free = model.constraints.count
     if count > free:
         raise ValueError(f"count = {count} was given; {scene.beam.element_count} elements have at most {free} modes")
-    M, D, K, lags = chains(model, state, instant("t", t, scene.beam.nodes), scene.tensors(inputs))
+    M, D, K, lags = chains(model, state, time, given)
     derivatives = wants_gradient(*(x for blocks in (M, D, K, lags or ()) for x in blocks))
     symmetric = not D and lags is None and model.conservative
     pairs = None

@@ -24,8 +24,21 @@ from ..nodal.constitutive_law import times
 from ..nodal.loads import Lags
 from ..nodal.mass import Blocks, add
 from ..nodal.model import Model
-from ..state.state import State
+from ..state.state import State, check_state
+from ..statics.balance_check import check_rest
 from ..statics.steady import Configuration, SteadyProblem
+
+
+def at_rest(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -> State:
+    """`state`, to linearise about; ValueError where it is not one of the scene, moves beside frame a or is no equilibrium."""
+    space = model.space
+    reduced = space.start(check_state(state, model.scene))
+    problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
+    if model.internal_states:
+        x = Configuration(reduced.position, reduced.rotation, reduced.stress)
+        problem = problem.holding(x, reduced.internal)
+    check_rest(problem, reduced)
+    return state
 
 
 def matrices(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -> tuple[Tensor, Tensor | None, Tensor]:

@@ -15,6 +15,7 @@ momentum exactly where v_c rises by 2 (x_{n+1} - x_n)/dt - 2 v_c.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,10 +31,13 @@ from ..scene.scene import Scene
 from .coordinates.spatial import Space
 from .lever import Lever, NoLever
 from .mass import COUPLING, QUADRATIC_COUPLING, Blocks, HalfConsistentMass, LumpedMass, QuadraticMass
-from .quadrature import gregory, trapezoidal
+from .quadrature import gregory, too_uneven, trapezoidal
 from .rotary import NoRotaryInertia, RotaryInertia
 
 NEGATIVE = 1e-5  # of a beam's largest nodal mass, or inertia about an axis: what rounding may leave of none
+UNEVEN = ("linked interpolation was given elements whose lengths or masses jump by so much that mass and loads along the "
+          "beam are lumped half and half: frequencies are then less accurate than without it; lengths of neighbours within a "
+          "factor of 1.5 are wanted")
 
 
 class Momenta(NamedTuple):
@@ -119,6 +123,8 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
                              "elements are wanted")
     if beam.linked_interpolation:
         density = m[..., 0]
+        if concrete(too_uneven(beam.length, density) | too_uneven(beam.length)).any():
+            warnings.warn(UNEVEN, RuntimeWarning, stacklevel=2)
         mass = mass * (gregory(beam.length, density) / trapezoidal(beam.length, density))[..., None, None]
         tributary_length = gregory(beam.length)[..., None]
     beam_mass = mass

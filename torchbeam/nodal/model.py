@@ -11,7 +11,7 @@ from ..core.derivatives import cached
 from ..core.functions_of_time import past_hooks
 from ..core.leaves import Tree, leaf
 from ..scene.effects import INERTIAL, Inputs
-from ..scene.prescribed_motion import PrescribedMotion, turning
+from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
 from ..scene.stations import arclength
 from .constitutive_law import ElasticLaw
@@ -75,6 +75,11 @@ class Model(Tree):
     def frame(self, t: Tensor) -> FixedFrame:
         """Frame a at time t."""
         return frame_of(self.space, *self.prescribed_motion.frame(t))
+
+    def orientation(self, t: Tensor) -> Tensor | None:
+        """Frame a -> inertial axes at time t, in the space's coordinates; None where it does not turn."""
+        frame = orientation(self.scene, t.shape, t)
+        return None if frame is None else self.space.reduced_frame(frame)
 
     def depends_on(self, load: Any) -> frozenset[str]:
         """What a load's wrench depends on."""

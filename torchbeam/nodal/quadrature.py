@@ -26,17 +26,33 @@ def trapezoidal(length: Tensor, density: Tensor | float = 1.0) -> Tensor:
 
 def gregory(length: Tensor, density: Tensor | float = 1.0) -> Tensor:
     """The same by Gregory's rule: linear functions exactly, as by the trapezoidal one, which stays where there is one element,
-    and where lengths or densities jump by so much that a weight would fall below half of its.
+    and where `too_uneven`.
     """
     plain = trapezoidal(length, density)
-    N = length.shape[-1]
-    if N == 1:
+    if length.shape[-1] == 1:
         return plain
+    weights = _corrected(length, density, plain)
+    return torch.where(_positive(weights, plain), weights, plain)
+
+
+def too_uneven(length: Tensor, density: Tensor | float = 1.0) -> Tensor:
+    """(..., 1) bool: whether lengths or densities jump by so much that one of Gregory's weights would fall below half of the
+    trapezoidal one: from twice the length at an end, or back and forth, on, and from about 2.5 times at one place between.
+    """
+    plain = trapezoidal(length, density)
+    return ~_positive(plain if length.shape[-1] == 1 else _corrected(length, density, plain), plain)
+
+
+def _positive(weights: Tensor, plain: Tensor) -> Tensor:
+    return (weights >= LEAST * plain).all(-1, keepdim=True)
+
+
+def _corrected(length: Tensor, density: Tensor | float, plain: Tensor) -> Tensor:
+    N = length.shape[-1]
     slope = density * length**2 / 12
     slope = pad(slope, (0, 1)) - pad(slope, (1, 0))  # what f' of each node counts for
     a, b = length[..., :-1], length[..., 1:]  # three nodes at -a, 0, b: slopes are wanted at 0, and at the ends of the beam
     first, last = pad(slope[..., :1], (0, N - 2)), pad(slope[..., -1:], (N - 2, 0))
     S, X = slope[..., 1:-1] + first + last, 2 * (b * last - a * first)
     before, here, after = (X - b * S) / (a * (a + b)), ((b - a) * S - X) / (a * b), (X + a * S) / (b * (a + b))
-    weights = plain + pad(before, (0, 2)) + pad(here, (1, 1)) + pad(after, (2, 0))
-    return torch.where((weights >= LEAST * plain).all(-1, keepdim=True), weights, plain)
+    return plain + pad(before, (0, 2)) + pad(here, (1, 1)) + pad(after, (2, 0))

@@ -8,7 +8,9 @@ from torch import Tensor
 from ..core.validation import concrete, positive, rotations
 from ..math import quaternions as quat
 from ..math.quadratic import at_points, threes
+from .curve import transported
 
+STEEP = 0.99  # cosine between a beam and frame a's z, from which on its z axis is looked for elsewhere
 HALF_WAY = 0.5  # of an element's chord: twice as far may its midside node be off the middle
 
 
@@ -28,10 +30,17 @@ def axes_along(direction: Tensor, up: Tensor) -> Tensor:
     return torch.stack((x, torch.linalg.cross(z, x), z), -1)
 
 
-def upright(direction: Tensor, length: Tensor) -> Tensor:
-    """Axes along directions (..., n, 3) of that length, z frame a's z made square to them (y, where they run along z)."""
-    y, z = direction.new_tensor([0.0, 1, 0]), direction.new_tensor([0.0, 0, 1])
-    return axes_along(direction, torch.where(direction[..., 2:].abs() > 0.99 * length[..., None], y, z))
+def carried_along(direction: Tensor, length: Tensor, up: Tensor | None) -> Tensor:
+    """Quaternions (..., n, 4) of axes along successive directions (..., n, 3) of that length, carried from each to the next
+    without twist, by the smallest rotation; z of the first is `up` (..., 3) made square to it. None = frame a's z (y, where it
+    runs along z). Whoever turns directions and `up` turns the axes; in a plane that one of y and z is across from, it stays so.
+    """
+    along = direction / length[..., None]
+    first = along[..., 0, :]
+    if up is None:
+        y, z = first.new_tensor([0.0, 1, 0]), first.new_tensor([0.0, 0, 1])
+        up = torch.where(first[..., 2:].abs() > STEEP, y, z)
+    return quat.multiply(transported(along), quat.from_matrix(axes_along(first, up))[..., None, :])
 
 
 def orthonormal(frames: Tensor, *counts: int) -> Tensor:

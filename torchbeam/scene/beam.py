@@ -10,12 +10,13 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..core.arguments import function as check_function
 from ..core.leaves import Tree, batch_shapes, leaf
 from ..core.summary import counted, kind, lines, point, span
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive
 from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
-from .axes import axes_between, axes_of_nodes, orthonormal, parabolas, upright
+from .axes import axes_between, axes_of_nodes, carried_along, orthonormal, parabolas
 from .beam_arguments import Sections, check_order, dtype_with, intervals, placed
 from .curve import curve, places, screws
 from .section import Section, notes
@@ -136,7 +137,7 @@ class Beam(Tree):
             return cls._with_section(section, nodes, q.expand(*q.shape[:-2], N + 1, 4), q.expand(*q.shape[:-2], N, 4), each,
                                      curved=False, order=order)
         if callable(twist):
-            angle = as_tensor(twist(length[..., None] * s), length.dtype, length.device)
+            angle = as_tensor(check_function("twist", twist, "s")(length[..., None] * s), length.dtype, length.device)
             if angle.shape[-1:] != (N + 1,):
                 raise ValueError(f"a twist of shape {tuple(angle.shape)} was given; (..., {N + 1}) is wanted")
         else:
@@ -173,7 +174,8 @@ class Beam(Tree):
         (length,), axes, root = placed(section, direction, up, root, length=length, _curvature=curvature)
         h = (length / N)[..., None].expand(*length.shape, N)
         s = places(h, order)
-        k = as_tensor(curvature(s) if callable(curvature) else curvature, length.dtype, length.device)
+        given = check_function("curvature", curvature, "s")(s) if callable(curvature) else curvature
+        k = as_tensor(given, length.dtype, length.device)
         k = finite("curvature", axis_last("curvature", k, 3))
         if not callable(curvature):
             k = k[..., None, :]
@@ -187,35 +189,43 @@ class Beam(Tree):
         return cls._with_section(section, nodes, frames, axes_between(frames, order), h, curved=True, order=order)
 
     @classmethod
-    def from_nodes(cls, nodes: Value, section: Sections, frames: Value | None = None, order: int = 1) -> Beam:
+    def from_nodes(cls, nodes: Value, section: Sections, frames: Value | None = None, order: int = 1,
+                   up: Value | None = None) -> Beam:
         """A chain through `nodes` (..., N+1, 3) m; elements are the chords. Of order 2, through (..., 2 N + 1, 3) nodes:
-        elements are the parabolas through three of them, of which the second is to be about half way.
+        elements are the parabolas through three of them, of which the second is to be about half way. (A corner between two
+        parabolas is rounded over the elements beside it, with an error of first order; chords are of second order there.)
 
-        frames  (..., N, 3, 3) section axes of the elements as columns, frame a, the first along the chord; without
-                them, z is frame a's z made square to the chord (y instead, where the chord runs along z). Of order 2 those of
-                the nodes, (..., 2 N + 1, 3, 3), the first along the tangent, and z likewise
+        frames  (..., N, 3, 3) section axes of the elements as columns, frame a, the first along the chord; without them they
+                are carried from each element to the next without twist (parallel transport, at corners too). Of order 2 those
+                of the nodes, (..., 2 N + 1, 3, 3), the first along the tangent, and likewise
+        up      (..., 3), without frames: z of the first is `up` made square to it. None = frame a's z (y, where the beam starts
+                along z). Nodes and `up` that are turned together turn the axes
 
-        Raises ValueError for fewer than two nodes, coinciding neighbours, or frames that are left-handed or whose x axis leaves
-        the chord; of order 2 for a number of nodes that is even, or a midside node off the middle.
+        Raises ValueError for fewer than two nodes, coinciding neighbours, frames that are left-handed or whose x axis leaves
+        the chord, frames and up, or a chain that turns back on itself at a node, without frames; of order 2 for a number of
+        nodes that is even, or a midside node off the middle.
         """
         check_order(order)
-        dtype, device = dtype_with(section, nodes, frames)
+        dtype, device = dtype_with(section, nodes, frames, up)
         if isinstance(nodes, (list, tuple)) and any(isinstance(point, Tensor) for point in nodes):  # (..., 3) each
             nodes = torch.stack(torch.broadcast_tensors(*(as_tensor(point, dtype, device) for point in nodes)), -2)
         nodes = finite("nodes", axis_last("nodes", as_tensor(nodes, dtype, device), 3)).clone()  # lengths and axes are of these
         if nodes.ndim < 2 or nodes.shape[-2] < 2:
             raise ValueError(f"nodes of shape {tuple(nodes.shape)} were given; (..., N+1, 3) with N >= 1 is wanted")
+        if up is not None:
+            up = finite("up", axis_last("up", as_tensor(up, dtype, device), 3))
+            if frames is not None:
+                raise ValueError("frames and up were given; one of them is wanted")
         if order == 2:
-            return cls._parabolas(section, nodes, frames)
+            return cls._parabolas(section, nodes, frames, up)
         chord = nodes.diff(dim=-2)
         N = chord.shape[-2]
         length = positive("the distance of neighbouring nodes", torch.linalg.vector_norm(chord, dim=-1))
         if frames is None:
-            frames = upright(chord, length)
-        else:
-            frames = orthonormal(as_tensor(frames, dtype, device), N)
-            if concrete((frames[..., :, 0] - chord / length[..., None]).abs() > 1e-5).any():
-                raise ValueError("frames whose first column leaves the chord were given; it runs from node to node")
+            return cls._chain(section, nodes, carried_along(chord, length, up), length)
+        frames = orthonormal(as_tensor(frames, dtype, device), N)
+        if concrete((frames[..., :, 0] - chord / length[..., None]).abs() > 1e-5).any():
+            raise ValueError("frames whose first column leaves the chord were given; it runs from node to node")
         return cls._chain(section, nodes, quat.from_matrix(frames), length)
 
     @classmethod
@@ -248,13 +258,12 @@ class Beam(Tree):
         return cls._with_section(section, nodes, frames, axes_between(frames, order), each, curved=True, order=order)
 
     @classmethod
-    def _parabolas(cls, section: Sections, nodes: Tensor, frames: Value | None) -> Beam:
+    def _parabolas(cls, section: Sections, nodes: Tensor, frames: Value | None, up: Tensor | None) -> Beam:
         """`from_nodes` of order 2. A station stands for |dr/dx| of its parabola."""
         length, tangent = parabolas(nodes)
         size = positive("the tangent at a node", torch.linalg.vector_norm(tangent, dim=-1))
-        frames = (upright(tangent, size) if frames is None
-                  else orthonormal(as_tensor(frames, nodes.dtype, nodes.device), nodes.shape[-2]))
-        q = quat.from_matrix(frames)
+        q = (carried_along(tangent, size, up) if frames is None
+             else quat.from_matrix(orthonormal(as_tensor(frames, nodes.dtype, nodes.device), nodes.shape[-2])))
         return cls._with_section(section, nodes, q, axes_between(q, 2), length, curved=True, order=2)
 
     @classmethod

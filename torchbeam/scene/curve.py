@@ -13,7 +13,7 @@ BACK = 1e-6  # 1 + cosine of the turn from one tangent to the next: less, and th
 
 GAUSS = 3**-0.5 / 2  # of an interval: how far its two Gauss points are from its middle
 
-TURNS_BACK = "a curve that turns back on itself at a node was given; nodes that are nearer to each other are wanted"
+TURNS_BACK = "a curve that turns back on itself at a node was given; nodes that are nearer to each other are wanted, or frames"
 
 
 def places(h: Tensor, order: int) -> Tensor:
@@ -86,11 +86,12 @@ def transported(along: Tensor) -> Tensor:
     """Quaternions (..., N+1, 4) that take what is fixed to the first of the tangents (..., N+1, 3) to each: parallel transport,
     by the smallest rotation from one to the next.
     """
-    each = shortest_turn(along[..., :-1, :], along[..., 1:, :])
-    found = [pad(torch.zeros_like(along[..., 0, :]), (1, 0), value=1.0)]
-    for i in range(each.shape[-2]):
-        found.append(quat.normalize(quat.multiply(each[..., i, :], found[-1])))
-    return torch.stack(found, -2)
+    each, size = shortest_turn(along[..., :-1, :], along[..., 1:, :]), 1
+    while size < each.shape[-2]:  # each is the product of those up to its own
+        each = torch.cat((each[..., :size, :], quat.multiply(each[..., size:, :], each[..., :-size, :])), -2)
+        size *= 2
+    none = pad(torch.zeros_like(along[..., :1, :]), (1, 0), value=1.0)
+    return quat.normalize(torch.cat((none, each), -2))
 
 
 def carried_axes(frames: Tensor, rest: Tensor, nodes: Tensor, length: Tensor, twist: Tensor | None = None) -> Tensor:

@@ -8,9 +8,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.functions_of_time import at_time, taken, with_rate, with_user_rate
+from ..core.functions_of_time import at_time, taken, with_rate, with_user_rate, within_dual_numbers
+from ..core.validation import concrete
 from ..math import quaternions as quat
 from .effects import Pose
+from .frame_turn import turn_between
 from .supports import Support
 
 
@@ -27,6 +29,13 @@ class PrescribedMotion:
         frame = self.scene.frame
         given = (None, None) if frame is None else (frame.velocity, frame.angular_velocity)
         return tuple(None if x is None else self._value(x, t) for x in given)
+
+    def turn(self, start: Tensor, end: Tensor) -> Tensor:
+        """Quaternion (..., 4) by which frame a, which turns, does so from `start` to `end` (...) s, in its axes at `start`."""
+        omega = self.scene.frame.angular_velocity
+        if not callable(omega):
+            return quat.exponential(omega * (end - start)[..., None])
+        return turn_between(lambda t: self._value(omega, t), start, end)
 
     def pose(self, support: Support, t: Tensor, share: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
         """Position (..., 3) and quaternion (..., 4) of a support, after a share (..., 1) of its motion."""
@@ -110,6 +119,18 @@ def turning(scene: Any) -> bool:
     return scene.frame is not None and scene.frame.angular_velocity is not None
 
 
-def orientation(scene: Any, shape: tuple[int, ...]) -> Tensor | None:
-    """Of frame a at t = 0, (*shape, 4); None where it does not turn."""
-    return quat.identity(shape, scene.beam.nodes.dtype, scene.beam.nodes.device) if turning(scene) else None
+def orientation(scene: Any, shape: tuple[int, ...], t: Tensor | float = 0.0) -> Tensor | None:
+    """Of frame a at t (...) s, in the inertial axes with which it coincides at t = 0: (..., 4), with the batch axes `shape` and
+    those of a function; None where it does not turn.
+    """
+    nodes = scene.beam.nodes
+    return oriented(scene, quat.identity(shape, nodes.dtype, nodes.device), 0.0, t) if turning(scene) else None
+
+
+def oriented(scene: Any, frame: Tensor, start: Tensor | float, end: Tensor | float) -> Tensor:
+    """Orientation (..., 4) of frame a, which turns, at `end` (...) s, if it is `frame` (..., 4) at `start`."""
+    start, end = (torch.as_tensor(t, dtype=frame.dtype, device=frame.device) for t in (start, end))
+    gap = end - start
+    if gap is concrete(gap) and not gap.requires_grad and not within_dual_numbers() and bool((gap == 0).all()):
+        return frame
+    return quat.multiply(frame, PrescribedMotion(scene).turn(start, end))

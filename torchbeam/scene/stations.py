@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,11 +10,12 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.arguments import count, instance
+from ..core.arguments import count, instance, listed
+from ..core.arguments import function as check_function
 from ..core.leaves import Tree, leaf
 from ..core.validation import as_tensor, broadcast, common_dtype, finite
 from ..math.quadratic import X
-from .section import Section
+from .section import STRUCTURE, Section
 
 # Gauss-Legendre points and weights on [0, 1], exact to the seventh power
 POINTS = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263)
@@ -100,7 +101,7 @@ class Stations(Tree):
 
 def _sections(given: Any) -> tuple[Section, ...]:
     """One `Section` or more; ValueError otherwise."""
-    sections = tuple(given) if isinstance(given, Iterable) else (given,)
+    sections = listed(given)
     for section in sections:
         instance("a section", section, Section)
     if not sections:
@@ -110,8 +111,9 @@ def _sections(given: Any) -> tuple[Section, ...]:
 
 def stacked(sections: Sequence[Section]) -> Section:
     """One section whose last batch axis counts the given ones."""
-    return Section(*(torch.stack(torch.broadcast_tensors(*(getattr(s, name) for s in sections)), -3)
-                     for name in ("compliance", "mass")))
+    compliance, mass = (torch.stack(torch.broadcast_tensors(*(getattr(s, name) for s in sections)), -3)
+                        for name in ("compliance", "mass"))
+    return Section(compliance, mass).declared(*(any(getattr(s, what) for s in sections) for what in STRUCTURE))
 
 
 def stations_of(length: Tensor) -> Tensor:
@@ -140,29 +142,54 @@ def _within_elements(length: Tensor, x: tuple[float, float]) -> Tensor:
 
 def of_elements(section: Sequence[Section] | Callable[[Tensor], Section], length: Tensor, order: int = 1) -> Section:
     """The sections of N elements of the given length (..., N) m, N (or 1) their last batch axis. A function of s, `Stations`
-    among them, is averaged over each element at four Gauss points, compliance and mass: the bending of an element under a
-    constant moment and its weight are then those of the beam. Of order 2 those of the stations, (..., 2 N); a function is taken
-    there.
+    among them, is averaged over each element, compliance and mass: the bending of an element under a constant moment and its
+    weight are then those of the beam. The average is taken at four Gauss points of each element, of `Stations` at four between
+    the stations in it, where their lines have corners. Of order 2 those of the stations of stress, (..., 2 N); a function is
+    taken there.
     """
     N = length.shape[-1]
     if callable(section):
-        points, weights = (torch.tensor(x, dtype=length.dtype, device=length.device) for x in (POINTS, WEIGHTS))
-        start = length.cumsum(-1) - length
-        places = (start[..., None] + length[..., None] * points).flatten(-2) if order == 1 else stations_of(length)
-        found = section(places)
-        if not isinstance(found, Section) or found.batch_shape[-1:] != places.shape[-1:]:
-            given = f"of batch shape {tuple(found.batch_shape)}" if isinstance(found, Section) else type(found).__name__
-            raise ValueError(f"a function of s that gave a section {given} for {places.shape[-1]} places was given; one "
-                             "Section with a last batch axis of that many is wanted")
         if order == 2:
-            return found
-        mean = (torch.einsum("...nkij,k->...nij", x.expand(*x.shape[:-3], 4 * N, 6, 6).unflatten(-3, (N, 4)), weights)
-                for x in (found.compliance, found.mass))
-        return found.like(*mean)
+            return _sections_at(section, stations_of(length))
+        places, weights, element = _quadrature(length, section.s if isinstance(section, Stations) else None)
+        found = _sections_at(section, places)
+        return found.like(*(_gathered(x, weights, element, N) for x in (found.compliance, found.mass)))
     sections = tuple(section)
     if not sections or not all(isinstance(s, Section) for s in sections) or len(sections) not in (1, N // order):
         raise ValueError(f"{len(sections)} sections were given for {N // order} elements; one Section or one each is wanted")
     return stacked([s for s in sections for _ in range(order if len(sections) > 1 else 1)])
+
+
+def _sections_at(function: Callable[[Tensor], Section], places: Tensor) -> Section:
+    found = check_function("section", function, "s")(places)
+    if not isinstance(found, Section) or found.batch_shape[-1:] != places.shape[-1:]:
+        given = f"of batch shape {tuple(found.batch_shape)}" if isinstance(found, Section) else type(found).__name__
+        raise ValueError(f"a function of s that gave a section {given} for {places.shape[-1]} places was given; one "
+                         "Section with a last batch axis of that many is wanted")
+    return found
+
+
+def _quadrature(length: Tensor, corners: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
+    """Places (..., m) m along elements of length (..., N) m, the share of its element that each stands for, and that element's
+    number (..., m): four Gauss points between neighbours among the elements' ends and `corners` (..., n) m.
+    """
+    ends = arclength(length)
+    if corners is not None:
+        inside = torch.maximum(torch.minimum(corners, ends[..., -1:]), ends[..., :1])
+        shape = broadcast("stations and elements", inside.shape[:-1], ends.shape[:-1])
+        ends = torch.cat([x.expand(*shape, x.shape[-1]) for x in (ends, inside)], -1).sort(-1).values
+    size, (points, weights) = ends.diff(dim=-1), (length.new_tensor(x) for x in (POINTS, WEIGHTS))
+    places = ends[..., :-1, None] + size[..., None] * points
+    inner = length.cumsum(-1)[..., :-1].detach().expand(*size.shape[:-1], -1).contiguous()
+    element = torch.searchsorted(inner, (ends[..., :-1] + size / 2).detach().contiguous(), right=True)
+    share = size / length.expand(*size.shape[:-1], -1).gather(-1, element)
+    return (places.flatten(-2), (share[..., None] * weights).flatten(-2), element.repeat_interleave(len(POINTS), -1))
+
+
+def _gathered(x: Tensor, weights: Tensor, element: Tensor, N: int) -> Tensor:
+    """Sums (..., N, 6, 6) over the places of each element of weights (..., m) times x (..., m or 1, 6, 6)."""
+    parts = weights[..., None, None] * x
+    return parts.new_zeros(*parts.shape[:-3], N, 6, 6).scatter_add(-3, element[..., None, None].expand(parts.shape), parts)
 
 
 def _places(s: Tensor) -> Tensor:

@@ -97,12 +97,12 @@ class Continuation:
         zero = self.model.length.new_zeros(())
         shape = self.loaded(zero).residual(start)[0].measure().shape
         if self.control is not None:
-            shape = broadcast_shapes(shape, self.control(start).shape, self.target.shape)
+            shape = broadcast_shapes(shape, self.target.shape)
         start = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in start))
         none, no = zero.expand(shape), torch.zeros(shape, dtype=torch.bool, device=zero.device)
         way = zero.expand(*start.position.shape[:-1], self.model.space.unknowns)
         now = self.settle(PathPoint(*start, none[..., None, None], way), none - 1, None, None)
-        first = None if self.control is None else self.control(start)
+        first = None if self.control is None else self.led(start, shape)
         status, final, leap, at, step = no.long(), no, no, none, none + self.step
         done = no if active is None else ~active
         record, behind = [(now, status, ~no)], now
@@ -183,6 +183,14 @@ class Continuation:
         length = torch.where(on < 0, -length, length)
         reaction = root if reaction is None else reaction
         return PathState(x, reaction, negative, sign, move / length[..., None, None], 1 / length, least, sound.expand(shape))
+
+    def led(self, start: Configuration, shape: torch.Size) -> Tensor:
+        """What `control` reads (...) where the path begins; ValueError where that is not one number of each sample."""
+        value = self.control(start)
+        if not isinstance(value, Tensor) or value.shape not in (shape, ()):
+            what = f"{tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
+            raise ValueError(f"a control that returns {what} was given; one number of each sample, {tuple(shape)}, is wanted")
+        return value.expand(shape)
 
     def alike(self, a: PathState, b: PathState) -> Tensor:
         """Cosine between two tangents."""

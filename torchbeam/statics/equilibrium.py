@@ -29,7 +29,7 @@ from .compiled import climb as compiled
 from .continuation import NEUTRAL
 from .internal_states import resting
 from .load_steps import climb
-from .mechanism import adrift, unheld
+from .mechanism import braced, stressed, unheld
 from .path import stable_branch
 from .steady import Configuration, SteadyProblem
 
@@ -44,7 +44,8 @@ UNRELAXED = "the damped run came to no rest; its loads may drive it on"
 def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, tolerance: float | None = None,
                 throw: bool = True, branch: str = "first", relax: bool = False, engine: str = "auto", **inputs: Any
                 ) -> State:
-    """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which stands as at t = 0.
+    """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which stands
+    as it does at t (its axes are the inertial ones at t = 0).
 
     initial    where to start, at no load; None = the undeformed beam. What supports hold is put where they have it
     tolerance  of the scaled residual, which is measured before the last update; default 1e-8 in float64
@@ -68,12 +69,16 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     at a limit point, a RuntimeError says that there is none (with throw=False the sample is a constant); at a point of
     bifurcation a RuntimeWarning says that some do not exist.
 
-    A beam of which nothing holds a rigid motion, and which starts in balance, as a free one without loads, stays where it
-    starts. Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form does not take and
-    RuntimeError for a sample without equilibrium; where nothing holds a rigid motion of it, the sentence says which.
+    What swings, as a pendulum, is held by its loads once these have stressed it; where by their stiffness it is more than 0.5
+    rad away, relax=True is wanted. A rigid motion that nothing holds and no load drives stays as it starts, and derivatives
+    are those with it held at the first support (node 0 where there is none).
+
+    Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form does not take and RuntimeError
+    for a sample without equilibrium; where nothing holds a rigid motion of it, the sentence says which.
     """
     choice("branch", branch, ("first", "stable"))
     choice("engine", engine, ENGINES)
+    boolean("relax", relax)
     if relax and engine == "compiled":
         raise ValueError("engine = 'compiled' was given with relax=True; 'eager' does that")
     boolean("throw", throw)
@@ -84,19 +89,24 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     time = instant("t", t, scene.beam.nodes)
     start = model.space.start(start)
     start = Configuration(start.position, start.rotation, start.stress)
-    doubtful = found = None
-    if engine != "eager" and not relax:
+    doubtful = found = driven = None
+    problem = SteadyProblem(model, time, given, time.new_ones(()))
+    if not relax:
+        start, driven = stressed(problem, start)
+        problem = braced(problem, start)
+    if engine != "eager" and not relax and type(problem) is SteadyProblem:
         native = compiled.climb if engine == "compiled" else compiled.automatic_climb
         found = native(model, time, given, start, tolerance, judged=model.conservative or branch == "stable")
     if found is None:
-        x, reaction, status = (relaxation.relax if relax else climb)(model, time, given, start, tolerance)
+        x, reaction, status = (relaxation.relax if relax else climb)(problem, start, tolerance)
     else:
         x, reaction, status, doubtful = found
     start = Configuration(*(v.expand(*status.shape, *v.shape[-2:]) for v in start))
-    problem = SteadyProblem(model, time, given, torch.ones_like(status, dtype=scene.dtype))
-    idle = _idle(problem, start)
-    status = torch.where(idle, 0, status)
-    good = (status == 0) & ~idle
+    problem = replace(problem, load_factor=torch.ones_like(status, dtype=scene.dtype))
+    problem = braced(problem, x) if relax else problem
+    if driven is not None:
+        x, status = where(driven, start, x), torch.where(driven, DIVERGED, status)
+    good = status == 0
     if branch == "stable":
         unstable = good & _unstable(problem, x, start, doubtful)
         if concrete(unstable).any():
@@ -118,9 +128,6 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
         held = {name: torch.where(good[..., None], v, v.detach()) for name, v in given.items()}
         problem = replace(problem, inputs=held)
         x, reaction = _attached(problem, x, reaction, start, good)
-    if concrete(idle).any():
-        x = Configuration(*(torch.where(idle[..., None, None], a, b) for a, b in zip(start, x, strict=True)))
-        reaction = torch.where(idle[..., None, None], 0, reaction)
     failed = status != 0
     if throw and concrete(failed).any():
         alike = failed is not concrete(failed)  # one of many that torch.func.vmap has
@@ -133,23 +140,12 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
             reason = f"nothing holds {loose}; a support or a spring would ({UNRELAXED if relax else SWING})"
         raise RuntimeError(f"{which} has no equilibrium: {reason}")
     if model.conservative:
-        found = ~failed & ~idle
+        found = ~failed
         unstable = found & _unstable(problem, x, start, None if doubtful is None else doubtful & found)
         if concrete(unstable).any():
             warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to another "
                  "(branch='stable' looks for it)")
     return problem.state(x, reaction, status)
-
-
-def _idle(problem: SteadyProblem, start: Configuration) -> Tensor:
-    """(...) samples with a rigid motion that nothing holds, which start in balance: they stay, for no other place is better."""
-    if problem.model.internal_states:  # which have a rest of their own to come to
-        return torch.zeros_like(problem.load_factor, dtype=torch.bool)
-    idle = adrift(problem.model, problem.t, problem.inputs)
-    if concrete(idle).any():
-        with no_derivatives():
-            idle = idle & (problem.residual(start)[0].measure() <= torch.finfo(start.stress.dtype).eps ** 0.5)
-    return idle.expand_as(problem.load_factor)
 
 
 def _which(mask: Tensor) -> str:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import concrete
-from ..nodal.model import Model
-from ..scene.effects import Inputs
 from ..solvers.newton import newton
 from .steady import Configuration, SteadyProblem
 
@@ -22,21 +21,22 @@ LEAST = 1e-4  # smallest load step, as a share of the whole load
 LIMIT = 12  # iterations in a load step: one that takes more is quicker in two
 
 
-def climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None
-          ) -> tuple[Configuration, Tensor, Tensor]:
-    """Raise the load from 0 to 1: (shape, reaction, status)."""
+def climb(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tuple[Configuration, Tensor, Tensor]:
+    """Raise the load from 0 to 1, that of the problem `whole`: (shape, reaction, status)."""
     with torch.no_grad():
-        probe, _ = SteadyProblem(model, t, inputs, t.new_ones(())).residual(x)
+        model = whole.model
+        probe, _ = whole.residual(x)
         shape = probe.measure().shape
         x = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in x))
-        reached, step = t.new_zeros(shape), _first_step(SteadyProblem(model, t, inputs, t.new_ones(shape)), x)
+        whole = replace(whole, load_factor=probe.nodes.new_ones(shape))
+        reached, step = torch.zeros_like(whole.load_factor), _first_step(whole, x)
         reaction = probe.nodes.new_zeros(*shape, *model.constraints.fixed.shape)
-        status = torch.zeros(shape, dtype=torch.long, device=t.device)
+        status = torch.zeros(shape, dtype=torch.long, device=x.position.device)
         while True:
             climbing, share = shares(reached, step, status)
             if not concrete(climbing).any():
                 return x, reaction, status
-            problem = SteadyProblem(model, t, inputs, share)
+            problem = replace(whole, load_factor=share)
             outcome = newton(problem, problem.apply_supports(x), climbing, tolerance, LIMIT,
                              foresee=share < 1)
             turn = model.space.multiply(model.space.inverse(x.rotation), outcome.x.rotation)

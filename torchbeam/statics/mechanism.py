@@ -1,49 +1,132 @@
-"""Mechanisms: rigid motions of a beam that neither its supports nor its loads hold."""
+"""Mechanisms: rigid motions of a beam that neither its supports nor its loads hold.
+
+A pendulum that hangs is held by its weight, once that has stressed it. So the stress that the loads bring about is found with
+the motions held that nothing else holds, and a load step then begins with the stiffness of that stress. What is still held by
+nothing, as the turn of a pendulum about itself, gets a brace, a stiffness of one node in the tangent alone: where no load
+drives that motion, the balance, the solution and its derivatives are those without the brace.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from ..core.derivatives import no_derivatives
+from ..core.leaves import leaf
 from ..core.validation import concrete
 from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
 from ..nodal.coordinates.planar import PLANES
+from ..nodal.mass import Blocks, add
 from ..nodal.model import Model
 from ..scene.scene import Scene
 from ..scene.supports import AXES
 from ..state.state import rest
-from .steady import SteadyProblem
+from .steady import Configuration, SteadyProblem
 
 NONE = 1e-8  # of the largest: a singular value that is none
+STIFF = 1e6  # of a brace, beside the stiffness of its node
+SWING = 0.5  # rad, or lengths of the beam: how far it may be to where the loads hold a beam that swings
+
+
+@dataclass(frozen=True)
+class BracedProblem(SteadyProblem):
+    """`SteadyProblem` with braces (..., N+1, w, w) in its tangent: stiffnesses of nodes."""
+
+    braces: Tensor = leaf(3, kw_only=True)
+
+    def load_tangent(self, x: Configuration) -> Blocks:
+        return add((self.braces,), super().load_tangent(x))
+
+
+def stressed(problem: SteadyProblem, x: Configuration) -> tuple[Configuration, Tensor | None]:
+    """x with the stress that loads bring about there, of samples with rigid motions that nothing holds as x stands; and (...)
+    bool, which of them the loads drive further than `SWING`, by the stiffness of that stress. None = there are no such motions.
+    """
+    if clamped(problem.model):
+        return x, None
+    with no_derivatives():
+        free = _free(problem, x)
+        adrift = free.any(-1).any(-1)
+        if not concrete(adrift).any():
+            return x, None
+        at_rest = problem.apply_supports(x)
+        held = _braced(problem, at_rest, free)
+        residual, *about = held.residual(at_rest)
+        change = held.linearise(at_rest, *about).solve(residual.nodes, residual.strain)[1]
+        x = x._replace(stress=torch.where(adrift[..., None, None], x.stress + change, x.stress))
+        nodes, at, _ = _hold(problem, x)
+        moves = _in_space(problem, _moves(nodes, at))
+        force = torch.einsum("...anw,...nw->...a", moves, problem.residual(x)[0].nodes)
+        stiffness, _ = _stiffness(problem, x, moves)
+        by = torch.linalg.pinv((free @ stiffness @ free).double(), rtol=NONE)
+        swing = (by @ (free @ force[..., None]).double())[..., 0].abs().amax(-1)
+        return x, adrift & (swing > SWING)
+
+
+def braced(problem: SteadyProblem, x: Configuration) -> SteadyProblem:
+    """The problem with braces for rigid motions that neither supports nor loads, with the stress of x, hold; itself where there
+    are none.
+    """
+    if clamped(problem.model):
+        return problem
+    with no_derivatives():
+        free = _free(problem, x)
+        return _braced(problem, problem.apply_supports(x), free) if concrete(free).any() else problem
 
 
 def unheld(model: Model, t: Tensor, inputs: dict[str, Tensor], sample: tuple[int, ...] = ()) -> tuple[int, str]:
     """How many rigid motions of one sample nothing holds, as it stands undeformed, and what they are in words; (0, "") where
     there are none, or where frame a turns, which holds much by itself.
     """
-    if _clamped(model):
+    if clamped(model):
         return 0, ""
     with no_derivatives():
-        nodes, at, hold = _hold(model, t, inputs)
+        start = model.space.start(rest(model.scene))
+        start = Configuration(start.position, start.rotation, torch.zeros_like(start.stress))
+        nodes, at, hold = _hold(SteadyProblem(model, t, inputs, t.new_ones(())), start)
     _, s, V = torch.linalg.svd(_of_sample(hold, 2, sample), full_matrices=True)
     motions = V[int((s > NONE).sum()):].to(nodes)
     return len(motions), _words(motions, _of_sample(nodes, 2, sample)[at], at)
 
 
-def adrift(model: Model, t: Tensor, inputs: dict[str, Tensor]) -> Tensor:
-    """(...) bool, of each sample: whether there is such a motion."""
-    if _clamped(model):
-        return torch.zeros((), dtype=torch.bool, device=t.device)
-    with no_derivatives():
-        hold = _hold(model, t, inputs)[2]
-        return (torch.linalg.svdvals(hold) > NONE).sum(-1) < 6
-
-
-def _clamped(model: Model) -> bool:
+def clamped(model: Model) -> bool:
     """Whether all is held without a look at loads, or by a frame that turns."""
     return model.turning or any(all(s.held) for s in model.scene.supports)
+
+
+def _free(problem: SteadyProblem, x: Configuration) -> Tensor:
+    """(..., 6, 6) projector onto the rigid motions that nothing holds, see `_hold`; zero where there are none."""
+    nodes, _, hold = _hold(problem, x)
+    _, s, V = torch.linalg.svd(hold, full_matrices=True)
+    none = (torch.nn.functional.pad(s, (0, max(0, 6 - s.shape[-1]))) <= NONE)[..., None] * V
+    return (none.mT @ none).to(nodes)
+
+
+def _braced(problem: SteadyProblem, x: Configuration, free: Tensor) -> BracedProblem:
+    """With a brace of the first support's node, or of node 0, against the rigid motions `free`, a projector."""
+    model, space = problem.model, problem.model.space
+    at, eye = _base(model), torch.eye(3).to(x.position)
+    D = problem.tangent(x, problem.residual(x)[1]).blocks[0]
+    root = D[..., at, :, :].diagonal(dim1=-2, dim2=-1).abs().sqrt()[..., None]
+    shift, turn = space.project_vector(eye).mT, space.project_spin(eye).mT
+    length = _length(model.scene.beam.nodes.detach())[..., None, None]
+    moves = root * (torch.block_diag(shift, turn) @ torch.cat((length * free[..., :3, :], free[..., 3:, :]), -2))
+    U, s, _ = torch.linalg.svd(moves, full_matrices=False)
+    U = torch.where((s > NONE * s[..., :1])[..., None, :], U, 0.0)
+    brace = STIFF * root * (U @ U.mT) * root.mT
+    braces = brace.new_zeros(*brace.shape[:-2], D.shape[-3], *brace.shape[-2:])
+    braces[..., at, :, :] = brace
+    fields = {name: getattr(problem, name) for name in ("model", "t", "inputs", "load_factor", "internal", "near")}
+    return BracedProblem(**fields, braces=braces)
+
+
+def _base(model: Model) -> int:
+    """The node that rigid rotations are about."""
+    supports = model.scene.supports
+    return supports[0].node if supports else 0
 
 
 def _of_sample(x: Tensor, own: int, sample: tuple[int, ...]) -> Tensor:
@@ -52,26 +135,22 @@ def _of_sample(x: Tensor, own: int, sample: tuple[int, ...]) -> Tensor:
     return concrete(x)[tuple(i if n > 1 else 0 for n, i in zip(lead, sample[len(sample) - len(lead):], strict=True))]
 
 
-def _hold(model: Model, t: Tensor, inputs: dict[str, Tensor]) -> tuple[Tensor, int, Tensor]:
+def _hold(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, int, Tensor]:
     """Nodes (..., N+1, 3) m, the node `at` that rotations are about, and the matrix (..., m, 6), of size one, which takes a
-    rigid motion to what holds it: displacement of that node (in lengths of the beam) and rotation to those that supports and
-    the scene's plane forbid, and to the generalised forces by which loads resist what is left.
+    rigid motion of x to what holds it: displacement of that node (in lengths of the beam) and rotation to those that supports
+    and the scene's plane forbid, and to the generalised forces by which loads and stress resist what is left.
     """
-    nodes, supports = model.scene.beam.nodes.detach(), model.scene.supports
-    at = supports[0].node if supports else 0
+    model, at = problem.model, _base(problem.model)
+    nodes = model.space.public_position(x.position) if model.space.turns else model.scene.beam.nodes.detach()
     moves, left, parts = _moves(nodes, at), torch.eye(6).to(nodes), []
     held = _forbidden(model.scene, nodes, moves)
     if held is not None:
         _, s, V = torch.linalg.svd(held, full_matrices=True)
-        rank = torch.nn.functional.pad(s > NONE * s[..., :1], (0, 6 - s.shape[-1]))
+        rank = torch.nn.functional.pad(s > NONE * s[..., :1], (0, max(0, 6 - s.shape[-1])))
         free = torch.where(rank[..., None], 0.0, V)  # rows
         left = (free.mT @ free).to(nodes)
         parts.append(held / s[..., :1, None])
-    resisted = _resisted(model, t, inputs, moves, left)
-    if resisted is not None:
-        parts.append(resisted)
-    if not parts:
-        return nodes, at, nodes.new_zeros(6, 6).double()
+    parts.append(_resisted(problem, x, moves, left))
     lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
     return nodes, at, torch.cat([x.expand(*lead, *x.shape[-2:]) for x in parts], -2)
 
@@ -101,22 +180,36 @@ def _forbidden(scene: Scene, nodes: Tensor, moves: tuple[Tensor, Tensor]) -> Ten
     return torch.stack(torch.broadcast_tensors(*rows), -2).double() if rows else None
 
 
-def _resisted(model: Model, t: Tensor, inputs: dict[str, Tensor], moves: tuple[Tensor, Tensor], left: Tensor) -> Tensor | None:
-    """(..., 6, 6) generalised forces by which loads resist the rigid motions that are `left` (a projector); None = there are
-    no such loads.
+def _resisted(problem: SteadyProblem, x: Configuration, moves: tuple[Tensor, Tensor], left: Tensor) -> Tensor:
+    """(..., 6, 6) generalised forces by which loads, and the stress of x, resist the rigid motions that are `left`, a
+    projector; of size one.
     """
-    if not model.loads[0]:
-        return None
-    space = model.space
-    still = SteadyProblem(model, t, inputs, t.new_ones(())).nodes(space.start(rest(model.scene)))
-    by = external.tangent(model, still, t, inputs, model.loads[0])
-    if isinstance(by, float):
-        return None
-    moves = torch.cat((space.project_vector(moves[0]), space.project_spin(moves[1])), -1)
-    work = left @ torch.einsum("...anw,...nwv,...bnv->...ab", moves, by, moves) @ left
-    most, least = work.abs().amax((-1, -2), keepdim=True), NONE * _largest(by) * _largest(moves) ** 2
-    felt = most > least
+    work, size = _stiffness(problem, x, _in_space(problem, moves))
+    work = left @ work @ left
+    most = work.abs().amax((-1, -2), keepdim=True)
+    felt = most > NONE * size
     return torch.where(felt, work / torch.where(felt, most, 1), 0).double()
+
+
+def _stiffness(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple[Tensor, Tensor]:
+    """(..., 6, 6) of rigid motions, moves (..., 6, N+1, w) of the nodes, by loads and the stress of x; (..., 1, 1) the size of
+    its terms.
+    """
+    model, space = problem.model, problem.model.space
+    stress = space.geometric_stiffness(model.kinematics(x.position, x.rotation), x.stress, model.length)
+    ends, size = space.to_elements(moves), _largest(stress)
+    work = torch.einsum("...anw,...nwv,...bnv->...ab", ends, stress, ends)
+    if model.loads[0]:
+        by = external.tangent(model, problem.nodes(x), problem.t, problem.inputs, model.loads[0])
+        if not isinstance(by, float):
+            work, size = work - torch.einsum("...anw,...nwv,...bnv->...ab", moves, by, moves), torch.maximum(size, _largest(by))
+    return work, size * _largest(moves) ** 2
+
+
+def _in_space(problem: SteadyProblem, moves: tuple[Tensor, Tensor]) -> Tensor:
+    """Displacements and rotations (..., 3) as moves (..., w)."""
+    space = problem.model.space
+    return torch.cat((space.project_vector(moves[0]), space.project_spin(moves[1])), -1)
 
 
 def _largest(x: Tensor) -> Tensor:

@@ -22,6 +22,7 @@ from ..nodal.model import Model
 from ..scene.scene import Scene
 from ..state.state import State, check_state, rest
 from .arc_length import LoadedProblem
+from .balance_check import check_balance
 from .continuation import BRANCH_POINT, LIMIT_POINT, REGULAR, Attempt, Continuation, move_weights
 from .steady import Configuration
 
@@ -38,7 +39,8 @@ class Path:
                the softest at the start does not count: a round column turns about its axis at no cost
     sign       int: of the tangent's determinant, for loads that are not
     kind       int, of the way from the equilibrium before: BRANCH_POINT = 2 where a pivot changed sign without the factor
-               turning back, LIMIT_POINT = 1 where it turned back, REGULAR = 0
+               turning back, LIMIT_POINT = 1 where it turned back, REGULAR = 0. The event is anywhere on that way: its factor is
+               that of `critical_load`, or of `path` with a smaller `step`
     valid      bool: False where the last one is repeated
     reached    (...) bool: whether the end asked for was reached
     """
@@ -103,13 +105,14 @@ def path(scene: Scene, highest: float = 1.0, *, lowest: float = -math.inf, load:
 
     Each sample goes its own way at its own pace. Without derivatives: `equilibrium` has those.
 
-    Raises ValueError for what the nodal form does not take, an unknown `load`, or `control` without `target`.
+    Raises ValueError for what the nodal form does not take, an unknown `load`, `control` without `target`, a `control` of more
+    than one number a sample, or an `initial` that is no equilibrium.
     """
     model = discretise(scene)
     boolean("branch", branch)
     step = check_tolerance("step", step)
     if control is not None:
-        check_function("control", control)
+        check_function("control", control, "state")
     given = scene.tensors(inputs)
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
     if load is not None and (not isinstance(load, str) or load not in given):
@@ -121,6 +124,8 @@ def path(scene: Scene, highest: float = 1.0, *, lowest: float = -math.inf, load:
     highest, lowest = number("highest", highest), number("lowest", lowest, infinite=True)
     if not highest > 0 or not lowest <= 0:
         raise ValueError(f"factors from {lowest:g} to {highest:g} were given; a range with 0 in it is wanted")
+    if not highest**2 > 0:
+        raise ValueError(f"highest = {highest:g} was given, whose square is no number; a larger factor is wanted")
     time = instant("t", t, scene.beam.nodes)
 
     loaded = LoadedProblem(model, time, given, load)
@@ -135,7 +140,10 @@ def path(scene: Scene, highest: float = 1.0, *, lowest: float = -math.inf, load:
                         move_weights(model))
     with no_derivatives():
         start = model.space.start(rest(scene) if initial is None else check_state(initial, scene))
-        record = walk(Configuration(start.position, start.rotation, start.stress), check_count("steps", steps))
+        start = Configuration(start.position, start.rotation, start.stress)
+        if initial is not None:
+            check_balance(loaded(time.new_zeros(())), start)
+        record = walk(start, check_count("steps", steps))
         return Path.of(loaded, *record)
 
 

@@ -9,7 +9,7 @@ Once a step turns no node by much, Newton's method without the fluid takes over.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -22,6 +22,7 @@ from ..nodal.balance import Residual
 from ..nodal.mass import Blocks, add
 from ..nodal.model import Model
 from ..solvers.newton import newton
+from .mechanism import braced
 from .steady import Configuration, SteadyProblem
 
 FIRST, LEAST, STEPS = 1 / 16, 1e-9, 500  # step: the first, and the smallest; how many
@@ -48,17 +49,16 @@ class Viscous(SteadyProblem):
         return add((torch.diag_embed(self.drag),), super().load_tangent(x))
 
 
-def relax(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Configuration, tolerance: float | None
-          ) -> tuple[Configuration, Tensor, Tensor]:
-    """From x, each sample at its own pace: (shape, reaction, status). Where loads are conservative, every step and the end are
-    minima of the energy, not saddles of it.
+def relax(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tuple[Configuration, Tensor, Tensor]:
+    """From x, each sample at its own pace, to rest in the problem `whole`: (shape, reaction, status). Where loads are
+    conservative, every step and the end are minima of the energy, not saddles of it.
     """
+    model, t, inputs = whole.model, whole.t, whole.inputs
     downhill = model.conservative
     with torch.no_grad():
-        whole = SteadyProblem(model, t, inputs, t.new_ones(()))
         probe = whole.residual(x)[0]
         shape = probe.measure().shape
-        whole = SteadyProblem(model, t, inputs, t.new_ones(shape))
+        whole = replace(whole, load_factor=t.new_ones(shape))
         x = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in x))
         viscosity = _viscosity(model, probe)
         reached, step = t.new_zeros(shape), t.new_full(shape, FIRST)
@@ -75,9 +75,10 @@ def relax(model: Model, t: Tensor, inputs: dict[str, Tensor], x: Configuration, 
             step = torch.where(good, (EASY / turned).clamp(*GROWTH) * step, step / 4)
             calm = good & (reached >= 1) & (turned < CALM)
             if concrete(calm).any():
-                outcome = newton(whole, whole.apply_supports(x), calm, tolerance, LIMIT, foresee=~calm)
+                still = braced(whole, x)
+                outcome = newton(still, still.apply_supports(x), calm, tolerance, LIMIT, foresee=~calm)
                 found = calm & (outcome.status == 0) & (_turned(model, x, outcome.x) < CALM)
-                found = found & _minimum(whole, outcome.x) if downhill else found
+                found = found & _minimum(still, outcome.x) if downhill else found
                 x = _where(found, outcome.x, x)
                 reaction = torch.where(found[..., None, None], outcome.reaction, reaction)
                 going = going & ~found

@@ -19,7 +19,6 @@ from ..nodal.loads import STEADY, Nodes
 from ..nodal.mass import Blocks, add
 from ..nodal.model import Model
 from ..scene.effects import Inputs
-from ..scene.prescribed_motion import orientation
 from ..state.state import State
 from ..state.supported_nodes import set_node
 from .steady_motion import AtRest, steady_motion
@@ -56,6 +55,11 @@ class SteadyProblem(Tree):
         return self.model.frame(self.t)
 
     @cached
+    def orientation(self) -> Tensor | None:
+        """Of frame a, see `Model.orientation`."""
+        return self.model.orientation(self.t)
+
+    @cached
     def motion(self) -> AtRest:
         """Of the nodes, with frame a."""
         return steady_motion(self.model.inertia, self.frame)
@@ -75,7 +79,7 @@ class SteadyProblem(Tree):
 
     def nodes(self, x: Configuration) -> Nodes:
         velocity, spin = self.velocity(x)
-        nodes = Nodes(x.position, x.rotation, velocity, spin, **self.frame.steady_acceleration(velocity))
+        nodes = Nodes(x.position, x.rotation, velocity, spin, self.orientation, **self.frame.steady_acceleration(velocity))
         sizes = self.model.internal_states
         if not sizes:
             return nodes
@@ -142,10 +146,11 @@ class SteadyProblem(Tree):
         """The public state of a solution: at rest in frame a."""
         model, space, shape = self.model, self.model.space, status.shape
         velocity, spin = self.velocity(x)
-        zero = torch.zeros_like(status, dtype=x.position.dtype)
+        zero, frame = torch.zeros_like(status, dtype=x.position.dtype), self.orientation
         return space.to_public(State(
             *x[:2], velocity=velocity, spin=space.to_section(x.rotation, spin), stress=x.stress, reaction=reaction, work=zero,
-            defect=zero, t=self.t.expand(shape), status=status, frame=orientation(model.scene, shape),
+            defect=zero, t=self.t.expand(shape), status=status,
+            frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
             internal=external.internal(model, self.nodes(x), self.t, self.inputs, shape)))
 
     def apply_supports(self, x: Configuration) -> Configuration:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 import torch
 from torch.testing import assert_close
 
@@ -134,3 +135,18 @@ def test_state_survives_a_file(tmp_path):
     again = torch.load(tmp_path / "state.pt")
     assert_close(again.position, state.position, rtol=0, atol=0)
     assert_close(again.root.force, state.root.force, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("effect", [
+    tb.Spring(-1, 3.0, (0.5, 0.3, 0.2), damping=0.8), tb.Spring(-1, 3.0, (0.5, 0.3, 0.2), length=0.1),
+    tb.Spring(-1, 3.0, (1.0, 0, 0.5)), tb.Drag(3.0, 0.1, flow=lambda x, t: x), tb.Drag(3.0, 0.1, added_mass=1.0)])
+def test_an_effect_of_a_scene_made_again_is_the_same_effect(effect):
+    """`dataclasses.replace` of nothing, after the scene has made tensors of its numbers: what was absent stays absent."""
+    section = tb.Section.from_stiffness(EA=2e3, GA=1e3, GJ=0.8, EI=1.0, mass=0.5, inertia=0.03)
+    scene = tb.Scene(tb.Beam.straight(1.0, 2, section), [effect])
+    (bound,) = scene.effects
+    again = replace(bound)
+    assert (again.depends, again.conservative) == (bound.depends, bound.conservative)
+    start = tb.State.from_nodes(scene, scene.beam.nodes, velocity=scene.beam.nodes[:, [2, 1, 0]])
+    tips = [tb.simulate(replace(scene, effects=e), [0.0, 0.1, 0.2], start, step=0.05).tip.position for e in ([bound], [again])]
+    assert torch.equal(*tips)

@@ -327,3 +327,35 @@ def test_refused(name):
     call, sentence = CASES[name]
     with pytest.raises(ValueError, match=sentence):
         call()
+
+
+def corners(n=23):
+    """Stations at uneven places whose stiffness and mass jump from one to the next."""
+    torch.manual_seed(11)
+    s = torch.cat((torch.zeros(1), torch.rand(n - 2).sort().values, torch.ones(1)))
+    EI, m = 0.5 + torch.rand(n), 0.5 + torch.rand(n)
+    return tb.Stations(s, tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=0.8, EI=EI, mass=m, inertia=0.01 * m)), s, EI, m
+
+
+def test_the_corners_of_a_table_are_integrated():
+    """Means over elements that know nothing of the stations between them: mass by trapezoids, to rounding; flexibility to 3e-5,
+    by logarithms (four points of a line whose ends differ by a factor of 3 leave the eighth power of 0.27); in a batch too.
+    """
+    stations, s, EI, m = corners()
+    mass = ((m[1:] + m[:-1]) / 2 * s.diff()).sum()
+    flexible = (s.diff() * (EI[1:] / EI[:-1]).log() / EI.diff()).sum()
+    for N in (1, 3, 8, 40):
+        beam = tb.Beam.straight(1.0, N, stations)
+        assert_close((beam.mass[:, 0, 0] * beam.length).sum(), mass, rtol=1e-12, atol=0)
+        assert_close((beam.compliance[:, 4, 4] * beam.length).sum(), flexible, rtol=3e-5, atol=0)
+    beams = tb.Beam.straight(torch.tensor([1.0, 0.6]), 3, stations)
+    for k, length in enumerate((1.0, 0.6)):
+        assert_close(beams.compliance[k], tb.Beam.straight(length, 3, stations).compliance, rtol=1e-12, atol=1e-15)
+
+
+def test_a_table_with_corners_converges_evenly():
+    """The first frequency, with elements that are longer than the stations are apart: second order from the first mesh on."""
+    frequency = [tb.modes(tb.Scene(tb.Beam.straight(1.0, N, corners()[0]), plane="xz"), count=1).frequency[0].item()
+                 for N in (4, 8, 16, 32)]
+    errors = torch.tensor(frequency).diff().abs()
+    assert (errors[:-1] / errors[1:]).min() > 3.3 and (errors[:-1] / errors[1:]).max() < 5.0

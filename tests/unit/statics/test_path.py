@@ -217,3 +217,10 @@ def test_refusals():
         tb.path(column(1.0), -1.0)
     with pytest.raises(ValueError, match="branch = 'second' was given"):
         tb.equilibrium(column(1.0), branch="second")
+
+
+def test_a_control_is_one_number_of_each_sample():
+    push = tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2)),
+                    [tb.TipLoad(force=(0.0, 0.0, 1.0))])
+    with pytest.raises(ValueError, match=r"a control that returns \(3,\) was given"):
+        tb.path(push, control=lambda state: state.tip.position, target=1.0)

@@ -49,6 +49,7 @@ class LocalMotion(NamedTuple):
     root: Pose | None
     velocity: Tensor | None
     angular_velocity: Tensor | None
+    orientation: Tensor | None
 
     def frame(self, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
         return self.velocity, self.angular_velocity
@@ -96,6 +97,9 @@ class LocalModel(Model):
     count = property(lambda self: self.stations)
     s = property(lambda self: self.arclength)
     prescribed_motion = property(lambda self: self.motion)
+
+    def orientation(self, t: Tensor) -> Tensor | None:
+        return self.motion.orientation
 
     def eigenstrain(self, t: Tensor, inputs: dict[str, Tensor]) -> Tensor | float:
         return self.own
@@ -234,7 +238,7 @@ class LocalProblems:
             NoRotaryInertia(space) if rows.J is None else RotaryInertia(space, rows.J),
             NoLever() if rows.offset is None else Lever(space, rows.offset))
         root = None if common.support is None else Pose(*vars(common.support).values())
-        motion = LocalMotion(root, common.velocity, common.angular_velocity)
+        motion = LocalMotion(root, common.velocity, common.angular_velocity, common.frame)
         model = LocalModel(
             LocalScene(whole.scene.beam, loads, supports), space, constraints, inertia, length, reference, law,
             rows.section_mass, rows.tributary_length, stations=count, C=C, own=0.0 if own is None else own,

@@ -112,7 +112,7 @@ class Plane(Space):
         velocity, spin = self.motion(state.velocity, state.spin)
         return replace(state, position=position, rotation=rotation, velocity=velocity, spin=spin,
                        stress=state.stress @ self._stress_map, reaction=state.reaction @ self._load_map,
-                       frame=None if state.frame is None else self._turn(state.frame))
+                       frame=None if state.frame is None else self.reduced_frame(state.frame))
 
     def start(self, state: State) -> State:
         inside = self.to_reduced(state)
@@ -135,8 +135,7 @@ class Plane(Space):
                        spin=state.spin @ self.section[:, 2:].mT, stress=state.stress @ self._stress_map.mT,
                        reaction=state.reaction @ self._load_map.mT, frame=frame)
 
-    def _turn(self, q: Tensor) -> Tensor:
-        """A rotation about the normal as (cos, sin)."""
+    def reduced_frame(self, q: Tensor) -> Tensor:
         return torch.cat((q[..., :1], q[..., 1:] @ self.basis[:, 2:]), -1)
 
     def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:

@@ -113,6 +113,10 @@ class Space(Tree):
         """Quaternion (..., 4) of frame a's rotation."""
         return q
 
+    def reduced_frame(self, q: Tensor) -> Tensor:
+        """The inverse."""
+        return q
+
     def project_section(self, matrix: Tensor) -> Tensor:
         """6x6 of a section -> (..., k, k)."""
         return matrix

@@ -47,7 +47,8 @@ class Damping(Effect):
 
 @dataclass(frozen=True)
 class MassDamping(Load):
-    """Mass-proportional damping: force and moment per length -alpha R Mass R^T [velocity; spin], against the absolute motion.
+    """Mass-proportional damping: force and moment -alpha R Mass R^T [velocity; spin], against the absolute motion, of all that
+    has mass: per length of the beam, and of each `PointMass` at its node.
 
     alpha  (...) 1/s; a free vibration decays as exp(-alpha t / 2), whatever its frequency
 

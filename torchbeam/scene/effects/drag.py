@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from ...core.arguments import function as check_function
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import leaf
 from ...core.validation import Value
 from ...math.quaternions import skew
 from ...math.shapes import broadcast_shapes
 from .load_point import ACCELERATION, POSITION, ROTATION, VELOCITY, Load, LoadPoint, Wrench, jacobians
-from .values import Input, Inputs, load_value, parameter, present
+from .values import Input, Inputs, load_value, optional, parameter
 
 
 @dataclass(frozen=True)
@@ -24,14 +25,15 @@ class Drag(Load):
 
         f = -1/2 rho d (C_n |v_n| v_n + pi C_t |v_t| v_t) - C_a rho pi d^2/4 a_n,    v = velocity - flow
 
-    with v_t along the deformed axis and v_n across it, and a_n across it of the acceleration: the flow is uniform and steady
-    where there is an added mass
+    with v_t along the section's x axis, the normal of the deformed cross-section, v_n across it, and a_n across it of the
+    acceleration: the flow is uniform and steady where there is an added mass. The axis of the beam leaves that normal by the
+    shear strain, an angle that is small unless the beam is soft in shear; so much of v_t counts as v_n, and the other way round
 
     density   (...) kg/m^3 of the fluid;  diameter (...) m: width across the flow, pi d the wetted circumference
     normal, tangential  (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and 0.4 above the drag crisis
     flow      m/s: (..., 3) in inertial axes, as Gravity's g; or function(position, t) -> (..., sites, 3), both in frame a;
               None = still
-    added_mass  (...) C_a of the fluid that moves along; a circular cylinder in potential flow has 1
+    added_mass  (...) C_a of the fluid that moves along; a circular cylinder in potential flow has 1. None or 0: none
 
     The fluid's inertia is a load: its work is in `energy.work`, and `energy.kinetic` is the beam's alone.
 
@@ -45,19 +47,26 @@ class Drag(Load):
     tangential: Value = leaf(0, default=0.0)
     flow: Value | Callable[[Tensor, Tensor], Tensor] | None = leaf(lambda drag: None if callable(drag.flow) else 1,
                                                                    default=None)
-    added_mass: Value = leaf(0, default=0.0)
+    added_mass: Value | None = leaf(0, default=None)
 
     def __post_init__(self) -> None:
-        for name in ("density", "diameter", "normal", "tangential", "added_mass"):
+        object.__setattr__(self, "added_mass", optional("Drag's added_mass", self.added_mass))
+        for name in ("density", "diameter", "normal", "tangential"):
             object.__setattr__(self, name, parameter(f"Drag's {name}", getattr(self, name)))
         if isinstance(self.flow, Input):
             raise ValueError("Drag's flow as an Input was given; a value, or a function of position and t, is wanted")
-        if self.flow is not None and not callable(self.flow):
+        if callable(self.flow):
+            check_function("Drag's flow", self.flow, "position", "t")
+        elif self.flow is not None:
             object.__setattr__(self, "flow", load_value("Drag's flow", self.flow))
-        object.__setattr__(self, "carries", present(self.added_mass))
         if self.carries and callable(self.flow):
             raise ValueError("Drag with an added mass in a flow that is a function was given; with an added mass the flow is "
                              "uniform and steady")
+
+    @property
+    def carries(self) -> bool:
+        """Whether fluid moves along."""
+        return self.added_mass is not None
 
     @property
     def added(self) -> Tensor:

@@ -19,7 +19,7 @@ from ...math.shapes import broadcast_shapes
 from .drag import norm, outer
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, Load, LoadPoint, Pose, Wrench
 from .loads import whole_node
-from .values import Inputs, load_value, parameter, plain, present, value_at
+from .values import Inputs, load_value, optional, parameter, plain, value_at
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,9 @@ class Spring(Load):
     node       counts from the root, -1 is the tip
     stiffness  (...) k, N/m
     to         (..., 3) m, frame a, or a function t -> (..., 3): the point, which moves with frame a and in it
-    length     (...) m unstretched; the number 0 makes it linear: -k d - c d', d' the rate of d in frame a
-    damping    (...) c, N s/m; the point's rate is then the function's, by forward mode, so that it is written in torch
+    length     (...) m unstretched; None, or the number 0, makes it linear: -k d - c d', d' the rate of d in frame a
+    damping    (...) c, N s/m; the point's rate is then the function's, by forward mode, so that it is written in torch. None,
+               or the number 0: none
 
     Raises ValueError for a negative stiffness, length or damping.
     """
@@ -48,18 +49,25 @@ class Spring(Load):
     node: int = field()
     stiffness: Value = leaf(0)
     to: Value | Callable[[Tensor], Tensor] = leaf(1)
-    length: Value = leaf(0, default=0.0)
-    damping: Value = leaf(0, default=0.0)
+    length: Value | None = leaf(0, default=None)
+    damping: Value | None = leaf(0, default=None)
     moving: Rate | None = leaf(1, default=None, init=False)
 
     def __post_init__(self) -> None:
         whole_node(self.node)
-        for name in ("stiffness", "length", "damping"):
-            object.__setattr__(self, name, parameter(f"Spring's {name}", getattr(self, name)))
+        object.__setattr__(self, "stiffness", parameter("Spring's stiffness", self.stiffness))
+        for name in ("length", "damping"):
+            object.__setattr__(self, name, optional(f"Spring's {name}", getattr(self, name)))
         object.__setattr__(self, "to", load_value("Spring's to", self.to))
-        object.__setattr__(self, "linear", not present(self.length))
-        object.__setattr__(self, "damped", present(self.damping))
         object.__setattr__(self, "moving", Rate(self.to) if self.damped and callable(self.to) else None)
+
+    @property
+    def linear(self) -> bool:
+        return self.length is None
+
+    @property
+    def damped(self) -> bool:
+        return self.damping is not None
 
     @property
     def conservative(self) -> bool:
@@ -81,7 +89,7 @@ class Spring(Load):
         return frozenset({POSITION, *({VELOCITY} if self.damped else ())})
 
     def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        k, length, c = (v[..., None] for v in (self.stiffness, self.length, self.damping))
+        k, length, c = (None if v is None else v[..., None] for v in (self.stiffness, self.length, self.damping))
         d = site.position - value_at(self.to, t, inputs, site.R)
         if self.linear:
             return -k * d - (c * self._rate(site, t, inputs) if self.damped else 0), None
@@ -104,7 +112,7 @@ class Spring(Load):
         """Undamped: -k (I - length/|d| (I - n n^T))."""
         if self.damped and not self.linear:
             return super().tangent(site, t, inputs)
-        k, length, c = (v[..., None, None] for v in (self.stiffness, self.length, self.damping))
+        k, length, c = (None if v is None else v[..., None, None] for v in (self.stiffness, self.length, self.damping))
         eye = torch.eye(3, dtype=site.R.dtype, device=site.R.device)
         by_r = -k * eye
         if not self.linear:
@@ -146,7 +154,7 @@ class RootSpring(Load):
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "damping"):
-            if getattr(self, name) is not None:
+            if name == "stiffness" or self.damping is not None:
                 object.__setattr__(self, name, parameter(f"RootSpring's {name}", _six(name, getattr(self, name))))
 
     @property

@@ -21,7 +21,7 @@ ABOUT = (
     "in space; at rest and in a frame that turns) under effects of every kind. `statics`: the Cosserat equations as a "
     "boundary value problem. `vibrations`: their linearisation by collocation. `motion`: balances of momentum, "
     "angular momentum and energy. Error: of what the library's answers on three meshes tend to, over the size of the "
-    "quantity; accepted is half of what the last refinement changed it by, and the accuracy of the oracle."
+    "quantity; accepted is what the last refinement changed it by, and the accuracy of the oracle."
 )
 QUICK = 2  # cases
 

@@ -21,7 +21,6 @@ MODES, DAMPED_MODES = 6, 18
 OSCILLATES = 0.05  # imaginary part over size; where stress depends on the strain rate much else creeps
 RIGID = 5e-5  # relative: modes take an infinite stiffness for a very large one, as they say; the fastest feel it most
 STEPS, SPAN = 40, 0.5  # of the coarsest motion; in units of sqrt(m L^4/EI)
-SHARE = 0.5  # of the last change of the extrapolated answer: a sequence of the right order keeps a fifteenth of it or less
 FLOOR = {"statics": 1e-7, "vibrations": 2e-7, "motion": 1e-7}  # of the oracle itself
 CAP = {"statics": 3e-5, "vibrations": 2e-4, "motion": 1e-3}  # no answer that settles more slowly is taken
 
@@ -53,8 +52,10 @@ def limit(values: list[Array], order: int) -> tuple[Array, float]:
 
 
 def tolerance(net: str, change: float, own: float = 0.0) -> float:
-    """Accepted error, from the change by the last refinement and what else is known to be off."""
-    return min(SHARE * change + FLOOR[net] + own, CAP[net])
+    """Accepted error: the last change of the extrapolated answer, which a sequence whose changes halve or better stays within
+    (of the right order they fall to a fifteenth), the oracle's own, and what else is known to be off.
+    """
+    return min(change + FLOOR[net] + own, CAP[net])
 
 
 def statics(case: Case) -> list[tuple[str, float, float, float]]:
@@ -98,8 +99,8 @@ def vibrations(case: Case) -> list[tuple[str, float, float, float]]:
                      change / size))
         partners.add(int(np.abs(finer - value).argmin()))
     if case.plane is None and chosen:
-        top = 0.98 * max(x.imag for x in near)
-        below = {i for i, x in enumerate(finer) if OSCILLATES * abs(x) < x.imag < top}
+        top, size = 0.98 * max(x.imag for x in near), 0.98 * np.abs(meshes[-1]).max()  # the slowest are those of least size
+        below = {i for i, x in enumerate(finer) if OSCILLATES * abs(x) < x.imag < top and abs(x) < size}
         rows.append(("eigenvalues missing", float(len(below - partners) + len(chosen) - len(partners)), 0.0, 0.0))
     return rows
 

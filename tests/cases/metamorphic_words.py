@@ -1,0 +1,227 @@
+"""The same scene in other words: each function here takes the parts of a scene and gives those of one that is to do the same.
+
+`SHARES` and `ZEROS` have a row for every effect: how it is split, and what none of it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import Any
+
+import torch
+from metamorphic_parts import NotHere, Parts, each, times
+from metamorphic_similarity import quantities, tensor
+from metamorphic_users import as_user, nodal_loads
+
+import torchbeam as tb
+from torchbeam.math import quaternions as quat
+
+SHARES: dict[type, tuple[str, ...]] = {  # what of an effect is halved for half of it; (): it cannot be split
+    tb.TipLoad: ("force", "moment"), tb.PointLoad: ("force", "moment"), tb.LineLoad: ("force", "moment"), tb.Gravity: ("g",),
+    tb.Damping: (), tb.MassDamping: ("alpha",), tb.Drag: ("density",), tb.PointMass: ("mass", "inertia"),
+    tb.Actuation: ("curvature", "strain"), tb.Spring: ("stiffness", "damping"), tb.RootSpring: ("stiffness", "damping"),
+    tb.Load: ("function",),
+}
+
+
+def share(effect: Any, k: float) -> Any:
+    names = SHARES[type(effect)]
+    if not names or getattr(effect, "internal", 0):
+        raise NotHere
+    return replace(effect, **{name: times(k, getattr(effect, name)) for name in names})
+
+
+def halved(parts: Parts) -> Parts:
+    """Every effect that can be is two, of 0.3 and 0.7 of it."""
+    found, split = [], False
+    for effect in parts["effects"]:
+        try:
+            found += [share(effect, 0.3), share(effect, 0.7)]
+            split = True
+        except NotHere:
+            found.append(effect)
+    if not split:
+        raise NotHere
+    return {**parts, "effects": tuple(found)}
+
+
+ZEROS: dict[type, Callable[[Any], Any]] = {  # of what zero is: a number, or a tensor, which may carry gradient
+    tb.TipLoad: lambda o: tb.TipLoad(force=(o, o, o), moment=(o, o, o)),
+    tb.PointLoad: lambda o: tb.PointLoad(1, force=(o, o, o), follower=True),
+    tb.LineLoad: lambda o: tb.LineLoad(force=(o, o, o), moment=(o, o, o)),
+    tb.Gravity: lambda o: tb.Gravity((o, o, o)),
+    tb.Damping: lambda o: tb.Damping(o),
+    tb.MassDamping: lambda o: tb.MassDamping(o),
+    tb.Drag: lambda o: tb.Drag(o, 0.1, flow=(1.0, 0.0, 0.0)),
+    tb.PointMass: lambda o: tb.PointMass(o, inertia=(o, o, o)),
+    tb.Actuation: lambda o: tb.Actuation(curvature=(o, o, o), strain=(o, o, o)),
+    tb.Spring: lambda o: tb.Spring(-1, o, (0.3, 0.0, 0.0), length=0.1, damping=o),
+    tb.RootSpring: None,  # of no stiffness it frees the root
+    tb.Load: lambda o: tb.Load(lambda r, R, v, w, t: (o * r, o * w), node=None),
+}
+
+
+def with_zero(kind: type, tensor: bool) -> Callable[[Parts], Parts]:
+    def added(parts: Parts) -> Parts:
+        if kind is tb.Damping and any(isinstance(e, tb.Damping) for e in parts["effects"]):
+            raise NotHere
+        return {**parts, "effects": (*parts["effects"], ZEROS[kind](torch.zeros(()) if tensor else 0.0))}
+    return added
+
+
+def reversed_effects(parts: Parts) -> Parts:
+    if len(parts["effects"]) < 2 or sum(getattr(e, "internal", 0) > 0 for e in parts["effects"]) > 1:
+        raise NotHere
+    return {**parts, "effects": parts["effects"][::-1]}
+
+
+MAY_BE_FUNCTIONS = ("force", "moment", "g", "curvature", "strain", "displacement", "rotation", "turn", "velocity",
+                    "angular_velocity", "to")
+
+
+def _valued(change: Callable[[Any], Any], only: tuple[str, ...] = MAY_BE_FUNCTIONS) -> Callable[[Any], Any]:
+    """Of an object, the values that may be functions of t changed."""
+    def changed(of: Any) -> Any:
+        new = {}
+        for name in quantities(of):
+            value = getattr(of, name)
+            if name in only and value is not None and (other := change(value)) is not value:
+                new[name] = other
+        return replace(of, **new) if new else of
+    return changed
+
+
+def _function(value: Any) -> Any:
+    if callable(value) or isinstance(value, tb.Input | tb.PerElement):
+        return value
+    held = torch.as_tensor(value)
+    return lambda t: held
+
+
+def _history(value: Any) -> Any:
+    if callable(value) or isinstance(value, tb.Input | tb.PerElement):
+        return value
+    held = torch.as_tensor(value)
+    return tb.History(torch.tensor([-1e3, 0.2, 1e3]), torch.stack((held, held, held), -2))
+
+
+def _tuple(value: Any) -> Any:
+    if callable(value) or isinstance(value, tb.Input | tb.PerElement):
+        return value
+    held = torch.as_tensor(value)
+    return lambda t: (held[..., 0], held[..., 1], held[..., 2])
+
+
+def _along(of: Any) -> Any:
+    """A line load's numbers as a function of s, or for each element."""
+    if not isinstance(of, tb.LineLoad):
+        return of
+
+    def along(value: Any) -> Any:
+        if callable(value) and not isinstance(value, tb.PerElement | tb.Along):
+            return tb.Along(lambda s, t: tensor(value(t))[..., None, :] + 0 * s[..., None])
+        if callable(value) or isinstance(value, tb.Input | tb.PerElement | tb.Along):
+            return value
+        held = torch.as_tensor(value)
+        return tb.Along(lambda s, t: held[..., None, :] + 0 * s[..., None])
+    return _valued(along)(of)
+
+
+def _per_element(parts: Parts) -> Parts:
+    def of_each(value: Any) -> Any:
+        if isinstance(value, tb.Input | tb.PerElement | tb.Along):
+            return value
+        N = parts["beam"].element_count
+        if callable(value):
+            return tb.PerElement(lambda t: tensor(value(t))[..., None, :].expand(*tensor(value(t)).shape[:-1], N, 3))
+        held = torch.as_tensor(value)
+        return tb.PerElement(held[..., None, :].expand(*held.shape[:-1], N, 3))
+    return each(lambda e: _valued(of_each)(e) if isinstance(e, tb.LineLoad | tb.Actuation) else e)(parts)
+
+
+def _tip_as_point(parts: Parts) -> Parts:
+    last = parts["beam"].count
+
+    def point(e: Any) -> Any:
+        same = isinstance(e, tb.TipLoad)
+        return tb.PointLoad(node=last, force=e.force, moment=e.moment, follower=e.follower) if same else e
+    return each(point)(parts)
+
+
+def supports_said(parts: Parts) -> Parts:
+    """The clamp that is there by default, and its motion, as a support, counted from the other end."""
+    if parts["supports"] is not None:
+        if not parts["supports"]:
+            raise NotHere
+        count = parts["beam"].count + 1
+        turned = [replace(s, node=s.node + count if s.node < 0 else s.node - count) for s in parts["supports"]]
+        return {**parts, "supports": tuple(turned[::-1])}
+    if any(isinstance(e, tb.RootSpring) for e in parts["effects"]):
+        raise NotHere
+    root = parts["root"]
+    clamp = tb.Support(0) if root is None else tb.Support(0, displacement=root.displacement, turn=root.rotation)
+    return {**parts, "supports": (clamp,), "root": None}
+
+
+def in_space(parts: Parts) -> Parts:
+    """A plane scene without saying that it is one."""
+    if parts["plane"] is None:
+        raise NotHere
+    return {**parts, "plane": None}
+
+
+def beam_again(parts: Parts) -> Parts:
+    """The beam from its nodes and element axes, where they have all of it."""
+    beam = parts["beam"]
+    chord = beam.nodes.diff(dim=-2)
+    along = (torch.linalg.vector_norm(chord, dim=-1) - beam.length).abs().max() < 1e-12 * beam.length.max()
+    axes = quat.matrix(beam.elements)
+    if beam.order != 1 or not along or not (axes[..., :, 0] * beam.length[..., None] - chord).abs().max() < 1e-12:
+        raise NotHere
+    S, mass = beam.compliance, beam.mass
+    one = S.shape[-3] == 1
+    section = (tb.Section(S[..., 0, :, :], mass[..., 0, :, :]) if one else
+               [tb.Section(S[..., i, :, :], mass[..., min(i, mass.shape[-3] - 1), :, :]) for i in range(beam.count)])
+    made = tb.Beam.from_nodes(beam.nodes, section, axes)
+    if beam.curved and not (quat.matrix(made.frames) - quat.matrix(beam.frames)).abs().max() < 1e-12:
+        raise NotHere
+    return {**parts, "beam": made.linked() if beam.linked_interpolation else made}
+
+
+def sections_again(parts: Parts) -> Parts:
+    """Each element its section, where all have one."""
+    beam = parts["beam"]
+    if beam.compliance.shape[-3] != 1 or beam.mass.shape[-3] != 1:
+        raise NotHere
+    N = beam.count
+    return {**parts, "beam": replace(beam, compliance=beam.compliance.expand(*beam.compliance.shape[:-3], N, 6, 6).clone(),
+                                     mass=beam.mass.expand(*beam.mass.shape[:-3], N, 6, 6).clone())}
+
+
+def replaced(parts: Parts) -> Parts:
+    """The scene, its beam and its effects by `dataclasses.replace` of nothing, after they were bound to tensors."""
+    scene = tb.Scene(**parts)
+    scene = replace(scene, beam=replace(scene.beam), effects=tuple(map(replace, scene.effects)))
+    return {f.name: getattr(scene, f.name) for f in fields(tb.Scene)}
+
+
+WORDS: dict[str, Callable[[Parts], Parts]] = {
+    "effects in another order": reversed_effects,
+    "effects in two parts": halved,
+    "values as functions": each(_valued(_function)),
+    "values as functions with components": each(_valued(_tuple)),
+    "values as histories": each(_valued(_history, ("force", "moment"))),
+    "line loads along": each(_along),
+    "line loads of elements": _per_element,
+    "line loads at nodes": nodal_loads,
+    "tip loads as point loads": _tip_as_point,
+    "loads by the user": as_user,
+    "supports said": supports_said,
+    "in space": in_space,
+    "beam from nodes": beam_again,
+    "sections of elements": sections_again,
+    "by replace": replaced,
+    **{f"no {kind.__name__} as a {'tensor' if tensor else 'number'}": with_zero(kind, tensor)
+       for kind, make in ZEROS.items() if make for tensor in (False, True)},
+}
