@@ -78,8 +78,8 @@ class Linear:
         moved = state.position - own.position
         velocity = state.velocity - own.velocity - (space.skew(before) @ moved[..., None])[..., 0]
         turning = space.rotation_rate(state.rotation, space.to_section(state.rotation, spin - before))
-        at, rate = rate_along(chart, (state.position, state.rotation), tuple(
-            x.expand_as(y).contiguous() for x, y in ((velocity, state.position), (turning, state.rotation))))
+        at, rate = rate_along(chart, (state.position, state.rotation), (velocity.expand_as(state.position),
+                                                                        turning.expand_as(state.rotation)))
         lags = () if own.internal is None else (state.internal - own.internal,)
         return (self.reads @ torch.cat((at, rate, *lags), -1)[..., None])[..., 0]
 

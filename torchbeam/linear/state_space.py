@@ -21,7 +21,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.arguments import function as check_function
-from ..core.arguments import instant
+from ..core.arguments import instant, listed
 from ..math.dense import solve
 from ..nodal.discretise import discretise
 from ..scene.scene import Scene
@@ -61,9 +61,9 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
     T = near.axes if not states else _both(near.axes, torch.eye(states, dtype=K.dtype, device=K.device))
     M, K = T.mT @ M @ T, T.mT @ K @ T
     D = torch.zeros_like(K) if D is None else T.mT @ D @ T
-    outputs = tuple(outputs) if isinstance(outputs, Iterable) and not callable(outputs) else (outputs,)
+    outputs = (outputs,) if callable(outputs) else listed(outputs)
     for sensor in outputs:
-        check_function("a sensor", sensor)
+        check_function("a sensor", sensor, "state")
     G, Y_u = near.by_inputs(outputs)
     value, Y, Y_v, rows = near.by_moves(outputs)
     names, columns = {}, 0

@@ -86,7 +86,8 @@ class Section(Tree):
         """
         if self.rigid[1] != self.rigid[2] or self.rigid[4] != self.rigid[5]:
             raise ValueError("a section with an impossible strain across one axis was given; both or none is wanted to turn it")
-        turned, angle = present(angle), finite("angle", self._value(angle))
+        given, angle = angle, finite("angle", self._value(angle))
+        turned = present(given)
         zero, one, c, s = torch.zeros_like(angle), torch.ones_like(angle), torch.cos(angle), torch.sin(angle)
         R = torch.stack((one, zero, zero, zero, c, -s, zero, s, c), -1).unflatten(-1, (3, 3))
         both = _blocks(R, torch.zeros_like(R), torch.zeros_like(R), R)
@@ -106,8 +107,9 @@ class Section(Tree):
         """
         if any(self.rigid):
             raise ValueError("a section with an impossible strain was given; one to be shifted needs finite stiffness")
-        moved = present(y) or present(z)
+        given = y, z
         y, z = (finite(name, self._value(value)) for name, value in (("y", y), ("z", z)))
+        moved = any(map(present, given))
         r = skew(torch.stack(torch.broadcast_tensors(torch.zeros_like(y), y, z), -1))
         eye, zero = torch.eye(3, dtype=r.dtype, device=r.device).expand_as(r), torch.zeros_like(r)
         stress, velocity = _blocks(eye, zero, r, eye), _blocks(eye, r, zero, eye)  # about the old axis by about the new

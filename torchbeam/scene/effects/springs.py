@@ -155,7 +155,7 @@ class RootSpring(Load):
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "damping"):
-            if getattr(self, name) is not None:
+            if name == "stiffness" or self.damping is not None:
                 object.__setattr__(self, name, parameter(f"RootSpring's {name}", _six(name, getattr(self, name))))
 
     @property
