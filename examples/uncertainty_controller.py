@@ -32,7 +32,7 @@ def episode(stiffness: torch.Tensor, mass: torch.Tensor, target: torch.Tensor) -
     failed.
     """
     strip = aluminium_strip()
-    section = tb.Section(strip.compliance / stiffness[:, None, None], strip.mass * mass[:, None, None])
+    section = strip.like(strip.compliance / stiffness[:, None, None], strip.mass * mass[:, None, None])
     settings = {**TASK, "section": section}
     seeds = (SEED + 1e6 * target).long().tolist()
     env = make(settings, len(seeds))

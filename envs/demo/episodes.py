@@ -88,7 +88,7 @@ def varied(count: int, spread: float) -> Section:
     """`count` strips whose stiffness goes evenly from 1 - spread to 1 + spread times the default one's."""
     strip = aluminium_strip()
     factor = torch.linspace(1 - spread, 1 + spread, count, dtype=strip.mass.dtype)[:, None, None]
-    return Section(strip.compliance / factor, strip.mass)
+    return strip.like(strip.compliance / factor, strip.mass)
 
 
 def make(settings: dict, num_envs: int) -> TipReachVectorEnv:

@@ -28,7 +28,7 @@ def section(batch=(), coupled=True, rotary=True):
     mass[..., :3, :3] = (1 + torch.rand(batch))[..., None, None] * torch.eye(3)
     if rotary:
         mass[..., 3:, 3:] = inertia(0.05 * spd(*batch, size=3))
-    return tb.Section(torch.linalg.inv(stiffness), mass)
+    return tb.Section(torch.linalg.inv(stiffness), mass).declared(coupled, offset=False, rotary=rotary)
 
 
 def wave(*batch):

@@ -11,6 +11,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, instance, listed
+from ..core.arguments import count as check_count
+from ..core.arguments import function as check_function
+from ..core.arguments import tolerance as check_tolerance
 from ..dynamics.simulate import simulate
 from ..scene.beam import Beam
 from ..scene.effects import Effect
@@ -86,8 +90,12 @@ def advise(scene: Scene, t: Any, quantity: Callable[[State], Tensor], tolerance:
 
     Raises ValueError for a tolerance that is not positive, RuntimeError where the scene itself does not run.
     """
-    if not (isinstance(tolerance, (int, float)) and 0 < tolerance < math.inf):
-        raise ValueError(f"tolerance = {tolerance!r} was given; a positive relative change is wanted")
+    instance("a scene", scene, Scene)
+    check_function("quantity", quantity, "trajectory")
+    check_tolerance("tolerance", tolerance)
+    check_count("repeats", repeats)
+    boolean("show", show)
+    considered = tuple(instance("an effect to consider", effect, Effect) for effect in listed(consider))
 
     def run(which: Scene) -> Solution:
         with torch.no_grad(), warnings.catch_warnings():
@@ -95,7 +103,7 @@ def advise(scene: Scene, t: Any, quantity: Callable[[State], Tensor], tolerance:
             return simulate(which, t, initial=initial, step=step, inputs=inputs, throw=True)
 
     reference = quantity(run(scene).state)
-    changes = dict(_changes(scene, tuple(consider)))
+    changes = dict(_changes(scene, considered))
     first = {what: _try(scene, alter, run, quantity, reference) for what, alter in changes.items()}
     ran = {what: found for what, found in first.items() if isinstance(found, tuple)}
     base, *taken = seconds([lambda s=s: run(s) for s in (scene, *(s for s, _ in ran.values()))], repeats)

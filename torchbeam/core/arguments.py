@@ -33,6 +33,14 @@ def whole(name: str, value: int) -> int:
     return int(value)
 
 
+def place(name: str, value: int, count: int, there: str) -> int:
+    """`value` if it is the place of one of `count` things, from either end; ValueError, with what there is, otherwise."""
+    if not -count <= whole(name, value) < count:
+        raise ValueError(f"{name} = {value} was given; {there} 0 to {count - 1}" if count else
+                         f"{name} = {value} was given; there is none")
+    return int(value)
+
+
 def count(name: str, value: int, least: int = 1) -> int:
     """`value` if it is a whole number of at least `least`; ValueError otherwise."""
     if isinstance(value, BOOLEANS) or not isinstance(value, (int, np.integer)) or value < least:
@@ -54,11 +62,37 @@ def choice(name: str, value: Any, known: Iterable[Any]) -> Any:
     return value
 
 
-def function(name: str, value: Any) -> Any:
-    """`value` if it can be called; ValueError otherwise."""
+def function(name: str, value: Any, *arguments: str, named: Iterable[str] = ()) -> Any:
+    """`value` if it can be called, with arguments by place and others by name, where they are said; ValueError otherwise."""
     if not callable(value):
-        raise ValueError(f"{name} = {shown(value)} was given; a function is wanted")
+        raise ValueError(f"{name} = {shown(value)} was given; a function{_of(arguments, named)} is wanted")
+    if arguments or named:
+        try:
+            inspect.signature(value).bind(*arguments, **dict.fromkeys(named))
+        except TypeError as error:
+            raise ValueError(f"{name} = {shown(value)} was given ({error}); a function{_of(arguments, named)} is wanted"
+                             ) from None
+        except ValueError:  # one of C's, that does not say what it takes
+            pass
     return value
+
+
+def _of(arguments: Iterable[str], named: Iterable[str]) -> str:
+    every = ", ".join((*arguments, *(f"{name}=" for name in named)))
+    return f" of {every}" if every else ""
+
+
+def listed(value: Any) -> tuple[Any, ...]:
+    """A sequence's members, or one thing by itself."""
+    several = isinstance(value, Iterable) and not isinstance(value, str) and getattr(value, "ndim", 1) > 0
+    return tuple(value) if several else (value,)
+
+
+def batch(name: str, value: Any) -> torch.Size:
+    """Batch axes: a sequence of whole numbers that are not negative; ValueError otherwise."""
+    if not isinstance(value, (list, tuple)):
+        raise ValueError(f"{name} = {shown(value)} was given; a sequence of sizes is wanted")
+    return torch.Size(count(f"an axis of {name}", size, least=0) for size in value)
 
 
 def instance(name: str, value: Any, wanted: type) -> Any:
@@ -76,12 +110,17 @@ def number(name: str, value: Any, *, infinite: bool = False) -> float:
     return one.item()
 
 
+def instants(name: str, value: Any, like: Tensor) -> Tensor:
+    """Times (...) s, one or one of each sample, in the dtype and on the device of `like`; ValueError for what is none."""
+    return finite(name, as_tensor(value, like.dtype, like.device))
+
+
 def instant(name: str, value: Any, like: Tensor) -> Tensor:
-    """A time (0-dim) s in the dtype and on the device of `like`; ValueError for what is not one finite number."""
-    one = as_tensor(value, like.dtype, like.device)
+    """A time (0-dim) s likewise; ValueError for more than one."""
+    one = instants(name, value, like)
     if one.ndim:
         raise ValueError(f"{name} of shape {tuple(one.shape)} was given; one instant is wanted")
-    return finite(name, one)
+    return one
 
 
 def mask(name: str, value: Any, like: Tensor) -> Tensor:
@@ -98,9 +137,11 @@ def mask(name: str, value: Any, like: Tensor) -> Tensor:
     return value.to(like.device)
 
 
-def tolerance(name: str, value: Any, *, zero: bool = False) -> Any:
-    """`value` if it is a positive finite number (or zero, where allowed), or a tensor of such; ValueError otherwise."""
+def tolerance(name: str, value: Any, *, zero: bool = False, each: bool = False) -> Any:
+    """`value` if it is a positive finite number (or zero, where allowed), `each`: a tensor of such; ValueError otherwise."""
     if isinstance(value, Tensor):
+        if value.ndim and not each:
+            raise ValueError(f"{name} of shape {tuple(value.shape)} was given; one number is wanted")
         return positive(name, real(value), zero=zero)
     if not _real(value) or not (0 < value < math.inf or (zero and value == 0)):
         wanted = "a non-negative" if zero else "a positive"

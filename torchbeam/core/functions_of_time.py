@@ -38,8 +38,8 @@ def taken(what: str, value: Any, like: Tensor, size: int | None = None) -> Tenso
         except (TypeError, ValueError, RuntimeError):
             raise ValueError(f"{what} is {value!r}; real numbers or a tensor are wanted") from None
     elif value.dtype != like.dtype or value.device != like.device:
-        if value.is_complex():
-            raise ValueError(f"{what} is complex; real numbers are wanted")
+        if value.is_complex() or value.dtype == torch.bool:
+            raise ValueError(f"{what} is of {value.dtype}; real numbers are wanted")
         value = value.to(like)
     return value if size is None else axis_last(what, value, size)
 
@@ -126,6 +126,7 @@ def rate_along(function: Callable[..., Any], at: tuple[Tensor, ...], rates: tupl
     twice inside of `torch.autograd.forward_ad`, whose dual numbers do not nest. Differentiable itself. Raises ValueError for
     such dual numbers beside hooks on saved tensors, where neither works.
     """
+    at, rates = (tuple(x.contiguous() for x in values) for values in (at, rates))  # dual numbers refuse expanded axes
     if not within_dual_numbers():
         return torch.func.jvp(function, at, rates)
     if saves_by_hooks():

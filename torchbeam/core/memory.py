@@ -33,7 +33,7 @@ def _free() -> int | None:
         return None
 
 
-def check_memory(what: str, wanted: int, advice: str) -> None:
+def check_memory(what: str, wanted: float, advice: str) -> None:
     """Raises MemoryError where more bytes are wanted than there are."""
     free = available() if wanted > SMALL else None
     if free is not None and wanted > free:

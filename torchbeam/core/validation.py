@@ -79,15 +79,17 @@ class Plain(np.ndarray):
     """Python numbers as an array: they take the dtype of what they meet, where another array of NumPy has its own."""
 
 
-def numbers(value: Value) -> Plain:
-    """Python or NumPy numbers as a new array of double precision. Raises ValueError for what is no real number."""
+def numbers(value: Value, kinds: str = "fiu") -> Plain:
+    """Python or NumPy numbers as a new array of double precision; of the `kinds` of NumPy's dtypes, "c" for complex ones.
+    Raises ValueError for what is no such number.
+    """
     try:
         array = np.array(value)
     except (TypeError, ValueError):
         array = np.array(None)
-    if array.dtype.kind not in "fiu" or not array.size or any(isinstance(leaf, BOOLEANS) for leaf in scalars(value)):
+    if array.dtype.kind not in kinds or not array.size or any(isinstance(leaf, BOOLEANS) for leaf in scalars(value)):
         raise ValueError(f"{shown(value)} was given; numbers or a tensor are wanted")
-    return array.astype(np.float64, order="C").view(Plain)
+    return array.astype(np.complex128 if array.dtype.kind == "c" else np.float64, order="C").view(Plain)
 
 
 def shown(value: Any) -> str:
@@ -99,6 +101,16 @@ def shown(value: Any) -> str:
 def holds_tensor(value: Value) -> bool:
     """Whether `value` is a (nested) sequence with a tensor in it."""
     return isinstance(value, (list, tuple)) and any(isinstance(leaf, Tensor) for leaf in _leaves(value))
+
+
+def present(given: Value, part: Tensor | None = None) -> bool:
+    """Whether a number that was given, or that `part` of given numbers, is there: what came as a tensor always is, since a
+    gradient or a tangent may be asked for where it is 0 as anywhere else, and other samples may have other values. Plain
+    numbers are there unless they are all 0.
+    """
+    if isinstance(given, Tensor) or holds_tensor(given):
+        return True
+    return bool(np.any(given) if part is None else (part != 0).any())
 
 
 def has_dtype(value: Value) -> bool:

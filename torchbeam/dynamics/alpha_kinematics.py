@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..nodal.inertia import Inertia, InertiaForces
+from ..nodal.lever import NoLever
 from ..nodal.loads import Nodes
 from ..nodal.mass import Blocks
 from ..scene.effects import INERTIAL
@@ -88,8 +89,8 @@ class EndMotion:
 
     @cached
     def masses(self) -> Blocks:
-        """M Z."""
-        return self.inertia.blocks(self.Z)
+        """M Z, with a turn's rows and columns: no mass lies off its node here."""
+        return NoLever().prepared(self.inertia.translational.blocks(self.Z), self.inertia.space.spin)
 
     def kinematics(self, u: Tensor, m: Tensor) -> EndKinematics:
         """Over u (..., N+1, p) m and the rotation m, both to the end."""

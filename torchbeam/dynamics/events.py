@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import function as check_function
 from ..core.batch_subset import BatchSubset
 from ..core.validation import concrete
 from ..math.first_derivative import Once
@@ -32,7 +33,7 @@ class Events:
         if not all(map(callable, many)):
             raise ValueError(f"events of type {type(given).__name__} were given; a function of the state, or a list of such, "
                              "is wanted")
-        return cls(tuple(many))
+        return cls(tuple(check_function("an event", one, "state") for one in many))
 
     def values(self, states: State) -> Tensor | None:
         """(events, ...); None without events. Raises ValueError where a function gives anything but a number a sample."""

@@ -27,8 +27,8 @@ from torch import Tensor
 
 from ..core.arguments import boolean
 from ..core.derivatives import cached
-from ..core.leaves import leaf
-from ..core.validation import shown
+from ..core.leaves import leaf, wants_gradient
+from ..core.validation import concrete, shown
 from ..nodal import loads as external
 from ..nodal.model import Model
 from ..state.state import State
@@ -137,6 +137,15 @@ class GeneralizedAlphaProblem(MidpointProblem):
         return torch.cat(self.element.rates(model.strain(model.kinematics(way.position_end, way.q_end))), -1)
 
 
+def _off_its_node(model: Model) -> bool:
+    """Whether a centre of mass is, or a derivative asks what comes of moving it off."""
+    lever = model.inertia.offset
+    if not lever.present:
+        return False
+    x = concrete(lever.x)
+    return x is not lever.x or wants_gradient(x) or bool((x != 0).any())
+
+
 class GeneralizedAlphaMethod(Method):
     """One such step; a state that comes without accelerations starts with the mean rates of a trial step by "midpoint"."""
 
@@ -153,7 +162,7 @@ class GeneralizedAlphaMethod(Method):
         return cls(rho_inf=rho)
 
     def check(self, model: Model) -> None:
-        unfit = {"a moving frame": model.scene.frame is not None, "a mass off its node": model.inertia.offset.present,
+        unfit = {"a moving frame": model.scene.frame is not None, "a mass off its node": _off_its_node(model),
                  "a load with internal states": model.internal_states > 0}
         for what, given in unfit.items():
             if given:

@@ -17,7 +17,7 @@ from ..math.shapes import broadcast_shapes
 from ..scene.effects import Inputs, changing, first_of, inputs_at, inputs_over
 from ..scene.scene import merge_inputs
 from ..state.reduced import whole_of
-from ..state.state import State
+from ..state.state import State, of_mesh
 from .held_inputs import GivenInputs, changes_within, given_from
 from .stepper import Ahead, Stepper
 
@@ -35,6 +35,7 @@ def rollout(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] |
     `Stepper` refuses, and for values for another number of steps.
     """
     instance("a stepper", stepper, Stepper)
+    of_mesh(state, stepper.scene.beam.count + 1, stepper.scene.dtype, "a state")
     steps, given = count("steps", steps), merge_inputs({} if inputs is None else inputs, more)
     t, varies = shared(state.t), changing(given, steps)
 

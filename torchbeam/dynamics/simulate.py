@@ -14,12 +14,14 @@ from torch.utils.checkpoint import checkpoint as recompute
 
 from ..core.arguments import boolean, choice, count, instance, keywords, step_size
 from ..core.arguments import function as check_function
+from ..core.arguments import instants as check_instants
 from ..core.arguments import options as check_options
 from ..core.derivatives import no_derivatives
 from ..core.functions_of_time import within_dual_numbers
 from ..core.leaves import constant
+from ..core.memory import check_memory
 from ..core.status import FAILED, STATUS
-from ..core.validation import as_tensor, concrete, increasing, shown
+from ..core.validation import as_tensor, broadcast, concrete, increasing, shown
 from ..core.warning import warn
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
@@ -45,6 +47,7 @@ from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 
 FORMS = ("nodal", "minimal", "block_rate")
+PLAN = 200  # bytes of one step in it
 STEPS = 200  # of the default step, over the whole of t
 TOLERANCES = "rtol", "atol"  # of implicit methods: adaptive steps
 FIXED = "step", "checkpoint", "progress"  # options of steps that are given
@@ -135,9 +138,11 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
               **options: Any) -> Solution:
     boolean("checkpoint", checkpoint)
     if progress is not None:
-        check_function("progress", progress)
+        check_function("progress", progress, "done", "steps")
     intervals = concrete(t).detach().diff()
     step = step_size("step", step) if step is not None else min(intervals.min().item(), (t[-1] - t[0]).item() / STEPS)
+    check_memory(f"the plan of {sum(gap / step for gap in intervals.tolist()):.3g} steps of {step:g} s",
+                 PLAN * sum(gap / step for gap in intervals.tolist()), "a longer step is wanted")
     rounding = 1e-6 + 2 * torch.finfo(t.dtype).eps * t.abs().max().item() / step  # of an interval, in steps
     counts = [max(1, math.ceil(gap / step - rounding)) for gap in intervals.tolist()]
     plan = [(k, i) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it
@@ -233,6 +238,8 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
               rtol: float = 1e-6, atol: float = 1e-8, options: dict[str, Any] | None = None, adjoint: bool = False,
               begin: Tensor | None = None) -> Solution:
     """`begin` (...) s: the instant of each sample from which t counts; None = t is that of all."""
+    boolean("adjoint", adjoint)
+    begin = None if begin is None else check_instants("begin", begin, t)
     instants = t if begin is None else [begin + now for now in t]
     held = {name: value for name, value in inputs.items() if not callable(value)}
     moving = {name: value for name, value in inputs.items() if callable(value)}
@@ -244,8 +251,9 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
 
     first = instants[0]
     y0 = rates.pack(_begin(rates.model, initial, first))
+    broadcast("a scene, an initial state and begin", y0.shape[:-1], first.shape)
     acting = rates.balance(first, rates.unpack(first, y0)[0])[0]  # functions and inputs may have axes too
-    y0 = y0.expand(*broadcast_shapes(y0.shape[:-1], acting.shape[:-2]), -1)
+    y0 = y0.expand(*broadcast_shapes(y0.shape[:-1], acting.shape[:-2], first.shape), -1)
     ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
                                         parameters=leaves(rhs, y0.detach(), t, adjoint))
     trajectory = State.stack([rates.state(*at) for at in zip(instants, ys, status, strict=True)])

@@ -49,10 +49,9 @@ class Controlled(NamedTuple):
 def controlled(stepper: Stepper, start: State, stops: Tensor, inputs: dict[str, Any], tolerance: Tolerance, order: int,
                most: int, first: float | None, events: Events) -> Controlled:
     """Steps from `start` (...) over the stops (n) s, at which steps end."""
-    shape, like = start.status.shape, stops
-    record = _Record(stops, shape)
+    record = _Record(stops, start.status.shape)
     run = _Run(without_parts(stepper), inputs, stops, tolerance, order, most, events, record, start)
-    run.h = torch.full(shape, first, dtype=like.dtype, device=like.device) if first is not None else run.first_length()
+    run.h = run.first_length() if first is None else torch.full_like(run.t, first).clamp(min=run.least)
     while run.going.any():
         run.advance()
     return record.controlled(stops)

@@ -38,7 +38,7 @@ def step_jacobian(step: Callable[[State, Inputs], State], space: Space, coordina
         move = start.position.new_zeros(n, *lead, coordinates.reads.shape[-1], requires_grad=True)
         held = {name: u.detach().expand(n, *lead, -1).clone().requires_grad_() for name, u in inputs.items()}
         ends = space.to_reduced(step(space.to_public(moved(space, start, move)), held))
-        end = ends[0].detach()
+        end = ends.broadcast((n, *lead))[0].detach()
         with torch.no_grad():
             (_, by_moves), (moves, _) = (slope.unbind(0) for slope in coordinates.slopes(State.stack([start, end])))
         rows = by_moves.movedim(-2, 0) * move_between(space, end, ends)

@@ -37,8 +37,9 @@ class Tolerance(Tree):
         """
         if rtol is None and atol is None:
             raise ValueError("neither rtol nor atol was given; one of them is wanted")
-        rtol, atol = (as_tensor(check_tolerance(name, 0.0 if value is None else value, zero=True), scene.dtype, scene.device)
-                      for name, value in (("rtol", rtol), ("atol", atol)))
+        rtol, atol = (
+            as_tensor(check_tolerance(name, 0.0 if value is None else value, zero=True, each=True), scene.dtype, scene.device)
+            for name, value in (("rtol", rtol), ("atol", atol)))
         length = concrete(scene.beam.length).detach().sum(-1)
         broadcast("a beam, rtol and atol", scene.batch_shape, rtol.shape, atol.shape)
         position = atol + rtol * length

@@ -22,6 +22,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean, number
 from ..core.arguments import count as check_count
+from ..core.arguments import function as check_function
 from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
@@ -164,6 +165,8 @@ class _Path:
         if isinstance(scene, Scene) and not scene.inputs:
             raise ValueError("a scene without inputs was given; one with inputs to multiply, or a function of the load factor "
                              "that returns a scene, is wanted")
+        if not isinstance(scene, Scene):
+            check_function("scene", scene, "factor")
         self.of, self.inputs, self.t, self.lumped, self.count = scene, inputs, t, lumped, count
         self.damped, self.device = False, scene.device if isinstance(scene, Scene) else None
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from ..core.arguments import function as check_function
 from ..core.arguments import instance
 from ..core.derivatives import no_derivatives
-from ..core.validation import broadcast
+from ..core.validation import broadcast, numbers
 from .modes import Modes
 
 
@@ -71,8 +71,9 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
     for fewer computed modes than measured ones, other channels, or a measured shape that is zero.
     """
     instance("modes", modes, Modes)
-    own = check_function("read", read)(modes.shape)
-    shapes = torch.as_tensor(shapes, device=own.device)
+    own = check_function("read", read, "shape")(modes.shape)
+    if not isinstance(shapes, Tensor):
+        shapes = torch.as_tensor(numbers(shapes, "fiuc"), device=own.device)
     shapes = shapes.to(own.dtype if shapes.is_complex() else own.real.dtype)
     if shapes.ndim != 2:
         raise ValueError(f"measured shapes of shape {tuple(shapes.shape)} were given; (modes, channels) is wanted")

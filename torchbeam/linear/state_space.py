@@ -21,7 +21,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.arguments import function as check_function
-from ..core.arguments import instant
+from ..core.arguments import instant, listed
 from ..math.dense import solve
 from ..nodal.discretise import discretise
 from ..scene.scene import Scene
@@ -61,9 +61,9 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
     T = near.axes if not states else _both(near.axes, torch.eye(states, dtype=K.dtype, device=K.device))
     M, K = T.mT @ M @ T, T.mT @ K @ T
     D = torch.zeros_like(K) if D is None else T.mT @ D @ T
-    outputs = tuple(outputs) if isinstance(outputs, Iterable) and not callable(outputs) else (outputs,)
+    outputs = (outputs,) if callable(outputs) else listed(outputs)
     for sensor in outputs:
-        check_function("a sensor", sensor)
+        check_function("a sensor", sensor, "state")
     G, Y_u = near.by_inputs(outputs)
     value, Y, Y_v, rows = near.by_moves(outputs)
     names, columns = {}, 0
@@ -114,8 +114,8 @@ def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor
         Y_u = Y_u + Y[..., none] @ follow
         Y, Y_v = (X[..., rest] - X[..., none] @ lead for X in (Y, Y_v))
         G = G[..., rest, :] - K10 @ follow
-        M, D, K = (X[..., rest, :][..., rest] for X in (M, D, K))
-        K = K - K10 @ lead
+        back = solve(K00.mT, K10.mT).mT
+        M, D, K = (_condensed(X, rest, none, lead, back) for X in (M, D, K))
         one, none = torch.arange(len(one), device=one.device), none[:0]
         own = len(one) + torch.arange(states, device=one.device)
     elif creeps:
@@ -153,6 +153,15 @@ def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor
     first = n - len(one) - states
     order = torch.tensor([*range(first), *range(first + states, n), *range(first, first + states)], device=A.device)
     return A[..., order, :][..., order], B[..., order, :], C[..., order], Y_u + V0 @ creep[..., n:], creeps, None
+
+
+def _condensed(X: Tensor, rest: Tensor, none: Tensor, lead: Tensor, back: Tensor) -> Tensor:
+    """[I, -back] X [I; -lead] of the coordinates `rest`, where those of `none` follow as -lead q (Guyan 1965). What M and D
+    have of `none` is 0, and its derivative is not: of a rotary inertia, or damping, that is 0.
+    """
+    upper, lower = X[..., rest, :], X[..., none, :]
+    upper, lower = (x[..., rest] - x[..., none] @ lead for x in (upper, lower))
+    return upper - back @ lower
 
 
 def _coupled(rows: Tensor, none: Tensor, one: Tensor) -> bool:

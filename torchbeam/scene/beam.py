@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..core.arguments import function as check_function
 from ..core.leaves import Tree, batch_shapes, leaf
 from ..core.summary import counted, kind, lines, point, span
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive
@@ -136,7 +137,7 @@ class Beam(Tree):
             return cls._with_section(section, nodes, q.expand(*q.shape[:-2], N + 1, 4), q.expand(*q.shape[:-2], N, 4), each,
                                      curved=False, order=order)
         if callable(twist):
-            angle = as_tensor(twist(length[..., None] * s), length.dtype, length.device)
+            angle = as_tensor(check_function("twist", twist, "s")(length[..., None] * s), length.dtype, length.device)
             if angle.shape[-1:] != (N + 1,):
                 raise ValueError(f"a twist of shape {tuple(angle.shape)} was given; (..., {N + 1}) is wanted")
         else:
@@ -173,7 +174,8 @@ class Beam(Tree):
         (length,), axes, root = placed(section, direction, up, root, length=length, _curvature=curvature)
         h = (length / N)[..., None].expand(*length.shape, N)
         s = places(h, order)
-        k = as_tensor(curvature(s) if callable(curvature) else curvature, length.dtype, length.device)
+        given = check_function("curvature", curvature, "s")(s) if callable(curvature) else curvature
+        k = as_tensor(given, length.dtype, length.device)
         k = finite("curvature", axis_last("curvature", k, 3))
         if not callable(curvature):
             k = k[..., None, :]

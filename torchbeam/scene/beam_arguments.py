@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import count
+from ..core.memory import check_memory
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, positive, shown
 from .axes import axes_along
 from .section import Section
@@ -15,15 +16,21 @@ from .stations import Stations
 
 Sections = Section | Sequence[Section] | Callable[[Tensor], Section]  # the last: a function of s, see `Beam.straight`
 
+NUMBERS = 12  # at least, that an interval needs: node, axes of node and element, length
+
 
 def intervals(elements: int, order: int) -> int:
-    """Between nodes. Raises ValueError for fewer than one element, or another order than 1 or 2."""
-    return count("elements", elements) * check_order(order)
+    """Between nodes. Raises ValueError for fewer than one element, or another order than 1 or 2; MemoryError for more
+    than there is memory for.
+    """
+    N = count("elements", elements) * check_order(order)
+    check_memory(f"a beam of {elements} elements", NUMBERS * 8 * N, "fewer are wanted")
+    return N
 
 
 def check_order(order: int) -> int:
     """`order` if it is 1 or 2; ValueError otherwise."""
-    if isinstance(order, bool) or order not in (1, 2):
+    if type(order) is not int or order not in (1, 2):
         raise ValueError(f"order = {shown(order)} was given; 1 or 2 is wanted")
     return order
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import torch
 
-from ..core.arguments import boolean, choice, instance
+from ..core.arguments import boolean, choice, instance, listed
+from ..core.arguments import function as check_function
 from ..core.derivatives import cached
 from ..core.leaves import Tree, batch_shapes, bound, own_leaves
 from ..core.summary import kind, lines
@@ -31,7 +32,7 @@ class Scene(Tree):
     root      `RootMotion` of the clamp at node 0, None = it stays where the beam has it
     plane     None = 3D. "xy" or "xz": solved in that plane of frame a with three unknowns a node; what acts out of it is left
               out where it is a function or an input, and refused where it is a number. "auto": in a plane if the beam, its
-              sections and all numbers lie in one and nothing else acts
+              sections and all numbers lie in one and nothing else acts. A gradient by what would leave the plane is 0
     supports  `Support`s; None = a clamp at node 0, () = free
     small     small displacements and rotations: linear about the undeformed beam. A state holds rotations below pi
 
@@ -58,7 +59,7 @@ class Scene(Tree):
         choice("plane", self.plane, PLANES)
         boolean("small", self.small)
         precision(self.beam.nodes.dtype)
-        effects = tuple(self.effects) if isinstance(self.effects, Iterable) else (self.effects,)
+        effects = listed(self.effects)
         for effect in effects:
             if not isinstance(effect, Effect) or effect.kind not in KINDS:
                 raise ValueError(f"{shown(effect)} was given, which is not an effect; see torchbeam.scene.effects for what is")
@@ -146,7 +147,7 @@ class Scene(Tree):
         freed = any(e.frees_root for e in self._of("load"))
         asked = self.supports.given if isinstance(self.supports, NodeSupports) else self.supports
         given = (() if freed else (Support(0),)) if asked is None else asked
-        given = tuple(given) if isinstance(given, Iterable) else (given,)
+        given = listed(given)
         count, found = self.beam.count + 1, {}
         for support in given:
             if not isinstance(support, Support):
@@ -189,6 +190,8 @@ class Scene(Tree):
         """Inputs as tensors, by keyword or in a dictionary inputs={...}, which has room for names that are keywords of a
         function. Raises ValueError where one is missing, unknown, of the wrong size, or of axes that do not broadcast.
         """
+        if not isinstance(given, dict):
+            raise ValueError(f"inputs = {shown(given)} was given; a dictionary of values by name is wanted")
         if isinstance(given.get("inputs"), dict):
             given = merge_inputs(given["inputs"], {name: value for name, value in given.items() if name != "inputs"})
         sizes, dtype, device = self.inputs, self.dtype, self.device
@@ -223,4 +226,8 @@ def merge_inputs(inputs: Any, more: dict[str, Any]) -> dict[str, Any]:
     for name in more:
         if name in inputs:
             raise ValueError(f"the input {name!r} was given twice; once is wanted")
-    return {**inputs, **more}
+    given = {**inputs, **more}
+    for name, value in given.items():
+        if callable(value):
+            check_function(f"the input {name!r}", value, "t")
+    return given

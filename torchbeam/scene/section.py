@@ -11,13 +11,14 @@ from torch import Tensor
 
 from ..core.leaves import Tree, leaf
 from ..core.summary import kind, lines, span
-from ..core.validation import Value, as_tensor, axis_last, broadcast, common_dtype, concrete, finite, inertia, positive
+from ..core.validation import Value, as_tensor, axis_last, broadcast, common_dtype, concrete, finite, inertia, positive, present
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 
 SHEAR_FACTOR_RECTANGLE = 5 / 6  # Timoshenko's, Poisson's ratio neglected
 SHEAR_FACTOR_CIRCLE = 9 / 10  # solid circle, Poisson's ratio neglected (Cowper 1966 at nu = 0 gives 6/7)
 STRAINS = ("axial", "shear y", "shear z", "torsion", "bending y", "bending z")
+STRUCTURE = ("coupled", "offset", "rotary")
 ODD_FIFTH_POWERS = 1.0045237627951396  # 1 + 1/3^5 + 1/5^5 + ... = 31/32 zeta(5)
 
 
@@ -31,7 +32,8 @@ class Section(Tree):
 
     Leading axes are batch axes. `rigid` tells which strains are impossible, `coupled` whether the compliance has more than
     its diagonal, `offset` whether the centre of mass lies off the reference axis (mass couples V and Omega) and `rotary`
-    whether the section resists rotation; all are found once, here.
+    whether the section resists rotation. A matrix that comes as a tensor has them all, whatever its numbers: a gradient may be
+    asked for where they are 0. One of plain numbers has what is not 0; a section made in another way, what that way asks for.
 
     Raises ValueError for a wrong shape, an asymmetric matrix, a negative diagonal, NaN or infinity, or a rotary inertia that no
     body has (one principal moment above the sum of the others).
@@ -45,7 +47,8 @@ class Section(Tree):
     rotary: bool = field(init=False)
 
     def __post_init__(self) -> None:
-        dtype, device = common_dtype(self.compliance, self.mass)
+        given = self.compliance, self.mass
+        dtype, device = common_dtype(*given)
         S = _symmetric("compliance", as_tensor(self.compliance, dtype, device))
         mass = _symmetric("mass", as_tensor(self.mass, dtype, device))
         broadcast("compliance and mass", S.shape[:-2], mass.shape[:-2])
@@ -61,9 +64,8 @@ class Section(Tree):
         set_(self, "compliance", S)
         set_(self, "mass", mass)
         set_(self, "rigid", tuple(bool(concrete(c == 0).any()) for c in S_diagonal.unbind(-1)))
-        set_(self, "coupled", bool(concrete(S != torch.diag_embed(S_diagonal)).any()))
-        set_(self, "offset", bool(concrete(mass[..., :3, 3:] != 0).any()))
-        set_(self, "rotary", bool(concrete(mass[..., 3:, 3:] != 0).any()))
+        self.declared(coupled=present(given[0], S - torch.diag_embed(S_diagonal)),
+                      offset=present(given[1], mass[..., :3, 3:]), rotary=present(given[1], mass[..., 3:, 3:]))
 
     def __repr__(self) -> str:
         flexibility = self.compliance.diagonal(dim1=-2, dim2=-1)
@@ -84,11 +86,13 @@ class Section(Tree):
         """
         if self.rigid[1] != self.rigid[2] or self.rigid[4] != self.rigid[5]:
             raise ValueError("a section with an impossible strain across one axis was given; both or none is wanted to turn it")
-        angle = finite("angle", self._value(angle))
+        given, angle = angle, finite("angle", self._value(angle))
+        turned = present(given)
         zero, one, c, s = torch.zeros_like(angle), torch.ones_like(angle), torch.cos(angle), torch.sin(angle)
         R = torch.stack((one, zero, zero, zero, c, -s, zero, s, c), -1).unflatten(-1, (3, 3))
         both = _blocks(R, torch.zeros_like(R), torch.zeros_like(R), R)
-        return Section(both @ self.compliance @ both.mT, both @ self.mass @ both.mT)
+        return Section(both @ self.compliance @ both.mT, both @ self.mass @ both.mT).declared(
+            self.coupled or turned, self.offset, self.rotary)
 
     def shifted(self, y: Value = 0.0, z: Value = 0.0) -> Section:
         """The same section described about another reference axis, which runs through the point (0, y, z) (...) m of its own
@@ -103,18 +107,27 @@ class Section(Tree):
         """
         if any(self.rigid):
             raise ValueError("a section with an impossible strain was given; one to be shifted needs finite stiffness")
+        given = y, z
         y, z = (finite(name, self._value(value)) for name, value in (("y", y), ("z", z)))
+        moved = any(map(present, given))
         r = skew(torch.stack(torch.broadcast_tensors(torch.zeros_like(y), y, z), -1))
         eye, zero = torch.eye(3, dtype=r.dtype, device=r.device).expand_as(r), torch.zeros_like(r)
         stress, velocity = _blocks(eye, zero, r, eye), _blocks(eye, r, zero, eye)  # about the old axis by about the new
-        return Section(stress.mT @ self.compliance @ stress, velocity.mT @ self.mass @ velocity)
+        return Section(stress.mT @ self.compliance @ stress, velocity.mT @ self.mass @ velocity).declared(
+            self.coupled or moved, self.offset or moved, self.rotary or moved)
 
     def like(self, compliance: Tensor, mass: Tensor) -> Section:
-        """Section with these matrices, means of this one's: keeps its flags and skips the checks."""
+        """Section with these matrices, means or multiples of this one's: it has what this one has, and is not checked again."""
         made = object.__new__(Section)
         for name, value in {**vars(self), "compliance": compliance, "mass": mass}.items():
             object.__setattr__(made, name, value)
         return made
+
+    def declared(self, coupled: bool, offset: bool, rotary: bool) -> Section:
+        """This section, newly made, with what it is known to have."""
+        for name, value in zip(STRUCTURE, (coupled, offset, rotary), strict=True):
+            object.__setattr__(self, name, value)
+        return self
 
     def _value(self, value: Value) -> Tensor:
         return as_tensor(value, *common_dtype(self.compliance, value))
@@ -147,7 +160,8 @@ class Section(Tree):
                 positive(name, value, zero=name == "inertia")
         stiffness = (pair["EA"][0], *pair["GA"], pair["GJ"][0], *pair["EI"])
         m, (i_y, i_z) = pair["mass"][0], pair["inertia"]
-        return cls(_diagonal([1 / k for k in stiffness]), _diagonal([m, m, m, i_y + i_z, i_y, i_z]))
+        return cls(_diagonal([1 / k for k in stiffness]), _diagonal([m, m, m, i_y + i_z, i_y, i_z])).declared(
+            coupled=False, offset=False, rotary=present(inertia))
 
     @classmethod
     def rectangle(cls, width: Value, height: Value, E: Value, nu: Value, rho: Value) -> Section:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,11 +10,12 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.arguments import count, instance
+from ..core.arguments import count, instance, listed
+from ..core.arguments import function as check_function
 from ..core.leaves import Tree, leaf
 from ..core.validation import as_tensor, broadcast, common_dtype, finite
 from ..math.quadratic import X
-from .section import Section
+from .section import STRUCTURE, Section
 
 # Gauss-Legendre points and weights on [0, 1], exact to the seventh power
 POINTS = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263)
@@ -100,7 +101,7 @@ class Stations(Tree):
 
 def _sections(given: Any) -> tuple[Section, ...]:
     """One `Section` or more; ValueError otherwise."""
-    sections = tuple(given) if isinstance(given, Iterable) else (given,)
+    sections = listed(given)
     for section in sections:
         instance("a section", section, Section)
     if not sections:
@@ -110,8 +111,9 @@ def _sections(given: Any) -> tuple[Section, ...]:
 
 def stacked(sections: Sequence[Section]) -> Section:
     """One section whose last batch axis counts the given ones."""
-    return Section(*(torch.stack(torch.broadcast_tensors(*(getattr(s, name) for s in sections)), -3)
-                     for name in ("compliance", "mass")))
+    compliance, mass = (torch.stack(torch.broadcast_tensors(*(getattr(s, name) for s in sections)), -3)
+                        for name in ("compliance", "mass"))
+    return Section(compliance, mass).declared(*(any(getattr(s, what) for s in sections) for what in STRUCTURE))
 
 
 def stations_of(length: Tensor) -> Tensor:
@@ -159,7 +161,7 @@ def of_elements(section: Sequence[Section] | Callable[[Tensor], Section], length
 
 
 def _sections_at(function: Callable[[Tensor], Section], places: Tensor) -> Section:
-    found = function(places)
+    found = check_function("section", function, "s")(places)
     if not isinstance(found, Section) or found.batch_shape[-1:] != places.shape[-1:]:
         given = f"of batch shape {tuple(found.batch_shape)}" if isinstance(found, Section) else type(found).__name__
         raise ValueError(f"a function of s that gave a section {given} for {places.shape[-1]} places was given; one "

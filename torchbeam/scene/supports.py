@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import function as check_function
 from ..core.arguments import whole
 from ..core.leaves import Tree, leaf
 from ..core.validation import Value, axis_last, finite, shown
@@ -114,7 +115,9 @@ class Support(Tree):
 
 def _motion(owner: Any, name: str) -> None:
     value = getattr(owner, name)
-    if value is not None and not callable(value):
+    if callable(value):
+        check_function(name, value, "t")
+    elif value is not None:
         value = axis_last(name, plain(value), 3)
         finite(name, torch.as_tensor(value))
         object.__setattr__(owner, name, value)

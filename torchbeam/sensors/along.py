@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ..core.validation import Value, as_tensor, concrete, finite
+from ..core.validation import Value, as_tensor, concrete, finite, shown
 from ..math.shapes import broadcast_shapes
 from ..nodal.constitutive_law import without_residual_bending
 from ..nodal.coordinates.selection import in_space, space_of
@@ -44,7 +44,8 @@ class _Along(Sensor):
 
     def __post_init__(self) -> None:
         if (self.station is None) == (self.element is None):
-            raise ValueError(f"station = {self.station!r} and element = {self.element!r} were given; one of them is wanted")
+            raise ValueError(f"station = {shown(self.station)} and element = {shown(self.element)} were given; one of them "
+                             "is wanted")
         scene = self.beam
         if isinstance(scene, Scene):
             object.__setattr__(self, "beam", scene.beam)
@@ -54,7 +55,7 @@ class _Along(Sensor):
         if self.element is not None:
             N = self.beam.element_count
             if isinstance(self.element, bool) or not isinstance(self.element, int) or not -N <= self.element < N:
-                raise ValueError(f"element = {self.element!r} was given; the beam has the elements 0 to {N - 1}")
+                raise ValueError(f"element = {shown(self.element)} was given; the beam has the elements 0 to {N - 1}")
         else:
             length = self.beam.length
             station = finite("station", as_tensor(self.station, length.dtype, length.device))

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import boolean, choice, whole
+from ..core.arguments import boolean, choice, place, whole
 from ..core.validation import as_tensor, axis_last, common_dtype, finite, has_dtype, rotations
 from ..math import quaternions as quat
 from ..state.state import State
@@ -32,9 +32,7 @@ class _OfNode(Sensor):
         position = getattr(state, "position", None)
         if position is None:
             return super().__call__(state)  # says so
-        nodes = position.shape[-2]
-        if not -nodes <= self.node < nodes:
-            raise ValueError(f"node = {self.node} was given; the beam has the nodes 0 to {nodes - 1}")
+        place("node", self.node, position.shape[-2], "the beam has the nodes")
         return self.read(state)
 
 
@@ -57,7 +55,7 @@ class NodePosition(_OfNode):
         super().__post_init__()
         reference = self.reference
         if hasattr(reference, "position"):
-            reference = reference.position[..., self.node, :]
+            reference = reference.node(self.node).position
         elif reference is not None:
             reference = _given(reference)
         if reference is not None:
@@ -185,7 +183,9 @@ def _given(reference: Any) -> Tensor:
 
 
 def _quaternion(state: Any, node: int) -> Tensor:
-    return state.rotation[..., node, :] if isinstance(state, State) else quat.from_matrix(state.node(node).rotation)
+    if not isinstance(state, State):
+        return quat.from_matrix(state.node(node).rotation)
+    return state.rotation[..., place("node", node, state.rotation.shape[-2], "the beam has the nodes"), :]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

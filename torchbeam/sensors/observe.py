@@ -38,10 +38,12 @@ def observe(solution: Any, sensor: Sensor | Callable[[Any], Tensor], times: Valu
     Raises ValueError for times beyond the trajectory where there is no delay, and for other shapes.
     """
     boolean("rate", rate)
+    if not (hasattr(solution, "t") and hasattr(solution, "state")):
+        raise ValueError(f"a solution of type {type(solution).__name__} was given; a torchbeam.Solution is wanted")
     t = solution.t.detach().contiguous()
     if len(t) < 2:
         raise ValueError(f"a solution of {len(t)} instants was given to observe; two or more are wanted")
-    values = (sensor if isinstance(sensor, Sensor) else check_function("sensor", sensor))(solution.state)
+    values = (sensor if isinstance(sensor, Sensor) else check_function("sensor", sensor, "state"))(solution.state)
     if values.shape[:1] != t.shape:
         raise ValueError(f"a sensor that gave {tuple(values.shape)} for {len(t)} instants was given; time as its first axis is "
                          "wanted")

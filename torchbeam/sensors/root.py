@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import whole
 from ..state.state import State
 from .sensor import XYZ, Sensor
 
@@ -59,12 +60,15 @@ class Reaction(Sensor):
     unit = "N, N m"
     labels = RootReaction.labels
 
+    def __post_init__(self) -> None:
+        whole("support", self.support)
+
     @property
     def name(self) -> str:
         return f"reaction of support {self.support}"
 
     def read(self, state: Any) -> Tensor:
-        count = state.reaction.shape[-2] if isinstance(state, State) else 0
-        if not -count <= self.support < count:
-            raise ValueError(f"support = {self.support!r} was given for a state with the loads of {count} supports")
+        if not isinstance(state, State):
+            raise ValueError(f"a state of type {type(state).__name__}, which has the load of the root alone, was given to "
+                             "Reaction; RootReaction reads it")
         return torch.cat(tuple(state.reaction_of(self.support)), -1)

@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ..core.validation import axis_last
+from ..core.arguments import listed
+from ..core.validation import axis_last, shown
 from ..math.shapes import broadcast_shapes
 
 XYZ = ("x", "y", "z")
@@ -64,6 +65,8 @@ class Component(Sensor):
     places: tuple[int, ...] = field(init=False)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.of, Sensor):
+            raise ValueError(f"{shown(self.of)} was given to Component; a sensor is wanted")
         labels, which = self.of.labels, self.which
         if isinstance(which, str):
             if which not in labels:
@@ -71,10 +74,10 @@ class Component(Sensor):
             places = (labels.index(which),)
         elif isinstance(which, slice):
             places = tuple(range(len(labels))[which])
-        elif isinstance(which, int) and -len(labels) <= which < len(labels):
+        elif isinstance(which, int) and not isinstance(which, bool) and -len(labels) <= which < len(labels):
             places = (which % len(labels),)
         else:
-            raise ValueError(f"the component {which!r} was given; {self.of.name} has {len(labels)}: {', '.join(labels)}")
+            raise ValueError(f"the component {shown(which)} was given; {self.of.name} has {len(labels)}: {', '.join(labels)}")
         object.__setattr__(self, "places", places)
 
     @property
@@ -105,10 +108,12 @@ class Stack(Sensor):
     name: ClassVar[str] = "sensors"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "sensors", tuple(self.sensors))
+        object.__setattr__(self, "sensors", listed(self.sensors))
+        if not self.sensors:
+            raise ValueError("no sensors were given to Stack; at least one is wanted")
         for sensor in self.sensors:
             if not isinstance(sensor, Sensor):
-                raise ValueError(f"{sensor!r} was given to Stack; sensors are wanted")
+                raise ValueError(f"{shown(sensor)} was given to Stack; sensors are wanted")
         object.__setattr__(self, "vectors", all(len(sensor.shape) == 1 for sensor in self.sensors))
 
     @property

@@ -7,6 +7,7 @@ from typing import Any
 
 from torch import Tensor
 
+from ..core.arguments import function as check_function
 from ..core.functions_of_time import rate_along
 from ..core.validation import Value, as_tensor, axis_last, finite
 from ..math import quaternions as quat
@@ -38,7 +39,7 @@ def bent(still: Placed, scene: Scene, nodes: Value, frames: Value | None, twist:
     else:
         s = arclength(beam.length, beam.order)
         if callable(twist):
-            twist = as_tensor(twist(s), scene.dtype, scene.device)
+            twist = as_tensor(check_function("twist", twist, "s")(s), scene.dtype, scene.device)
             if twist.shape[-1:] != s.shape[-1:]:
                 raise ValueError(f"a twist of shape {tuple(twist.shape)} was given; (..., {beam.count + 1}) is wanted")
         elif twist is not None:

@@ -10,8 +10,9 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.entry_point import entry_point
-from ..core.leaves import Tree, map_leaves
+from ..core.leaves import Tree, batch_shapes, map_leaves
 from ..core.summary import kind, lines, point, span, statuses
+from ..core.validation import shown
 
 Made = Tensor | Callable[[], Tensor]
 
@@ -70,8 +71,14 @@ class TensorFields(Tree):
         return map_leaves(lambda value, axes, *theirs: function(value, *theirs), self, *others)
 
     def __getitem__(self, index: Any) -> Any:
-        """Index the first axes of every field: `states[-1]` of a trajectory is its last state."""
-        return self.map(lambda x: x[index])
+        """Index the first axes of every field: `states[-1]` of a trajectory is its last state. Raises IndexError where there is
+        none such.
+        """
+        try:
+            return self.map(lambda x: x[index])
+        except (IndexError, TypeError, RuntimeError):
+            axes = " and ".join(str(tuple(shape)) for shape in dict.fromkeys(batch_shapes(self)))
+            raise IndexError(f"{type(self).__name__}[{shown(index)}] was asked for; its leading axes are {axes}") from None
 
     def where(self, mask: Tensor, other: Any) -> Any:
         """Fields of this one where mask (...) holds, of `other` elsewhere."""

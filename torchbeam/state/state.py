@@ -8,11 +8,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import batch, instance, instants, place
 from ..core.leaves import leaf, map_leaves
 from ..core.validation import Value, broadcast
 from ..math import quaternions as quat
-from ..math.shapes import broadcast_shapes
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
+from ..scene.scene import Scene
 from .bent import bent
 from .instant import Instant, Point, Reaction
 from .supported_nodes import at_rest, at_supports
@@ -98,7 +99,8 @@ class State(Instant):
                        defect=torch.zeros_like(self.defect), status=torch.zeros_like(self.status))
 
     def node(self, index: int) -> Point:
-        """One node's motion, in frame a."""
+        """One node's motion, in frame a; counted from the root, -1 is the tip. Raises ValueError where there is none such."""
+        index = place("node", index, self.position.shape[-2], "the beam has the nodes")
         q = self.rotation[..., index, :]
         return Point(self.position[..., index, :], self.velocity[..., index, :], lambda: quat.matrix(q),
                      lambda: quat.rotate(q, self.spin[..., index, :]))
@@ -112,7 +114,7 @@ class State(Instant):
 
     def reaction_of(self, support: int) -> Reaction:
         """Load of a support, by its index in `scene.supports`."""
-        load = self.reaction[..., support, :]
+        load = self.reaction[..., place("support", support, self.reaction.shape[-2], "there are the supports"), :]
         return Reaction(load[..., :3], load[..., 3:])
 
     @property
@@ -147,14 +149,20 @@ def of_mesh(state: Any, nodes: int, dtype: torch.dtype, name: str) -> State:
 def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tensor = 0.0) -> State:
     """The scene's beam undeformed and at rest in frame a, with the scene's batch axes (or those given). What supports hold is
     where they have it at the time t s (0-dim, or one of each sample), and moves with them. A frame that turns has turned since
-    t = 0, when it coincides with the inertial axes.
+    t = 0, when it coincides with the inertial axes. Raises ValueError for what is no scene, batch axes or time.
     """
-    beam = scene.beam
+    beam = instance("a scene", scene, Scene).beam
     nodes = beam.count + 1
     zero = beam.nodes.new_zeros(())
     states = sum(scene.internal_states)
-    time = torch.as_tensor(t, dtype=zero.dtype, device=zero.device)
-    shape = broadcast_shapes(scene.batch_shape, time.shape) if batch_shape is None else torch.Size(batch_shape)
+    time = instants("t", t, zero)
+    shape = broadcast("a scene and t", scene.batch_shape, time.shape)
+    if batch_shape is not None:
+        wanted = batch("batch_shape", batch_shape)
+        if broadcast("batch_shape and t", wanted, time.shape) != wanted:
+            raise ValueError(f"batch_shape = {tuple(wanted)} was given for t of shape {tuple(time.shape)}; one with its axes "
+                             "is wanted")
+        shape = wanted
     state = State(
         position=beam.nodes.expand(*shape, nodes, 3),
         rotation=beam.frames.expand(*shape, nodes, 4),

@@ -78,6 +78,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     """
     choice("branch", branch, ("first", "stable"))
     choice("engine", engine, ENGINES)
+    boolean("relax", relax)
     if relax and engine == "compiled":
         raise ValueError("engine = 'compiled' was given with relax=True; 'eager' does that")
     boolean("throw", throw)

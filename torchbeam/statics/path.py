@@ -112,7 +112,7 @@ def path(scene: Scene, highest: float = 1.0, *, lowest: float = -math.inf, load:
     boolean("branch", branch)
     step = check_tolerance("step", step)
     if control is not None:
-        check_function("control", control)
+        check_function("control", control, "state")
     given = scene.tensors(inputs)
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
     if load is not None and (not isinstance(load, str) or load not in given):
@@ -124,6 +124,8 @@ def path(scene: Scene, highest: float = 1.0, *, lowest: float = -math.inf, load:
     highest, lowest = number("highest", highest), number("lowest", lowest, infinite=True)
     if not highest > 0 or not lowest <= 0:
         raise ValueError(f"factors from {lowest:g} to {highest:g} were given; a range with 0 in it is wanted")
+    if not highest**2 > 0:
+        raise ValueError(f"highest = {highest:g} was given, whose square is no number; a larger factor is wanted")
     time = instant("t", t, scene.beam.nodes)
 
     loaded = LoadedProblem(model, time, given, load)

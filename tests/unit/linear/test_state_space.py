@@ -258,3 +258,11 @@ def test_an_actuation_is_an_input(plane):
     expected = torch.autograd.functional.jacobian(lambda k: tip(tb.equilibrium(scene, k=k)), k)
     assert expected.abs().max() > 1e-3
     torch.testing.assert_close(gain.reshape(3, 3), expected, rtol=1e-6, atol=1e-9)
+
+
+def test_departure_of_a_beam_at_rest():
+    """`rest` expands its batch axes, which dual numbers refuse; alone and in a batch the departure is that of a copy."""
+    model = tb.linearize(scene(), outputs=[tip], u=U)
+    for shape in ((), (2,)):
+        state = tb.rest(scene(), shape)
+        assert_close(model.departure(state), model.departure(state.clone()), rtol=0, atol=0)

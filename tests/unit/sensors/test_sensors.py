@@ -329,7 +329,7 @@ CASES = {
     "rigid": (lambda: s.NodeAcceleration(-1, tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(
         EA=math.inf, GA=1.0, GJ=1.0, EI=1.0, mass=1.0)))), "infinite stiffness"),
     "no input": (lambda: s.NodeAcceleration(-1, tb.Scene(BEAM, [tb.TipLoad(force=tb.Input("u", 3))])), "'u' is missing"),
-    "no support": (lambda: s.Reaction(1)(STATE), "support = 1 was given for a state with the loads of 1 supports"),
+    "no support": (lambda: s.Reaction(1)(STATE), "support = 1 was given; there are the supports 0 to 0"),
     "no vector": (lambda: s.Stack((s.TipPosition(),)).split(torch.zeros(2)), r"vector of shape \(2,\)"),
 }
 

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...core.arguments import function as check_function
 from ...core.validation import concrete
 from ...solvers.least_squares import OtherShape
 from ...state.solution import Solution
@@ -87,8 +88,7 @@ def experiments_of(model: Any, data: Any, sigma: Any) -> tuple[Experiment, ...]:
 
 
 def _experiment(name: str | None, model: Any, data: Any, sigma: Any) -> Experiment:
-    if not callable(model):
-        raise ValueError(f"a model of type {type(model).__name__} was given; a function of theta is wanted")
+    check_function("a model", model, "theta")
     return Experiment(name, model, tuple(Measurement.of(d, sigma) for d in each(data)), not several(data))
 
 

@@ -81,6 +81,7 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
     choice("derivatives", derivatives, DERIVATIVES)
     check_tolerance("tolerance", tolerance)
     boolean("progress", progress)
+    boolean("log", log)
     limit = count("iterations", iterations)
     step = STEP if relative_step is None else check_tolerance("relative_step", relative_step)
     choice("noise", noise, NOISES)

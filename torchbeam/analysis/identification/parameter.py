@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.distributions import Distribution
 
 from ...core.arguments import boolean, choice
-from ...core.validation import Value, as_tensor, common_dtype, finite, positive
+from ...core.validation import Value, as_tensor, common_dtype, finite, positive, shown
 from .transform import TRANSFORMS
 
 
@@ -68,7 +68,7 @@ class Parameter:
     def _bounds(self) -> tuple[Tensor, Tensor]:
         start = self.start
         if not isinstance(self.bounds, (tuple, list)) or len(self.bounds) != 2:
-            raise ValueError(f"bounds = {self.bounds!r} were given; (least, largest) is wanted")
+            raise ValueError(f"bounds = {shown(self.bounds)} were given; (least, largest) is wanted")
         least, largest = (self._like("bounds", b) for b in self.bounds)
         ends = largest < torch.inf, least > -torch.inf
         inside = (least < start) & (start < largest) if self.transform == "logit" else (least <= start) & (start <= largest)
@@ -79,7 +79,8 @@ class Parameter:
 
     def _check_prior(self) -> None:
         if not isinstance(self.prior, Distribution) or self.prior.event_shape or not self.prior.support.event_dim == 0:
-            raise ValueError(f"the prior {self.prior!r} was given; one of torch.distributions, of single numbers, is wanted")
+            raise ValueError(f"the prior {shown(self.prior)} was given; one of torch.distributions, of single numbers, is "
+                             "wanted")
         try:
             density = self.prior.log_prob(self.start.clone())
         except ValueError:

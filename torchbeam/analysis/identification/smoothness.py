@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean
-from ...core.validation import Value, as_tensor, increasing
+from ...core.validation import Value, as_tensor, increasing, shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +31,8 @@ class Smoothness:
     sharp: bool = False
 
     def __post_init__(self) -> None:
-        if isinstance(self.order, bool) or self.order not in (0, 1, 2):
-            raise ValueError(f"order = {self.order!r} was given; 0, 1 or 2 is wanted")
+        if type(self.order) is not int or self.order not in (0, 1, 2):
+            raise ValueError(f"order = {shown(self.order)} was given; 0, 1 or 2 is wanted")
         boolean("sharp", self.sharp)
 
     def rows(self, like: Tensor) -> Tensor:

@@ -135,7 +135,9 @@ def called(function: Function, joint: JointLaw, theta: Tensor, by_name: bool) ->
     """y (n, ...) and status (n,) of a function at samples theta (n, p), on y's device and with its gradients; FAILED where y is
     not finite. ValueError where they do not fit.
     """
-    n, given = len(theta), function(**joint.named(theta)) if by_name else function(theta)
+    n, named = len(theta), joint.named(theta) if by_name else {}
+    checked_function("function", function, *(() if by_name else ("theta",)), named=named)
+    given = function(**named) if by_name else function(theta)
     y, status = given if isinstance(given, tuple) and len(given) == 2 else (given, torch.zeros(n, dtype=torch.long))
     for name, value, wanted in (("y", y, f"({n}, ...)"), ("a status", status, f"({n},)")):
         if not isinstance(value, Tensor):

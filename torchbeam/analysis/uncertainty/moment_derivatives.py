@@ -55,7 +55,7 @@ def moment_derivatives(function: Function, laws: Callable[[Tensor], Mapping[str,
     gradient.
     """
     level = level_of("interval", interval)
-    checked_function("laws", laws)
+    checked_function("laws", laws, "q")
     boolean("by_name", by_name)
     q = finite("q", as_tensor(q, q.dtype if isinstance(q, Tensor) and q.is_floating_point() else torch.get_default_dtype()))
     if q.ndim != 1:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ...core.validation import shown
+from ...core.arguments import function as checked_function
 
 Report = Callable[[Any], None]  # is given the Progress after each chunk
 EVERY, LOG = 0.5, 10.0  # seconds between two lines on a terminal, and in a file
@@ -31,8 +31,8 @@ class Progress:
     _told: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.report is not True and not callable(self.report):
-            raise ValueError(f"progress = {shown(self.report)} was given; a function or True is wanted")
+        if self.report is not True:
+            checked_function("progress", self.report, "progress")
 
     def add(self, samples: int, failed: int, found: bool) -> None:
         """Count a chunk, and tell."""

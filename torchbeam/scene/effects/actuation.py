@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from ...core.arguments import whole
+from ...core.arguments import listed, whole
 from ...core.leaves import leaf
 from ...core.validation import Value
 from ...math.shapes import broadcast_shapes
@@ -38,11 +38,12 @@ class Actuation(Effect):
         if self.curvature is None and self.strain is None:
             raise ValueError("Actuation with neither curvature nor strain was given; one of them is wanted")
         for name in ("curvature", "strain"):
-            object.__setattr__(self, name, load_value(f"Actuation's {name}", getattr(self, name), along=True))
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, load_value(f"Actuation's {name}", getattr(self, name), along=True))
         if isinstance(self.strain, Along) or isinstance(self.curvature, Along):
             raise ValueError("Actuation with a function Along the beam was given; PerElement gives each element its own")
         if self.elements is not None and not isinstance(self.elements, slice):
-            given = tuple(self.elements) if isinstance(self.elements, Iterable) else (self.elements,)
+            given = listed(self.elements)
             object.__setattr__(self, "elements", tuple(whole("an element", element) for element in given))
             if not given:
                 raise ValueError("Actuation of no elements was given; the numbers of some, or None for all, are wanted")

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import choice, count
+from ...core.arguments import choice, count, listed
 from ...core.arguments import function as check_function
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import leaf, with_values
@@ -68,10 +68,9 @@ class CustomLoad(Load):
     values: dict[str, Value] | None = leaf(lambda load: int(load.node is None), default=None)
 
     def __post_init__(self) -> None:
-        if not callable(self.function):
-            raise ValueError(f"{shown(self.function)} was given to Load; a function of the motion is wanted")
+        check_function("Load's function", self.function)
         if self.rate is not None:
-            check_function("rate", self.rate)
+            check_function("Load's rate", self.rate)
         if self.node is not None:
             whole_node(self.node)
         count("internal", self.internal, least=0)
@@ -79,10 +78,10 @@ class CustomLoad(Load):
             given = "internal states without a rate" if self.internal else "a rate without internal states"
             raise ValueError(f"{given} was given to Load; both or neither are wanted")
         given = self.inputs
-        inputs = [Input(n, size) for n, size in given.items()] if isinstance(given, dict) else _listed(given)
+        inputs = [Input(n, size) for n, size in given.items()] if isinstance(given, dict) else listed(given)
         if not all(isinstance(i, Input) for i in inputs):
             raise ValueError(f"{shown(given)} was given as Load's inputs; Inputs, or names with sizes, are wanted")
-        of = _listed(self.of)
+        of = listed(self.of)
         for name in of:
             choice("of", name, (*MOTION, PLACE))
         if PLACE in of and self.node is not None:
@@ -98,6 +97,10 @@ class CustomLoad(Load):
         names = [*(i.name for i in inputs), *values, *(["z"] if self.internal else []), *(n for n in of if n not in READS)]
         for name in {n for n in names if names.count(n) > 1}:
             raise ValueError(f"two arguments of the name {name!r} were given to Load; one is wanted")
+        motion = ("position", "rotation", "velocity", "spin", "t")
+        check_function("Load's function", self.function, *motion, named=names)
+        if self.rate is not None:
+            check_function("Load's rate", self.rate, "z", *motion, named=[name for name in names if name != "z"])
         for name, value in dict(inputs=tuple(inputs), of=tuple(of), values=values).items():
             object.__setattr__(self, name, value)
 
@@ -190,11 +193,6 @@ class CustomLoad(Load):
 def _with_axes(x: Tensor, count: int) -> Tensor:
     """x with so many axes, the new ones first."""
     return x if x.ndim == count else x[(None,) * (count - x.ndim)]
-
-
-def _listed(given: Any) -> list[Any]:
-    """A sequence, or one value as such."""
-    return list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
 
 
 def _returned(whose: str, value: Any, size: int, lead: torch.Size, like: Tensor) -> Tensor:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from ...core.arguments import function as check_function
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import leaf
 from ...core.validation import Value
@@ -54,7 +55,9 @@ class Drag(Load):
             object.__setattr__(self, name, parameter(f"Drag's {name}", getattr(self, name)))
         if isinstance(self.flow, Input):
             raise ValueError("Drag's flow as an Input was given; a value, or a function of position and t, is wanted")
-        if self.flow is not None and not callable(self.flow):
+        if callable(self.flow):
+            check_function("Drag's flow", self.flow, "position", "t")
+        elif self.flow is not None:
             object.__setattr__(self, "flow", load_value("Drag's flow", self.flow))
         if self.carries and callable(self.flow):
             raise ValueError("Drag with an added mass in a flow that is a function was given; with an added mass the flow is "

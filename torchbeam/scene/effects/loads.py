@@ -30,8 +30,9 @@ class GivenLoad(Load):
         if self.force is None and self.moment is None:
             raise ValueError(f"{type(self).__name__} with neither force nor moment was given; one of them is wanted")
         for name in ("force", "moment"):
-            value = load_value(f"{type(self).__name__}'s {name}", getattr(self, name), along=self.node is None)
-            object.__setattr__(self, name, value)
+            if (value := getattr(self, name)) is not None:
+                value = load_value(f"{type(self).__name__}'s {name}", value, along=self.node is None)
+                object.__setattr__(self, name, value)
         boolean(f"{type(self).__name__}'s follower", self.follower)
 
     @property

@@ -45,7 +45,7 @@ class PointMass(Effect):
 
     def __post_init__(self) -> None:
         whole_node(self.node)
-        mass, inertia, offset = (None if v is None else plain(v) for v in (self.mass, self.inertia, self.offset))
+        mass, inertia, offset = (plain(self.mass), *(None if v is None else plain(v) for v in (self.inertia, self.offset)))
         if mass.ndim >= 2 and mass.shape[-2:] == (6, 6):
             if inertia is not None or offset is not None:
                 raise ValueError("PointMass with a 6x6 mass and an inertia or offset was given; the matrix holds them")

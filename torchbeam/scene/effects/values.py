@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import count
+from ...core.arguments import function as check_function
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import Placeholder, Tree, leaf, leaves
 from ...core.validation import Value, as_tensor, axis_last, common_dtype, finite, has_dtype, numbers, positive, real, shown
@@ -61,8 +62,7 @@ class Along(ByPlace):
     function: Callable[[Tensor, Tensor], Tensor] = leaf(None)
 
     def __post_init__(self) -> None:
-        if not callable(self.function):
-            raise ValueError(f"Along({shown(self.function)}) was given; a function of s and t is wanted")
+        check_function("Along's function", self.function, "s", "t")
 
     def __call__(self, s: Tensor, t: Tensor, elements: int | None = None) -> Tensor:
         return at_time(lambda now: taken("an Along function's value", self.function(s, now), s, 3), t, own=2)
@@ -79,6 +79,7 @@ class PerElement(ByPlace):
 
     def __post_init__(self) -> None:
         if callable(self.value):
+            check_function("PerElement's value", self.value, "t")
             return
         value = plain(self.value)
         if value.ndim < 2 or value.shape[-1] != 3:
@@ -240,14 +241,14 @@ def plain(value: Value) -> Tensor | np.ndarray:
     return as_tensor(value, *common_dtype(value)) if has_dtype(value) else numbers(value)
 
 
-def load_value(name: str, value: Value | None, *, along: bool = False) -> LoadValue | None:
-    """`value` checked: (..., 3), a function, an Input of size 3, or None; `along` the beam also Along and PerElement."""
+def load_value(name: str, value: Value, *, along: bool = False) -> LoadValue:
+    """`value` checked: (..., 3), a function of t, an Input of size 3; `along` the beam also Along and PerElement."""
     if isinstance(value, ByPlace):
         if not along:
             raise ValueError(f"{name} as {type(value).__name__} was given; only what acts along the beam takes it")
         return value
-    if value is None or callable(value):
-        return value
+    if callable(value):
+        return check_function(name, value, "t")
     if isinstance(value, Input):
         if value.size != 3:
             raise ValueError(f"{name} with an Input of size {value.size} was given; size 3 is wanted")

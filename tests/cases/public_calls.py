@@ -1,0 +1,333 @@
+"""One good call of each public function and class: name -> (what is called, its arguments by name)."""
+
+import torch
+
+import torchbeam as tb
+from torchbeam import sensors as S
+
+SECTION = tb.Section.from_stiffness(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
+BEAM = tb.Beam.straight(1.0, 2, SECTION)
+SCENE = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
+DRIVEN = tb.Scene(BEAM, [tb.TipLoad(force=tb.Input("u", 3))])
+OTHER = tb.Scene(tb.Beam.straight(1.0, 3, SECTION))
+START = tb.rest(SCENE)
+SOLUTION = tb.simulate(SCENE, [0.0, 0.1, 0.2], step=0.1)
+EQUILIBRIUM = tb.equilibrium(SCENE)
+MODES = tb.modes(SCENE)
+LINEAR = tb.linearize(DRIVEN, outputs=[S.TipPosition()], u=(0.0, 0, 0))
+STEPPER = tb.Stepper(DRIVEN, 0.1)
+FORCE = (0, 0, 1.0)
+
+
+def model(p):
+    return p["f"][..., None] ** torch.arange(1.0, 4.0)
+
+
+DATA = model({"f": torch.tensor(1.0)})
+
+PRESSED = tb.Scene(BEAM, [tb.TipLoad(force=(-1.0, 0, 0))])
+SHAKEN = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
+CALLS = {
+    "from_stiffness": (tb.Section.from_stiffness, dict(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)),
+    "rectangle": (tb.Section.rectangle, dict(width=0.1, height=0.1, E=1.0, nu=0.3, rho=1.0)),
+    "circle": (tb.Section.circle, dict(radius=0.1, E=1.0, nu=0.3, rho=1.0)),
+    "Section": (tb.Section, dict(compliance=torch.eye(6), mass=torch.eye(6))),
+    "rotated": (SECTION.rotated, dict(angle=0.1)),
+    "shifted": (SECTION.shifted, dict(y=0.1, z=0.1)),
+    "straight": (
+        tb.Beam.straight,
+        dict(
+            length=1.0, elements=2, section=SECTION, direction=(1.0, 0, 0), up=(0, 0, 1.0), root=(0.0, 0, 0), twist=0.1, order=1
+        ),
+    ),
+    "arc": (
+        tb.Beam.arc,
+        dict(
+            radius=1.0, angle=1.0, elements=2, section=SECTION, direction=(1.0, 0, 0), up=(0, 0, 1.0), root=(0.0, 0, 0), order=1
+        ),
+    ),
+    "curve": (
+        tb.Beam.curve,
+        dict(
+            length=1.0,
+            elements=2,
+            section=SECTION,
+            curvature=(0, 0, 1.0),
+            direction=(1.0, 0, 0),
+            up=(0, 0, 1.0),
+            root=(0.0, 0, 0),
+            order=1,
+        ),
+    ),
+    "from_nodes": (
+        tb.Beam.from_nodes,
+        dict(nodes=[[0.0, 0, 0], [1, 0, 0]], section=SECTION, frames=torch.eye(3)[None], order=1),
+    ),
+    "Scene": (
+        tb.Scene,
+        dict(
+            beam=BEAM,
+            effects=[tb.Damping(0.1)],
+            frame=tb.Frame(velocity=(1.0, 0, 0)),
+            root=None,
+            plane=None,
+            supports=[tb.Support(0)],
+            small=False,
+        ),
+    ),
+    "Scene2": (tb.Scene, dict(beam=BEAM, effects=[tb.Damping(0.1)], root=tb.RootMotion(displacement=(0.0, 0, 0)), plane="xz")),
+    "TipLoad": (tb.TipLoad, dict(force=FORCE, moment=FORCE, follower=False)),
+    "PointLoad": (tb.PointLoad, dict(node=1, force=FORCE, moment=FORCE, follower=False)),
+    "LineLoad": (tb.LineLoad, dict(force=FORCE, moment=FORCE, follower=False)),
+    "Gravity": (tb.Gravity, dict(g=FORCE)),
+    "Damping": (tb.Damping, dict(tau=0.1, six=False)),
+    "MassDamping": (tb.MassDamping, dict(alpha=0.1)),
+    "rayleigh": (tb.rayleigh, dict(frequency=(1.0, 2.0), ratio=(0.1, 0.1))),
+    "Drag": (tb.Drag, dict(density=1.0, diameter=1.0, normal=1.0, tangential=0.1, flow=(0.0, 0, 1.0), added_mass=0.0)),
+    "Drag2": (tb.Drag, dict(density=1.0, diameter=1.0, added_mass=0.1)),
+    "PointMass": (tb.PointMass, dict(mass=1.0, inertia=(1.0, 1.0, 1.0), offset=(0.0, 0, 0.1), node=1)),
+    "Spring": (tb.Spring, dict(node=-1, stiffness=1.0, to=FORCE, length=0.1, damping=0.1)),
+    "RootSpring": (tb.RootSpring, dict(stiffness=torch.ones(6), damping=torch.ones(6))),
+    "Actuation": (tb.Actuation, dict(curvature=FORCE, strain=FORCE, elements=[0])),
+    "Load": (
+        tb.Load,
+        dict(function=lambda r, R, v, w, t: (-v, None), node=-1, of=("position", "rotation", "velocity", "spin")),
+    ),
+    "Load2": (
+        tb.Load,
+        dict(function=lambda *x, **k: (None, None), internal=2, rate=lambda *x, **k: x[0], inputs={"u": 1}, values={"c": 1.0}),
+    ),
+    "Input": (tb.Input, dict(name="u", size=3)),
+    "History": (tb.History, dict(t=[0.0, 1.0], values=[[0.0, 0, 0], [0, 0, 1.0]])),
+    "Accelerogram": (tb.Accelerogram, dict(t=[0.0, 1.0, 2.0], acceleration=[[0.0, 0, 0], [0, 0, 1.0], [0, 0, 0]])),
+    "Along": (tb.Along, dict(function=lambda s, t: s)),
+    "PerElement": (tb.PerElement, dict(value=torch.ones(2, 3))),
+    "PerInterval": (tb.PerInterval, dict(value=torch.ones(2, 3))),
+    "Stations": (tb.Stations, dict(s=[0.0, 1.0], section=[SECTION] * 2)),
+    "Table": (tb.Table, dict(s=[0.0, 1.0], values=[1.0, 2.0])),
+    "Frame": (tb.Frame, dict(velocity=FORCE, angular_velocity=FORCE)),
+    "RootMotion": (tb.RootMotion, dict(displacement=FORCE, rotation=FORCE)),
+    "Support": (tb.Support, dict(node=0, position="xyz", rotation="xyz", displacement=FORCE, turn=FORCE)),
+    "rest": (tb.rest, dict(scene=SCENE, batch_shape=(2,), t=0.0)),
+    "consistent_state": (
+        tb.consistent_state,
+        dict(
+            scene=SCENE,
+            u=torch.zeros(2, 3),
+            theta=torch.zeros(2, 3),
+            V=torch.zeros(2, 3),
+            Omega=torch.zeros(2, 3),
+            t=0.0,
+            form="minimal",
+            inputs={},
+        ),
+    ),
+    "block_rate": (tb.block_rate, dict(scene=tb.Scene(BEAM), state=tb.consistent_state(tb.Scene(BEAM)), t=0.0, inputs={})),
+    "simulate": (
+        tb.simulate,
+        dict(
+            scene=DRIVEN,
+            t=[0.0, 0.1],
+            initial=tb.rest(DRIVEN),
+            method="midpoint",
+            step=0.1,
+            inputs={"u": (0.0, 0, 0)},
+            form="nodal",
+            throw=False,
+            lumped=False,
+            conserve=False,
+            tolerance=1e-6,
+            iterations=10,
+            halvings=2,
+            engine="auto",
+            checkpoint=False,
+            progress=lambda a, b: None,
+        ),
+    ),
+    "simulate_alpha": (tb.simulate, dict(scene=SCENE, t=[0.0, 0.1], method="generalized_alpha", rho_inf=0.8, step=0.1)),
+    "simulate_rtol": (
+        tb.simulate,
+        dict(
+            scene=SCENE,
+            t=[0.0, 0.1],
+            initial=START,
+            rtol=1e-1,
+            atol=1e-2,
+            events=lambda s: s.tip.position[..., 0],
+            max_steps=1000,
+            first_step=0.01,
+        ),
+    ),
+    "simulate_dopri": (
+        tb.simulate,
+        dict(
+            scene=SCENE,
+            t=[0.0, 0.01],
+            initial=START,
+            method="dopri5",
+            rtol=1e-3,
+            atol=1e-3,
+            options={},
+            adjoint=False,
+            begin=torch.zeros(()),
+        ),
+    ),
+    "simulate_minimal": (
+        tb.simulate,
+        dict(scene=tb.Scene(BEAM), t=[0.0, 0.01], form="minimal", initial=tb.consistent_state(tb.Scene(BEAM)), rtol=1e-3),
+    ),
+    "simulate_block": (tb.simulate, dict(scene=tb.Scene(BEAM), t=[0.0, 0.01], form="block_rate", project=True, solver="sweep")),
+    "rollout": (tb.rollout, dict(stepper=STEPPER, state=tb.rest(DRIVEN), steps=2, inputs={"u": torch.zeros(3)})),
+    "Stepper": (
+        tb.Stepper,
+        dict(
+            scene=SCENE,
+            dt=0.1,
+            method="midpoint",
+            lumped=False,
+            tolerance=1e-6,
+            iterations=10,
+            halvings=2,
+            conserve=False,
+            engine="auto",
+        ),
+    ),
+    "step": (STEPPER, dict(state=tb.rest(DRIVEN), u=FORCE, active=torch.tensor(True), dt=0.1)),
+    "stepper.rest": (STEPPER.rest, dict(batch_shape=(2,))),
+    "stepper.begin": (STEPPER.begin, dict(state=tb.rest(DRIVEN), dt=0.1, u=FORCE)),
+    "ExplicitStepper": (tb.ExplicitStepper, dict(scene=SCENE, dt=0.001, method="rk4", form="minimal")),
+    "equilibrium": (
+        tb.equilibrium,
+        dict(
+            scene=DRIVEN,
+            initial=tb.rest(DRIVEN),
+            t=0.0,
+            tolerance=1e-8,
+            throw=True,
+            branch="first",
+            relax=False,
+            engine="auto",
+            u=FORCE,
+        ),
+    ),
+    "path": (
+        tb.path,
+        dict(
+            scene=SCENE,
+            highest=1.0,
+            lowest=-1.0,
+            load=None,
+            step=0.3,
+            steps=5,
+            branch=False,
+            initial=None,
+            t=0.0,
+            tolerance=1e-8,
+        ),
+    ),
+    "path2": (tb.path, dict(scene=SCENE, control=lambda s: s.tip.position[..., 2], target=0.1, steps=5)),
+    "critical_load": (
+        tb.critical_load,
+        dict(scene=DRIVEN, highest=5.0, lowest=0.0, points=5, count=3, tolerance=1e-3, t=0.0, lumped=False, u=(-1.0, 0, 0)),
+    ),
+    "modes": (
+        tb.modes,
+        dict(scene=DRIVEN, state=tb.rest(DRIVEN), count=3, normalize="largest", t=0.0, lumped=False, u=(0.0, 0, 0)),
+    ),
+    "linearize": (
+        tb.linearize,
+        dict(scene=DRIVEN, state=tb.rest(DRIVEN), outputs=[S.TipPosition()], t=0.0, lumped=False, u=(0.0, 0, 0)),
+    ),
+    "response": (LINEAR.response, dict(omega=1.0)),
+    "departure": (LINEAR.departure, dict(state=tb.rest(DRIVEN))),
+    "observe": (tb.observe, dict(solution=SOLUTION, sensor=S.TipPosition(), times=[0.05], delay=0.0, rate=False)),
+    "advise": (
+        tb.advise,
+        dict(
+            scene=SCENE,
+            t=[0.0, 0.1],
+            quantity=lambda s: s.tip.position[..., 2],
+            tolerance=0.01,
+            consider=[tb.Gravity(FORCE)],
+            initial=START,
+            step=0.1,
+            repeats=1,
+            show=False,
+            inputs={},
+        ),
+    ),
+    "describe": (tb.describe, dict(scene=SCENE)),
+    "Parameter": (tb.Parameter, dict(start=1.0, transform="log", bounds=(0.1, 2.0), prior=None, scale=1.0, own=False)),
+    "Measurement": (
+        tb.Measurement,
+        dict(
+            values=DATA,
+            sigma=0.1,
+            times=[0.0, 0.1, 0.2],
+            sensor=S.TipPosition(),
+            rate=False,
+            delay=0.0,
+            clock=0.0,
+            offset=False,
+            drift=False,
+            name="a",
+            fitted=0,
+        ),
+    ),
+    "Smoothness": (tb.Smoothness, dict(order=1, at=[0.0, 1.0], sharp=False)),
+    "identify": (
+        tb.identify,
+        dict(model=model, data=DATA, start={"f": 0.5}, bounds=None, sigma=0.1, starts=1, seed=0, noise="common"),
+    ),
+    "monte_carlo": (
+        tb.monte_carlo,
+        dict(function=lambda x: x, laws={"f": tb.laws.Normal(1.0, 0.1)}, n=4, design="sobol", seed=0, chunk=2),
+    ),
+    "monte_carlo2": (
+        tb.monte_carlo,
+        dict(function=lambda x: x, laws={"f": tb.laws.Normal(1.0, 0.1)}, n=4, until=None, replicates=2, correlation=None),
+    ),
+    "monte_carlo_stream": (
+        tb.monte_carlo_stream,
+        dict(function=lambda x: x[..., 0], laws={"f": tb.laws.Normal(1.0, 0.1)}, n=64),
+    ),
+    "sobol_indices": (
+        tb.sobol_indices,
+        dict(function=lambda x: x.sum(-1), laws={"f": tb.laws.Normal(1.0, 0.1), "g": tb.laws.Normal(1.0, 0.1)}, n=64),
+    ),
+    "tornado": (tb.tornado, dict(function=lambda x: x[..., 0], laws={"f": tb.laws.Normal(1.0, 0.1)})),
+    "rare_event": (
+        tb.rare_event,
+        dict(function=lambda x: x[..., 0], laws={"f": tb.laws.Normal(1.0, 0.1)}, threshold=1.2, n=1000),
+    ),
+    "moment_derivatives": (
+        tb.moment_derivatives,
+        dict(function=lambda x: x[..., 0], laws=lambda q: {"f": tb.laws.Normal(q[0], 0.1)}, q=[1.0], n=64),
+    ),
+    "pair_modes": (tb.pair_modes, dict(modes=MODES, shapes=torch.ones(3, 2), read=lambda s: s[..., -1, :2])),
+    "modal_assurance": (tb.modal_assurance, dict(a=torch.ones(3, 2), b=torch.ones(3, 2))),
+    "state.node": (START.node, dict(index=0)),
+    "state[]": (lambda index: SOLUTION.state[index], dict(index=0)),
+    "State.from_nodes": (
+        tb.State.from_nodes,
+        dict(scene=SCENE, nodes=BEAM.nodes, frames=None, velocity=torch.zeros(3, 3), spin=torch.zeros(3, 3), t=0.0),
+    ),
+    "S.Angles": (S.Angles, dict(node=0, reference=torch.eye(3), kind="tait-bryan")),
+    "S.Component": (S.Component, dict(of=S.TipPosition(), which=0)),
+    "S.Curvature": (S.Curvature, dict(station=0.5, beam=BEAM)),
+    "S.Gauge": (S.Gauge, dict(station=0.5, beam=BEAM, y=0.1, z=0.1)),
+    "S.Strain": (S.Strain, dict(station=0.5, beam=BEAM)),
+    "S.Stress": (S.Stress, dict(element=0, beam=BEAM)),
+    "S.NodeAcceleration": (S.NodeAcceleration, dict(node=1, scene=SHAKEN, inputs={}, body=False, proper=None, lumped=False)),
+    "S.NodePosition": (S.NodePosition, dict(node=0, reference=START)),
+    "S.NodeRotation": (S.NodeRotation, dict(node=0, reference=START)),
+    "S.NodeVelocity": (S.NodeVelocity, dict(node=0)),
+    "S.Reaction": (S.Reaction, dict(support=0)),
+    "S.Spin": (S.Spin, dict(node=0, body=False)),
+    "S.Stack": (S.Stack, dict(sensors=(S.TipPosition(),))),
+    "S.TipPosition": (S.TipPosition, dict(reference=START)),
+    "S()": (S.TipPosition(), dict(state=START)),
+    "S.read.NodePosition": (lambda node: S.NodePosition(node)(START), dict(node=1)),
+    "S.read.Strain": (lambda station, beam: S.Strain(station, BEAM)(START), dict(station=0.5, beam=BEAM)),
+    "S.read.Reaction": (lambda support: S.Reaction(support)(EQUILIBRIUM), dict(support=0)),
+}

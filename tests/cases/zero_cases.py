@@ -1,0 +1,253 @@
+"""Cases of the zero net: every number that a user can give, where it is 0 and a gradient is asked for.
+
+A case makes a scene of numbers x (..., n) that are all 0 where it is asked; its name says which argument takes them.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+import torchbeam as tb
+from torchbeam.math import quaternions as quat
+
+N = 2
+T = (0.0, 0.02, 0.04)
+STIFF = dict(EA=300.0, GA=(150.0, 120.0), GJ=0.8, EI=(1.0, 1.7), mass=0.3)
+SOLID = dict(**STIFF, inertia=(2e-3, 3e-3))
+PUSH = tb.TipLoad(force=(0.2, 0.3, 0.4), moment=(0.1, -0.05, 0.08))
+STATIC, LINEAR, MOVING = ("equilibrium",), ("modes", "linearize"), ("eager", "native")
+ALL, DYNAMIC = STATIC + LINEAR + MOVING, MOVING + LINEAR + STATIC
+
+
+@dataclass(frozen=True)
+class Case:
+    """made: x (..., n) -> a scene, or a dictionary of it, `initial` and `inputs`; ways: how it is solved, the first in short
+    runs; scale: of a number's change; least: whether it may not be negative.
+    """
+
+    made: Callable[[Tensor], object]
+    n: int = 1
+    ways: tuple[str, ...] = ALL
+    scale: float = 1e-3
+    least: bool = False
+
+
+def section(**numbers) -> tb.Section:
+    return tb.Section.from_stiffness(**{**SOLID, **numbers})
+
+
+def scene(*effects, of=None, beam=None, **options) -> tb.Scene:
+    beam = tb.Beam.straight(0.6, N, of or section()) if beam is None else beam
+    return tb.Scene(beam, [PUSH, *effects], **options)
+
+
+def effect(make, n=3, ways=ALL, **options) -> Case:
+    return Case(lambda x: scene(make(x if n == 3 else x[..., 0])), n, ways, **options)
+
+
+def bent(x: Tensor, *entries: tuple[int, int]) -> Tensor:
+    """A symmetric 6x6 matrix (..., 6, 6) with the numbers x at these entries."""
+    E = torch.zeros(len(entries), 6, 6)
+    for k, (i, j) in enumerate(entries):
+        E[k, i, j] = E[k, j, i] = 1.0
+    return torch.einsum("...n,nij->...ij", x, E)
+
+
+def off_axis(x: Tensor, m: float) -> Tensor:
+    """m [[0, -~c], [~c, -~c ~c]] of a centre c = x (..., 3)."""
+    c = quat.skew(x)
+    zero = torch.zeros_like(c)
+    return m * torch.cat((torch.cat((zero, -c), -1), torch.cat((c, -c @ c), -1)), -2)
+
+
+def moved(**given) -> Callable[[Tensor], dict]:
+    """A case that starts as `tb.rest` but for some fields, each a function of x and of that field at rest."""
+    def made(x: Tensor) -> dict:
+        still = scene()
+        rest = tb.rest(still, x.shape[:-1])
+        return dict(scene=still, initial=replace(rest, **{name: f(x, getattr(rest, name)) for name, f in given.items()}))
+    return made
+
+
+def free_nodes(x: Tensor) -> Tensor:
+    """x (..., 3) at the free nodes, growing to the tip: (..., N+1, 3)."""
+    return x[..., None, :] * torch.linspace(0, 1, N + 1)[:, None]
+
+
+def along(x: Tensor) -> tb.Along:
+    return tb.Along(lambda s, t: x[..., None, :] * torch.cos(s)[..., None])
+
+
+def by_time(x: Tensor) -> Callable[[Tensor], Tensor]:
+    return lambda t: x * torch.sin(20 * t + 0.5)
+
+
+def shape(x: Tensor) -> Callable[[Tensor], Tensor]:
+    """The displacement or turn of a support that starts at rest where it is."""
+    return lambda t: x * torch.sin(20 * t) ** 2
+
+
+def pulling(position, rotation, velocity, spin, t, c):
+    return c[..., None] * (1.0 + velocity), None
+
+
+def lag(z, position, rotation, velocity, spin, t, c):
+    return c[..., None] - z / 0.05
+
+
+DIAGONAL = section()
+CASES = {
+    "Section.compliance": Case(lambda x: scene(of=tb.Section(
+        DIAGONAL.compliance + bent(x, (0, 3), (1, 3), (4, 5)), DIAGONAL.mass)), 3, scale=2e-5),
+    "Section.compliance impossible": Case(lambda x: scene(of=tb.Section(
+        section(EA=torch.inf).compliance + bent(x, (0, 0)), DIAGONAL.mass)), 1, STATIC + MOVING,
+        least=True, scale=1e-6),
+    "Section.mass": Case(lambda x: scene(tb.Gravity((1.0, 2.0, -3.0)), of=tb.Section(
+        DIAGONAL.compliance, DIAGONAL.mass + off_axis(x, 0.3))), 3),
+    "Section.mass rotary": Case(lambda x: scene(of=tb.Section(
+        DIAGONAL.compliance, section(inertia=0.0).mass + bent(x[..., :1] + x[..., 1:], (3, 3)) + bent(x, (4, 4), (5, 5)))),
+        2, MOVING, scale=1e-6, least=True),
+    "Section.from_stiffness inertia": Case(lambda x: scene(of=section(inertia=(x[..., 0], x[..., 1]))), 2,
+                                           (*MOVING, "modes"), scale=1e-6, least=True),
+    "Section.rotated angle": Case(lambda x: scene(of=section().rotated(x[..., 0])), scale=1e-2),
+    "Section.rotated stiffness": Case(lambda x: scene(of=section(EI=(1.0, 1.0 + x[..., 0])).rotated(0.5)),
+                                      ways=(*STATIC, "linearize", *MOVING), scale=1e-2),
+    "Section.shifted y": Case(lambda x: scene(of=section().shifted(y=x[..., 0])), scale=1e-2),
+    "Section.shifted z": Case(lambda x: scene(of=section().shifted(z=x[..., 0])), scale=1e-2),
+    "Section.rotated and shifted": Case(lambda x: scene(of=section().shifted(y=x[..., 0]).rotated(x[..., 1])), 2, scale=1e-2),
+    "Section.circle nu": Case(lambda x: scene(of=tb.Section.circle(0.05, 2e5, x[..., 0], 40.0)), ways=STATIC + MOVING),
+    "Section.rectangle nu": Case(lambda x: scene(of=tb.Section.rectangle(0.05, 0.08, 2e5, x[..., 0], 40.0))),
+    "Stations sections": Case(lambda x: scene(of=tb.Stations((0.0, 0.3, 0.6), [
+        section(), section().rotated(x[..., 0]), section().shifted(y=x[..., 0])]))),
+    "sections, one an element": Case(lambda x: scene(beam=tb.Beam.straight(0.6, 2, [section(), section().rotated(x[..., 0])])),
+                                     scale=1e-2),
+    "Beam.straight direction": Case(lambda x: scene(beam=tb.Beam.straight(
+        0.6, N, section(), direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1))), 2, scale=1e-2),
+    "Beam.straight up": Case(lambda x: scene(beam=tb.Beam.straight(
+        0.6, N, section(), up=torch.stack((x[..., 0], x[..., 1], 1 + 0 * x[..., 0]), -1))), 2, scale=1e-2),
+    "Beam.straight root": Case(lambda x: scene(tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.0)), beam=tb.Beam.straight(
+        0.6, N, section(), root=x)), 3, scale=1e-2),
+    "Beam.straight twist": Case(lambda x: scene(beam=tb.Beam.straight(0.6, N, section(), twist=x[..., 0])), scale=1e-2),
+    "Beam.straight twist, order 2": Case(lambda x: scene(beam=tb.Beam.straight(0.6, 2, section(), twist=x[..., 0], order=2)),
+                                         scale=1e-2),
+    "Beam.straight section, order 2": Case(lambda x: scene(beam=tb.Beam.straight(
+        0.6, 2, section().shifted(y=x[..., 0]).rotated(x[..., 1]), order=2)), 2, scale=1e-2),
+    "Beam.linked section": Case(lambda x: scene(beam=tb.Beam.straight(
+        0.6, N, section().shifted(y=x[..., 0]).rotated(x[..., 1])).linked()), 2, scale=1e-2),
+    "Scene.small section": Case(lambda x: scene(of=section().shifted(y=x[..., 0]).rotated(x[..., 1]), small=True), 2,
+                                scale=1e-2),
+    "Beam.curve curvature": Case(lambda x: scene(beam=tb.Beam.curve(0.6, N, section(), x)), 3, scale=1e-2),
+    "Beam.curve curvature, order 2": Case(lambda x: scene(beam=tb.Beam.curve(
+        0.6, 2, section(), lambda s: x[..., None, :] + 0 * s[..., None], order=2)), 3, scale=1e-2),
+    "Beam.curve direction": Case(lambda x: scene(beam=tb.Beam.curve(
+        0.6, N, section(), (0.0, 0.0, 0.3), direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1))), 2,
+        scale=1e-2),
+    "Beam.from_nodes nodes": Case(lambda x: scene(beam=tb.Beam.from_nodes(
+        torch.tensor([[0.0, 0, 0], [0.3, 0, 0], [0.6, 0, 0]]) + free_nodes(x), section())), 3, scale=1e-2),
+    "Beam.from_nodes up": Case(lambda x: scene(beam=tb.Beam.from_nodes(
+        torch.tensor([[0.0, 0, 0], [0.3, 0, 0], [0.6, 0, 0]]), section(),
+        up=torch.stack((x[..., 0], x[..., 1], 1 + 0 * x[..., 0]), -1))), 2, scale=1e-2),
+    "Beam.from_nodes nodes, order 2": Case(lambda x: scene(beam=tb.Beam.from_nodes(
+        torch.linspace(0, 0.6, 5)[:, None] * torch.eye(3)[0] + x[..., None, :] * torch.linspace(0, 1, 5)[:, None] ** 2,
+        section(), order=2)), 3, scale=2e-3),
+    "Beam.arc direction": Case(lambda x: scene(beam=tb.Beam.arc(
+        0.5, 1.0, N, section(), direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1))), 2, scale=1e-2),
+    "TipLoad.force": effect(lambda x: tb.TipLoad(force=x)),
+    "TipLoad.moment": effect(lambda x: tb.TipLoad(moment=x)),
+    "TipLoad.force follower": effect(lambda x: tb.TipLoad(force=x, follower=True)),
+    "TipLoad.force function": effect(lambda x: tb.TipLoad(force=by_time(x))),
+    "TipLoad.moment follower": effect(lambda x: tb.TipLoad(moment=x, follower=True)),
+    "PointLoad.force": effect(lambda x: tb.PointLoad(force=x, node=1)),
+    "PointLoad.moment": effect(lambda x: tb.PointLoad(moment=x, node=1)),
+    "LineLoad.force": effect(lambda x: tb.LineLoad(force=x)),
+    "LineLoad.moment": effect(lambda x: tb.LineLoad(moment=x, follower=True)),
+    "Along.function": effect(lambda x: tb.LineLoad(force=along(x))),
+    "PerElement.value": effect(lambda x: tb.LineLoad(force=tb.PerElement(
+        x[..., None, :] * torch.tensor([1.0, -1.0])[:, None]))),
+    "History.values": effect(lambda x: tb.TipLoad(force=tb.History((0.0, 0.05, 0.1), torch.stack((x, 2 * x, 0 * x), -2)))),
+    "Gravity.g": effect(lambda x: tb.Gravity(x)),
+    "Damping.tau": effect(lambda x: tb.Damping(x), 1, DYNAMIC, least=True, scale=1e-4),
+    "Damping.tau six": Case(lambda x: scene(tb.Damping([x[..., 0], 0.01, 0.02, 0.01, 0.02, 0.01])), ways=DYNAMIC, least=True,
+                            scale=1e-4),
+    "Damping.tau without rotary inertia": Case(lambda x: scene(tb.Damping(x[..., 0]), of=section(inertia=0.0)), least=True,
+                                               scale=1e-5, ways=MOVING),
+    "MassDamping.alpha": effect(lambda x: tb.MassDamping(x), 1, DYNAMIC, least=True, scale=1e-2),
+    "Drag.density": effect(lambda x: tb.Drag(x, 0.05, tangential=0.1), 1, least=True, ways=MOVING),
+    "Drag.diameter": effect(lambda x: tb.Drag(10.0, x, tangential=0.1), 1, least=True, ways=MOVING),
+    "Drag.normal": effect(lambda x: tb.Drag(10.0, 0.05, normal=x), 1, least=True, ways=MOVING),
+    "Drag.tangential": effect(lambda x: tb.Drag(10.0, 0.05, tangential=x), 1, least=True, ways=MOVING),
+    "Drag.added_mass": effect(lambda x: tb.Drag(10.0, 0.05, added_mass=x), 1, DYNAMIC, least=True, scale=1e-2),
+    "Drag.flow": Case(lambda x: scene(tb.Drag(10.0, 0.05, flow=x)), 3, ways=MOVING, scale=1e-5),
+    "PointMass.mass": effect(lambda x: tb.PointMass(x), 1, DYNAMIC, least=True, scale=1e-4),
+    "PointMass.mass with offset": effect(lambda x: tb.PointMass(x, offset=(0.02, 0.05, 0.03)), 1, DYNAMIC, least=True,
+                                         scale=1e-4),
+    "PointMass.inertia": effect(lambda x: tb.PointMass(0.1, inertia=torch.stack((x, x, x), -1)[..., None] * torch.eye(3)), 1,
+                                DYNAMIC, least=True, scale=1e-6),
+    "PointMass.offset": effect(lambda x: tb.PointMass(0.1, offset=x), 3, DYNAMIC),
+    "Spring.stiffness": effect(lambda x: tb.Spring(-1, x, to=(0.6, 0.1, 0.0)), 1, least=True, scale=1e-2),
+    "Spring.to": effect(lambda x: tb.Spring(-1, 3.0, to=x), 3, scale=1e-2),
+    "Spring.length": effect(lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), length=x), 1, least=True, scale=1e-2),
+    "Spring.damping": effect(lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), damping=x), 1, DYNAMIC, least=True, scale=1e-2),
+    "Spring.to function": effect(lambda x: tb.Spring(-1, 3.0, to=by_time(x), damping=0.1), 3, MOVING, scale=1e-2),
+    "RootSpring.damping": Case(lambda x: scene(
+        tb.RootSpring((50.0, 8.0), damping=x[..., :1].expand(*x.shape[:-1], 6)), supports=()), 1, DYNAMIC, least=True,
+        scale=1e-3),
+    "RootSpring.stiffness": Case(lambda x: scene(tb.Spring(0, 40.0, to=(0.0, 0, 0)), tb.RootSpring(
+        torch.cat((x[..., :1], x[..., :1], x[..., :1], x[..., :1] + 4, x[..., :1] + 4, x[..., :1] + 4), -1)), supports=()),
+        1, least=True, scale=1e-2),
+    "Actuation.curvature": effect(lambda x: tb.Actuation(curvature=x), scale=1e-2),
+    "Actuation.strain": effect(lambda x: tb.Actuation(strain=x)),
+    "Actuation.curvature per element": effect(lambda x: tb.Actuation(curvature=tb.PerElement(
+        x[..., None, :] * torch.tensor([1.0, -1.0])[:, None])), scale=1e-2),
+    "Load.values": Case(lambda x: scene(tb.Load(pulling, values={"c": x[..., 0]}))),
+    "Load.function": Case(lambda x: scene(tb.Load(lambda position, rotation, velocity, spin, t: (
+        x[..., 0, None] * (1.0 + velocity), None)))),
+    "Load.rate": Case(lambda x: scene(tb.Load(
+        lambda position, rotation, velocity, spin, t, z, c: (z, None), internal=3, rate=lag, values={"c": x[..., 0]})),
+        ways=STATIC + MOVING),
+    "Input.value": Case(lambda x: dict(scene=scene(tb.TipLoad(force=tb.Input("u", 3))), inputs={"u": x}), 3),
+    "PerInterval.value": Case(lambda x: dict(scene=scene(tb.TipLoad(force=tb.Input("u", 3))), inputs={
+        "u": tb.PerInterval(torch.stack((x, 2 * x), -2))}), 3, MOVING),
+    "Frame.velocity": Case(lambda x: scene(frame=tb.Frame(velocity=x)), 3, ("eager", "native"), scale=1e-2),
+    "Frame.angular_velocity": Case(lambda x: scene(frame=tb.Frame(angular_velocity=x)), 3, STATIC + MOVING, scale=1e-2),
+    "Frame.angular_velocity, off the axis": Case(lambda x: scene(
+        of=section().shifted(y=x[..., 0]), frame=tb.Frame(angular_velocity=(0.0, 3.0, 4.0))), 1, STATIC + MOVING, scale=1e-2),
+    "RootMotion.displacement": Case(lambda x: scene(root=tb.RootMotion(displacement=shape(x))), 3, MOVING, scale=1e-2),
+    "RootMotion.rotation": Case(lambda x: scene(root=tb.RootMotion(rotation=shape(x))), 3, MOVING, scale=1e-2),
+    "RootMotion.displacement value": Case(lambda x: scene(tb.Spring(-1, 3.0, to=(0.6, 0.1, 0)), root=tb.RootMotion(
+        displacement=x)), 3, STATIC + MOVING, scale=1e-2),
+    "RootMotion.rotation value": Case(lambda x: scene(root=tb.RootMotion(rotation=x)), 3, STATIC + MOVING, scale=1e-2),
+    "Support.displacement": Case(lambda x: scene(supports=[tb.Support(0), tb.Support(-1, "yz", "", displacement=x)]), 3,
+                                 STATIC, scale=1e-2),
+    "Support.turn": Case(lambda x: scene(supports=[tb.Support(0), tb.Support(-1, "yz", "xyz", turn=x)]), 3, STATIC, scale=1e-2),
+    "Accelerogram.acceleration": Case(lambda x: scene(root=tb.RootMotion(displacement=tb.Accelerogram(
+        (0.0, 0.03, 0.1), torch.stack((x, -x, x), -2)))), 3, MOVING, scale=1e-2),
+    "State.velocity": Case(moved(velocity=lambda x, v: v + free_nodes(x)), 3, MOVING, scale=1e-2),
+    "State.spin": Case(moved(spin=lambda x, v: v + free_nodes(x)), 3, MOVING, scale=1e-2),
+    "State.position": Case(moved(position=lambda x, v: v + free_nodes(x)), 3, MOVING),
+    "State.rotation": Case(moved(rotation=lambda x, q: quat.multiply(q, quat.exponential(free_nodes(x)))), 3, MOVING),
+    "rayleigh ratio": Case(lambda x: scene(*tb.rayleigh((20.0, 60.0), torch.stack((x[..., 0], x[..., 0]), -1))), ways=DYNAMIC,
+                           least=True),
+    "Table.values": Case(lambda x: scene(beam=tb.Beam.straight(0.6, N, section(), twist=tb.Table(
+        (0.0, 0.6), torch.stack((0 * x[..., 0], x[..., 0]), -1)))), scale=1e-2),
+}
+
+POSITIVE, ORDERED = "is positive", "increases"
+NEVER_ZERO = {  # or not only; why there is no case
+    "Section.from_stiffness EA": POSITIVE, "Section.from_stiffness GA": POSITIVE, "Section.from_stiffness GJ": POSITIVE,
+    "Section.from_stiffness EI": POSITIVE, "Section.from_stiffness mass": POSITIVE,
+    "Section.circle radius": POSITIVE, "Section.circle E": POSITIVE, "Section.circle rho": POSITIVE,
+    "Section.rectangle width": POSITIVE, "Section.rectangle height": POSITIVE, "Section.rectangle E": POSITIVE,
+    "Section.rectangle rho": POSITIVE,
+    "Section.like compliance": "as Section.compliance", "Section.like mass": "as Section.mass",
+    "Beam.straight length": POSITIVE, "Beam.curve length": POSITIVE, "Beam.arc radius": POSITIVE, "Beam.arc angle": POSITIVE,
+    "Beam.from_nodes frames": "are rotations, as Beam.straight up",
+    "Beam.curve up": "as Beam.straight", "Beam.curve root": "as Beam.straight",
+    "Beam.arc up": "as Beam.straight", "Beam.arc root": "as Beam.straight",
+    "Stations.s": ORDERED, "Table.s": ORDERED, "History.t": ORDERED, "Accelerogram.t": ORDERED,
+    "State.stress": "a guess for the first solve", "State.reaction": "nothing starts from it",
+    "State.work": "energies alone start from it", "State.defect": "energies alone start from it",
+    "State.t": "an instant", "State.status": "whole numbers", "State.frame": "a rotation", "State.internal": "as Load.rate",
+}

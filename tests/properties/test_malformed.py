@@ -1,0 +1,81 @@
+"""Every argument of every public call is given what it cannot be: it is refused in one sentence, or it is one of its values.
+
+A call that is not in the table `public_calls`, or an argument that the table does not give, fails the last test.
+"""
+
+import inspect
+import math
+from types import SimpleNamespace
+
+import pytest
+import torch
+from public_calls import BEAM, CALLS, OTHER, SCENE, SECTION, START
+
+import torchbeam as tb
+
+WRONG = {
+    "an object": object(), "a text": "x", "None in a list": [None], "a namespace": SimpleNamespace(t=1.0),
+    "a function of nothing": lambda: None, "complex numbers": torch.ones(3) * 1j, "rows of two lengths": [[1.0], [1.0, 2.0]],
+}
+MORE = {
+    "None": None, "True": True, "nan": math.nan, "inf": math.inf, "-1": -1, "0": 0, "1.5": 1.5, "1e-300": 1e-300,
+    "a billion": 10**9, "nothing": [], "no entries": (), "no names": {}, "single precision": torch.ones(3, dtype=torch.float32),
+    "five": torch.ones(5), "booleans": torch.tensor([True, False, True]), "nan in a tensor": torch.full((3,), math.nan),
+    "a number as a tensor": torch.tensor(1.0), "a section": SECTION, "a beam": BEAM, "a scene": SCENE, "a state": START,
+    "a state of another beam": tb.rest(OTHER), "a function of anything": lambda *a, **k: None, "a function that gives a text":
+    lambda *a: "x",
+    "a state of nan": START.map(lambda x: torch.full_like(x, math.nan) if x.is_floating_point() else x),
+}
+SENTENCE = "no equilibrium", "failed"  # of RuntimeErrors that a call's docstring names: what it asks for is not there
+
+
+def arguments(function, given):
+    """Names that it takes, beside those of the scene's inputs."""
+    kinds = inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY
+    return dict.fromkeys([*given, *(p.name for p in inspect.signature(function).parameters.values() if p.kind in kinds)])
+
+
+def answers(call, wrong):
+    """What is wrong with the answers to a call whose arguments are these, one after the other."""
+    function, given = CALLS[call]
+    for name in arguments(function, given):
+        for what, value in wrong.items():
+            try:
+                function(**{**given, name: value})
+            except (ValueError, MemoryError, IndexError) as refusal:
+                sentence = str(refusal)
+                if "\n" in sentence or len(sentence) > 400:
+                    yield f"{name} = {what}: {sentence!r} is no sentence"
+            except Exception as error:
+                if not (isinstance(error, RuntimeError) and any(words in str(error) for words in SENTENCE)):
+                    yield f"{name} = {what}: {type(error).__name__}: {str(error).splitlines()[0][:100]}"
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("call", CALLS)
+def test_what_an_argument_cannot_be_is_refused(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # folders of results may have any name
+    function, given = CALLS[call]
+    function(**given)  # the call as such is a good one
+    assert not (found := [*answers(call, WRONG)]), "\n".join(found)
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("call", CALLS)
+def test_what_an_argument_may_not_be_is_refused(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert not (found := [*answers(call, MORE)]), "\n".join(found)
+
+
+RESULTS = """Advice BlockRate Critical Description Energy Estimate FieldFit Fit Linear MixedState Modes MomentDerivatives
+PairedModes Path RareEvent Samples Sensor SlowPathWarning SobolIndices Solution State Stats Stream Tornado"""  # made by calls
+ELSEWHERE = {"Beam", "RootForce", "RootMoment", "RootReaction", "TipVelocity", "identify_fields"}  # or without arguments
+
+
+def test_every_public_call_is_in_the_table():
+    public = {name: getattr(where, name) for where in (tb, tb.sensors) for name in where.__all__}
+    called = {getattr(function, "__func__", function) for function, _ in CALLS.values()}
+    called |= {type(function) for function, _ in CALLS.values()}
+    missing = {name for name, one in public.items() if callable(one) and one not in called}
+    assert missing <= {*RESULTS.split(), *ELSEWHERE}
