@@ -339,3 +339,12 @@ def test_refused(name):
     call, sentence = CASES[name]
     with pytest.raises(ValueError, match=sentence):
         call()
+
+
+def test_proper_acceleration_in_a_frame_that_turns():
+    """A free beam without strain falls: an accelerometer on it reads nothing, however far frame a has turned since t = 0."""
+    g = torch.tensor([3.0, -9.81, 1.0])
+    scene = tb.Scene(BEAM, [tb.Gravity(g)], frame=tb.Frame(angular_velocity=(0, 0, 3.0)), supports=())
+    state = tb.rest(scene, t=0.4)
+    assert_close(s.NodeAcceleration(-1, scene, proper=g)(state), torch.zeros(3), rtol=0, atol=1e-9)
+    assert (s.NodeAcceleration(-1, scene)(state) - g).abs().max() > 1.0  # in the axes of frame a
