@@ -278,3 +278,12 @@ def test_refused(name):
     call, sentence = REFUSED[name]
     with pytest.raises(ValueError, match=sentence):
         call(tb.monte_carlo(total, LAWS, 8, design="plain"))
+
+
+def test_an_estimate_of_several_numbers_shows_and_indexes_them():
+    """Numbers by number, as its three tensors are; the text has the first six."""
+    whole = tb.monte_carlo(lambda theta: theta * torch.arange(1.0, 9.0), {"a": (0.0, 1.0)}, 64).quantile(0.5, interval=0.95)
+    assert whole.estimate.shape == (8,) and repr(whole).count(" to ") == 6 and "; ...; " not in repr(whole[:6])
+    one = whole[2]
+    assert repr(one).startswith(f"Estimate({whole.estimate[2]:.5g}, {whole.low[2]:.5g} to {whole.high[2]:.5g} at 95 %")
+    assert torch.equal(whole[..., 1:3].high, whole.high[1:3]) and one.samples == whole.samples
