@@ -229,7 +229,7 @@ CASES = {
     "State.position": Case(moved(position=lambda x, v: v + free_nodes(x)), 3, MOVING),
     "State.rotation": Case(moved(rotation=lambda x, q: quat.multiply(q, quat.exponential(free_nodes(x)))), 3, MOVING),
     "rayleigh ratio": Case(lambda x: scene(*tb.rayleigh((20.0, 60.0), torch.stack((x[..., 0], x[..., 0]), -1))), ways=DYNAMIC,
-                           least=True, scale=1e-2),
+                           least=True),
     "Table.values": Case(lambda x: scene(beam=tb.Beam.straight(0.6, N, section(), twist=tb.Table(
         (0.0, 0.6), torch.stack((0 * x[..., 0], x[..., 0]), -1)))), scale=1e-2),
 }

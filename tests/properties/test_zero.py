@@ -32,6 +32,7 @@ def check(name: str, way: str, both_modes: bool) -> None:
     assert_close(reverse(answer, n, w), w @ J, rtol=0, atol=NOISE * size * len(y) ** 0.5)
     if both_modes and way != "native":
         assert_close(forward(answer, v), J @ v, rtol=0, atol=NOISE * size)
+    if both_modes and way not in ("native", "modes"):  # modes have no torch.func.vmap
         assert_close(torch.func.jacfwd(answer)(torch.zeros(n)), J, rtol=0, atol=NOISE * size)
 
 
@@ -159,6 +160,14 @@ def test_identify_from_zero(derivatives):
     data = model({"angle": torch.tensor(0.2)})
     fit = tb.identify(model, tb.Measurement(data, sigma=1e-4), {"angle": 0.0}, derivatives=derivatives)
     assert abs(fit["angle"].item() - 0.2) < 1e-4
+
+
+def test_plain_numbers_within_torch_func():
+    """A pair of plain numbers is taken within torch.func too, where torch has no data of any tensor to show."""
+    def tip(x):
+        return tb.equilibrium(scene(tb.RootSpring((50.0, (8.0, 7.0, 6.0))), tb.TipLoad(force=x), supports=())).tip.position
+
+    assert_close(torch.func.jacfwd(tip)(torch.zeros(3)), differences(tip, 3, 1e-3, False)[1], rtol=1e-6, atol=1e-9)
 
 
 def test_plane_refuses_by_value():

@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import torch
-from torch._C._dynamo import eval_frame
 
 from .derivatives import cached
 
@@ -25,7 +24,6 @@ DEVICES = "cpu", "cuda"
 SPECIAL = {"__init__", "__call__", "__getitem__", "__iter__", "__repr__", "__str__", "__add__", "__mul__"}
 # by which torch.compile knows what not to trace; `torch.compiler.disable` sets it too, but imports all of torch's compiler
 MARK = "_torchdynamo_disable"
-SKIPPED = eval_frame._FrameExecStrategy(eval_frame._FrameAction.SKIP, eval_frame._FrameAction.SKIP)  # with all that it calls
 
 
 def entry_point(of: T) -> T:
@@ -64,9 +62,20 @@ def _function(function: Callable[..., Any]) -> Callable[..., Any]:
         with without_autocast():
             return function(*args, **kwargs)
 
-    setattr(entered, MARK, True)
-    eval_frame.set_code_exec_strategy(entered.__code__, SKIPPED)
-    return entered
+    return _left_alone(entered)
+
+
+def _left_alone(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function that torch.compile does not trace, nor what it calls: as `torch.compiler.disable`, without importing torch's
+    compiler where torch has the names for it.
+    """
+    try:
+        from torch._C._dynamo.eval_frame import _FrameAction, _FrameExecStrategy, set_code_exec_strategy
+    except ImportError:
+        return torch.compiler.disable(function)
+    setattr(function, MARK, True)
+    set_code_exec_strategy(function.__code__, _FrameExecStrategy(_FrameAction.SKIP, _FrameAction.SKIP))
+    return function
 
 
 def _member(value: Any) -> Any:

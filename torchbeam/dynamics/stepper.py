@@ -17,7 +17,7 @@ from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
 from ..core.leaves import with_values
 from ..core.status import DIVERGED, SUCCESS
-from ..core.validation import broadcast, concrete, positive, real
+from ..core.validation import as_tensor, axis_last, broadcast, concrete, positive, real
 from ..nodal.discretise import discretise
 from ..scene.effects import PerInterval, first_of
 from ..scene.scene import Scene
@@ -30,7 +30,9 @@ from .composed import in_parts, natively, step
 from .failure import Failures
 from .held_inputs import GivenInputs, HeldInputs, together
 from .known_state import KnownState
+from .method import Method
 from .methods import METHODS
+from .step_jacobian import Coordinates, step_jacobian
 from .step_solver import StepSolver
 
 
@@ -163,6 +165,32 @@ class Stepper:
         if after.t.shape != after.status.shape:  # functions of time have brought axes along
             after = after.broadcast()
         return self.model.space.to_public(after)
+
+    def jacobian(self, state: State, u: Tensor | dict[str, Any] | None, model: Coordinates, *, dt: float | Tensor | None = None
+                 ) -> tuple[Tensor, Tensor]:
+        """A (..., n, n) and B (..., n, m) of the step from `state`: dz = A dz + B du of the state after it and that before, in
+        the coordinates z of a linear model: what iterative LQR, an extended Kalman filter or Gauss-Newton steps want.
+
+        u      (..., m) the inputs side by side, as in the scene's order; or by name, in a dictionary; None without inputs
+        model  of `linearize`, of the same scene (discrete or reduced too): its `departure` is z, at any state; where z does
+               not tell all of a state (a reduced model), the rest follows the model's own motion
+        dt     another length for this step
+
+        Exact as gradients are, by the native code where steps are made by it; constants themselves. A sample that fails stands
+        still: A = 1, B = 0. Raises ValueError as a step does, and for generalized_alpha, whose states remember more than z.
+        """
+        if type(self.method).begin is not Method.begin:
+            raise ValueError("method='generalized_alpha' was given to jacobian; a midpoint method is wanted, whose states "
+                             "remember nothing beside z")
+        sizes = self.scene.inputs
+        if not isinstance(u, dict):
+            whole = as_tensor(() if u is None else u, self.scene.dtype, self.scene.device)
+            u = dict(zip(sizes, axis_last("u", whole, sum(sizes.values())).split(tuple(sizes.values()), -1), strict=True))
+        given, alone = self.scene.tensors(u), copy(self)
+        alone._last, alone.failures = None, Failures()
+        state = self.model.space.to_public(self.reduced(of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")))
+        return step_jacobian(lambda before, inputs: alone.advance(before, inputs, dt=dt), self.model.space, model, state,
+                             {name: given[name] for name in sizes})
 
     def repeat(self, state: State, count: int, inputs: dict[str, Any], active: Tensor | None = None) -> State:
         """The state `count` steps later, with the inputs held: as so many calls."""

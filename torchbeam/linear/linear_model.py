@@ -9,9 +9,8 @@ from torch import Tensor
 
 from ..core.arguments import boolean, step_size
 from ..core.arguments import count as check_count
-from ..core.functions_of_time import rate_along
 from ..core.summary import counted, kind, lines
-from ..core.validation import as_tensor, finite
+from ..core.validation import as_tensor, axis_last, finite
 from ..math.dense import inverse_unchecked, solve_unchecked
 from ..nodal.coordinates.spatial import Space
 from ..state.state import State, of_mesh
@@ -31,6 +30,7 @@ class Linear:
     inputs   name -> its columns of B and D;  outputs: each sensor's rows of C and D
     reads    (..., n, 2 w (N+1) + Z) z of the nodes' moves (m, rad; frame a), their rates, w a node in `space`, and Z internal
              states
+    moves    (..., 2 w (N+1) + Z, n) the moves of z, with reads @ moves = 1
     chart    coordinates of a state as moves of the nodes, see `departure`
     dt       s, of a model in discrete time; else None
     mass     (..., n/2, n/2) where z = [q; q'] and undamped frequencies are those of K - omega^2 mass; else None
@@ -52,6 +52,7 @@ class Linear:
     dt: float | None = None
     mass: Tensor | None = None
     chart: Chart | None = None
+    moves: Tensor | None = None
 
     def __repr__(self) -> str:
         time = "continuous time" if self.dt is None else f"steps of {self.dt:.4g} s"
@@ -72,16 +73,26 @@ class Linear:
         Raises ValueError for a state of another form, mesh or dtype.
         """
         of_mesh(state, self.state.position.shape[-2], self.state.position.dtype, "a state")
-        space, chart = self.space, self.chart
-        own, state = space.to_reduced(self.state), space.to_reduced(state)
-        spin, before = space.to_frame(state.rotation, state.spin), space.to_frame(own.rotation, own.spin)
-        moved = state.position - own.position
-        velocity = state.velocity - own.velocity - (space.skew(before) @ moved[..., None])[..., 0]
-        turning = space.rotation_rate(state.rotation, space.to_section(state.rotation, spin - before))
-        at, rate = rate_along(chart, (state.position, state.rotation), (velocity.expand_as(state.position),
-                                                                        turning.expand_as(state.rotation)))
-        lags = () if own.internal is None else (state.internal - own.internal,)
-        return (self.reads @ torch.cat((at, rate, *lags), -1)[..., None])[..., 0]
+        return (self.reads @ self.chart.coordinates(self.space.to_reduced(state))[..., None])[..., 0]
+
+    def state_at(self, z: Tensor) -> State:
+        """The state with the departure z (..., n), the inverse of `departure`: what supports hold stays where the model has it,
+        and where z does not tell all (a reduced model, turns without inertia) the rest follows the model's own motion.
+
+        Stress and reaction are zero, as in `State.from_nodes`: a step finds them. First derivatives are exact. Raises
+        ValueError for a z of another size, or one that no state has.
+        """
+        z = axis_last("z", as_tensor(z, self.A.dtype, self.A.device), self.A.shape[-1])
+        near = replace(self.state, stress=torch.zeros_like(self.state.stress), reaction=torch.zeros_like(self.state.reaction))
+        state = self.chart.moved(self.space.to_reduced(near), (self.moves @ z[..., None])[..., 0])
+        return self.space.to_public(state).broadcast()
+
+    def slopes(self, state: State) -> tuple[Tensor, Tensor]:
+        """Derivatives at a state in the space's coordinates: dz/dm (..., n, 2 w (N+1) + Z) of the departure by a move m of the
+        state, see `torchbeam.nodal.moves`, and dm/dz (..., 2 w (N+1) + Z, n); what z does not tell follows z's own motion.
+        """
+        by_moves, moves = self.chart.slopes(state)
+        return self.reads @ by_moves, moves @ self.moves
 
     def discrete(self, dt: float) -> Linear:
         """Model in discrete time, with the inputs held over steps of dt (s): exact, by the exponential of [[A, B], [0, 0]] dt,
@@ -115,7 +126,7 @@ class Linear:
             raise ValueError(f"count = {count} was given; the model has {n // 2} modes")
         right, left = self._by_mass(count) or self._by_pairs(count)
         small = replace(self, A=left @ self.A @ right, B=left @ self.B, C=self.C @ right,
-                        reads=left @ self.reads,
+                        reads=left @ self.reads, moves=None if self.moves is None else self.moves @ right,
                         mass=None if self.mass is None else torch.eye(count, dtype=self.A.dtype, device=self.A.device))
         if static:
             small = replace(small, D=small.D + self.response(0.0).real - small.response(0.0).real)
@@ -191,3 +202,6 @@ def _balance(A: Tensor) -> Tensor:
         ratio = now.sum(-1) / now.sum(-2)
         scale = scale * torch.where(torch.isfinite(ratio) & (ratio > 0), ratio, 1.0) ** 0.25
     return scale
+
+
+torch.serialization.add_safe_globals([Linear, Chart])

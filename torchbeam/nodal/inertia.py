@@ -26,7 +26,9 @@ from torch.nn.functional import pad
 from ..core.leaves import Tree
 from ..core.validation import concrete
 from ..math import quaternions as quat
+from ..math.quadratic import X
 from ..math.quaternions import skew
+from ..scene.beam import Beam
 from ..scene.scene import Scene
 from .coordinates.spatial import Space
 from .lever import Lever, NoLever
@@ -114,7 +116,8 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
     part = h[..., None] * beam.mass
     parts = (part,) * (beam.order + 1)
     if beam.curved:  # the section's mass, seen from the axes of the element's nodes
-        parts = tuple(_turned(part, quat.multiply(quat.conjugate(q), beam.elements)) for q in space.chain.ends(beam.frames))
+        parts = tuple(_turned(part, quat.multiply(quat.conjugate(q), own))
+                      for q, own in zip(space.chain.ends(beam.frames), _axes_at_nodes(beam), strict=True))
     mass, tributary_length = space.chain.shared(parts, 2), space.chain.shared((h,) * (beam.order + 1))
     if beam.order == 2:
         own = concrete(mass.diagonal(dim1=-2, dim2=-1))
@@ -148,6 +151,19 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
     inertia = Inertia(space, translational,
                       RotaryInertia(space, space.project_inertia(J)) if rotary else NoRotaryInertia(space), lever)
     return inertia, mass / tributary_length[..., None], tributary_length
+
+
+def _axes_at_nodes(beam: Beam) -> tuple[Tensor, ...]:
+    """Axes (..., intervals, 4) that an element has at each of its nodes: of order 1 its own, of order 2 those that a turn at a
+    constant rate through its two stations has there. They are the nodes' but for a kink, however much the beam is twisted, so
+    that a section that is the same everywhere gives every node its own inertia.
+    """
+    if beam.order == 1:
+        return beam.elements, beam.elements
+    first, second = beam.elements.unflatten(-2, (-1, 2)).unbind(-2)
+    turn = quat.logarithm(quat.multiply(quat.conjugate(first), second))
+    at = (quat.multiply(first, quat.exponential((x / X + 1) / 2 * turn)) for x in (-1.0, 0.0, 1.0))
+    return tuple(q.repeat_interleave(2, -2) for q in at)
 
 
 def _swung(mass: LumpedMass, x: Tensor) -> Tensor:

@@ -227,7 +227,7 @@ def measure(case: Case, seed: int = 0) -> list[Row]:
     names = [*TRUE, *(["clock"] if case.known_clock else [])]
     fits = list(identified(case, records, random))
     progress(f"{case.name}, {case.method}: {case.repeats} fits")
-    warned = sum(any("misfit is" in hint or "residuals" in hint for hint in fit.hints) for fit in fits)
+    warned = sum(bool(fit.doubts) for fit in fits)
     done = [(fit, clock) for fit, clock in zip(fits, clocks, strict=True) if fit.status == 0]
     inside, errors = [], []
     for (fit, clock), interval in zip(done, stated(case, [fit for fit, _ in done], names), strict=True):

@@ -13,7 +13,7 @@ from ...core.arguments import choice, count, instance, number
 from ...core.validation import as_tensor, common_dtype
 from . import posterior, student
 from .experiment import NO_DATA
-from .fit import Fit
+from .fit import Fit, warn_of
 from .identify import identify
 from .measurement import Measurement, each, several, sigma_given
 from .parameter import Parameter
@@ -63,11 +63,12 @@ class FieldFit:
 
     def interval(self, name: str, level: float = 0.95) -> Tensor:
         """(*shape, 2) ends between which each number of a parameter or field lies with a probability `level`, by itself: the
-        posterior's quantiles.
+        posterior's quantiles. They take the model as right: a UserWarning says so where the misfit does not (`Fit.doubts`).
         """
+        warn_of(self.fit.doubts)
         first, shape = self.fit.shapes[name]
         if self.samples is None:
-            found = self.fit.interval(level)
+            found = self.fit.interval_without_warning(level)
         else:
             tail = student.tail(level)
             ends = self.samples.quantile(self.samples.new_tensor((tail, 1 - tail)), dim=0)
@@ -84,8 +85,10 @@ class FieldFit:
 
     def __repr__(self) -> str:
         weights = ", ".join(f"{name} {weight:.3g}" for name, weight in self.weight.items())
-        return (f"FieldFit({len(self.fit.theta)} numbers, {self.effective:.1f} of them told by the data; weights: {weights}; "
-                f"misfit {self.fit.misfit.item():.3g}, {'settled' if self.settled else 'not settled'} after {self.rounds})")
+        hints = "".join(f"; {hint}" for hint in self.fit.hints)
+        return (f"FieldFit(misfit {self.fit.misfit.item():.3g} sigma{hints}; {len(self.fit.theta)} numbers, "
+                f"{self.effective:.1f} of them told by the data; weights: {weights}; "
+                f"{'settled' if self.settled else 'not settled'} after {self.rounds})")
 
 
 def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness: Mapping[str, Smoothness], *,

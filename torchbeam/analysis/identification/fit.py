@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from ...core import files
 from ...core.arguments import choice
+from ...core.warning import warn
 from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
 from . import student
@@ -28,6 +30,14 @@ from .transform import Transform
 INTERVALS = ("laplace", "profile", "bootstrap")
 FORMAT = 2  # of saved fits
 LOST = ("problem", "transform", "readings")  # of the fields, those that are not saved as they are
+
+
+def warn_of(doubts: Sequence[str]) -> None:
+    """Warn of intervals whose residuals are no noise of the size that was stated."""
+    if doubts:
+        warn(f"intervals that take the model as right and what it leaves as noise were asked for, but {'; '.join(doubts)}. A "
+             "finer mesh (`refined`) or what the model leaves out is wanted; or, of noise that is larger than sigma, data "
+             "without sigma or absolute_sigma=False, which take its size from the misfit", UserWarning)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +62,8 @@ class Fit:
     unidentifiable  a sentence for each parameter that ran away, 1e9 times its start, and for each direction in which the
                 parameters can change by their own size while the misfit stays; empty where all are determined. `open` (p,)
                 bool says which parameters these are about
-    hints       sentences about what looks wrong: units, a misfit above sigma, residuals that are alike, bounds that are reached
+    hints       sentences about what looks wrong: units, a misfit above sigma, residuals that are alike or have a line, bounds
+                that are reached. `doubts` are those of the misfit and its residuals, with which `interval` warns
     message     the status in words, with these sentences, and what the model raised at trials
     iterations  evaluations of the model and its derivatives, less the first;  derivatives how these were found
     history     (iterations + 1, starts, p) the parameters on the way
@@ -75,6 +86,7 @@ class Fit:
     unidentifiable: tuple[str, ...] = ()
     message: str = ""
     hints: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     open: Tensor = field(default_factory=lambda: torch.zeros(0, dtype=torch.bool))
     held: Tensor = field(default_factory=lambda: torch.zeros(0, dtype=torch.bool))
     freedom: Tensor = field(default_factory=lambda: torch.zeros(0))
@@ -127,9 +139,14 @@ class Fit:
 
         What the data do not determine goes from end to end of what it can be. That of a parameter at its bound goes to where
         the least misfit rises by as much, by the slope and curvature there, or as "profile" finds it: at a bound repeated fits
-        do not tell (Andrews 2000, Econometrica 68, 399). All of them take the model as right and the noise as independent; see
-        `hints`.
+        do not tell (Andrews 2000, Econometrica 68, 399). All of them take the model as right and the noise as independent: a
+        UserWarning says so where there are `doubts`.
         """
+        warn_of(self.doubts)
+        return self.interval_without_warning(level, method, repeats, seed)
+
+    def interval_without_warning(self, level: float, method: str = "laplace", repeats: int = 500, seed: int = 0) -> Tensor:
+        """See `interval`."""
         choice("method", method, INTERVALS)
         away = self._half_interval(self._quantile(level))
         found = torch.stack([self.transform.theta(end) for end in (self.x - away, self.x + away)], -1)
@@ -201,8 +218,8 @@ class Fit:
     def __repr__(self) -> str:
         found = ", ".join(f"{n} = {v:.5g} +- {d:.2g}" for n, v, d in
                           zip(self.names, self.theta.tolist(), self.deviation.tolist(), strict=True))
-        return f"Fit({found}; misfit {self.misfit.item():.3g}, {REASON[self.status]} in {self.iterations}" + (
-            f"; {'; '.join(self.unidentifiable)}" if self.unidentifiable else "") + ")"
+        return f"Fit({found}; misfit {self.misfit.item():.3g}, {REASON[self.status]} in {self.iterations}" + "".join(
+            f"; {sentence}" for sentence in (*self.unidentifiable, *self.doubts)) + ")"
 
     def _quantile(self, level: float) -> Tensor:
         """(p,) of Student's t, at the upper end."""

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
+import torch
 from torch import Tensor
 
+from .problem import Problem
 from .readings import Readings
+from .residuals import FEWEST, Alarm, Residuals
 
 UNIT = 1000.0
 NEAR = 5.0  # factor by which a start may be off that has the right unit
+ALARM = 0.01  # of the fits of models that are right, in which any test may find something
 
 
 def unit_hints(readings: Sequence[Readings]) -> tuple[str, ...]:
@@ -32,32 +36,66 @@ def unit_hints(readings: Sequence[Readings]) -> tuple[str, ...]:
     return tuple(said)
 
 
-def fit_hints(readings: Sequence[Readings], squares: float, freedom: int, sigma_given: bool) -> tuple[str, ...]:
-    """A misfit above the noise that was stated, none by which noise could be known, and residuals of neighbouring instants that
-    are alike.
+def noise_hints(freedom: int, sigma_given: bool) -> tuple[str, ...]:
+    """A noise that nothing tells."""
+    if sigma_given or freedom >= 1:
+        return ()
+    return ("there are as many parameters as data, and no sigma: the noise is not known, and stated deviations and intervals "
+            "say nothing",)
+
+
+def misfit_hints(problem: Problem, r: Tensor, J: Tensor, C: Tensor) -> tuple[str, ...]:
+    """Residuals that are no noise of the size that was stated: more squares than sigma says, of all data and of each channel;
+    residuals that are alike from reading to reading; a line in their periodogram. All these tests together find something in
+    one of a hundred fits of models that are right, or in fewer (Bonferroni). Where sigma is not known squares say nothing.
+
+    r, J, C  weighted residuals (T,), their derivatives (T, p), covariance (p, p) of the parameters over the weighted noise
     """
-    said = []
-    if not sigma_given and freedom < 1:
-        said.append("there are as many parameters as data, and no sigma: the noise is not known, and stated deviations and "
-                    "intervals say nothing")
-    if sigma_given and freedom > 0 and squares > freedom + 5 * math.sqrt(2 * freedom):
-        said.append(f"the misfit is {math.sqrt(squares / freedom):.3g} times what sigma says: noise is larger, or the model "
-                    "does not explain the data, and stated intervals are too narrow")
-    for one in readings:
-        for label, data, y in one.channels():
-            if one.times is None:
-                continue
-            order = one.times.argsort()
-            r = (y - data)[order]
-            r = r[~r.isnan()]
-            if len(r) < 20 or not r.square().sum() > 0:
-                continue
-            alike = (r[1:] @ r[:-1] / (r @ r)).item()
-            if alike > 5 / math.sqrt(len(r)):
-                what = f" of {label!r}" if label else ""
-                said.append(f"residuals{what} of neighbouring instants are alike (correlation {alike:.2f}): the model misses "
-                            "something that is no noise, and stated intervals are too narrow")
-    return tuple(said)
+    if not all(torch.isfinite(part).all() for part in (r, J, C)):
+        return ()
+    channel = problem.noise.channel[problem.known]  # -1: sigma is known
+    every = problem.measured & (channel < 0)
+    whole = Residuals("", None, r[every], J[every], C, True)
+    series = [Residuals(name, times, r[rows], J[rows], C, channel[rows[0]].item() < 0)
+              for name, rows, times in _series(problem) if _is_noisy(r[rows], problem.target[0][rows])]
+    parts = series if len(series) > 1 else []
+    sizes, each = ([one.excess() for one in some if one.known and one.left >= 1] for some in ([whole], parts))
+    long = [one for one in series if one.left >= FEWEST]
+    alike, lines = [one.correlation() for one in long], [one.line() for one in long]
+    level = ALARM / max(len(sizes) + len(each) + len(alike) + len(lines), 1)
+    said = [f"the misfit{of} is {a.size:.3g} times what sigma says ({chance}): noise is larger, or the model or its mesh does "
+            "not explain the data" for kind in (sizes, each) for a, of, chance in _least(kind, level)]
+    said += [f"residuals{of} of neighbouring readings are alike (correlation {a.size:.2f}, {chance}): the model misses "
+             "something that is no noise" for a, of, chance in _least(alike, level)]
+    said += [f"residuals{of} have a line {a.at}, {a.size:.3g} times what noise has there ({chance}): the model misses a "
+             "vibration, or what drives or damps it" for a, of, chance in _least(lines, level)]
+    return tuple(f"{sentence}, and stated intervals are too narrow" for sentence in said)
+
+
+def _series(problem: Problem) -> Iterator[tuple[str, Tensor, Tensor | None]]:
+    """Name, rows (n,) of the data in the order of their times, and these, of each channel."""
+    row = torch.full(problem.known.shape, -1, device=problem.known.device)
+    row[problem.known] = torch.arange(int(problem.known.sum()), device=row.device)
+    for (e, m), rows in zip(problem.measurements, problem.by_measurement(row), strict=True):
+        readings = Readings(e.name, m.labels, m.times, m.values, rows, None)
+        for name, _, column in readings.channels() if e.measured else ():
+            order = torch.arange(len(column), device=row.device) if m.times is None else m.times.argsort()
+            there = order[column[order] >= 0]
+            if len(there):
+                yield name, column[there], None if m.times is None else m.times[there]
+
+
+def _is_noisy(r: Tensor, data: Tensor) -> bool:
+    """Whether residuals (n,) are more than the rounding of what gives them."""
+    return (r.square().sum() > torch.finfo(r.dtype).eps * data.square().sum()).item()
+
+
+def _least(alarms: Sequence[Alarm], level: float) -> Iterator[tuple[Alarm, str, str]]:
+    """Of alarms below a level the least probable one, of which channel and how many more, and how probable; or nothing."""
+    below = sorted((a for a in alarms if a.probability < level), key=lambda a: (a.probability, -abs(a.size)))
+    for a in below[:1]:
+        more = f" and {len(below) - 1} more channel{'s' * (len(below) > 2)}" * (len(below) > 1)
+        yield a, (f" of {a.name!r}" if a.name else "") + more, f"by chance {max(a.probability, 1e-300):.0e}"
 
 
 def bound_hints(names: Sequence[str], theta: Tensor, held: Tensor) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from ...core.warning import warn
 from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED, Found
 from ...solvers.region import Region
 from .covariance import Spread
-from .hints import bound_hints, fit_hints, unit_hints
+from .hints import bound_hints, misfit_hints, noise_hints, unit_hints
 from .problem import Problem
 from .readings import Readings
 from .undetermined import undetermined
@@ -54,8 +54,8 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
     deviation = _everywhere(problem, ((seen @ spread.free[told][:, told]) * seen).sum(-1).clamp(min=0).sqrt() / problem.weight)
     readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
     odd = () if found.first is None else unit_hints(_readings(problem, _known(problem, found.first[best])))
-    hints = (*odd, *fit_hints(readings, squares[best].item(), spare, problem.sigma_given),
-             *bound_hints(parameters.names, theta[best], spread.held))
+    doubts = misfit_hints(problem, r[best], seen, spread.free[told][:, told] / spread.scale**2) if spread.scale else ()
+    hints = (*odd, *noise_hints(spare, problem.sigma_given), *doubts, *bound_hints(parameters.names, theta[best], spread.held))
     if odd:
         warn(odd[0], UserWarning)
     status, misfits = int(statuses[best]), r[:, problem.measured].square().mean(-1).sqrt()
@@ -68,7 +68,7 @@ def conclusions(problem: Problem, found: Found, region: Region, derivatives: str
     return dict(theta=theta[best], names=parameters.names, covariance=slope[:, None] * spread.free * slope,
                 y=_as_given(readings, problem), misfit=misfits[best], status=status, iterations=len(found.history) - 1,
                 history=history, starts=theta, misfits=misfits, statuses=statuses, unidentifiable=shown[best],
-                message=message, hints=hints, open=open_[best], held=spread.held, freedom=spread.freedom,
+                message=message, hints=hints, doubts=doubts, open=open_[best], held=spread.held, freedom=spread.freedom,
                 redundancy=spread.redundancy, scale=spread.scale, noise=_found_noise(problem), derivatives=derivatives,
                 shapes=shapes, x=x[best], x_covariance=spread.covariance, x_slope=spread.slope,
                 bounds=torch.stack(parameters.limits, -1), transform=T, readings=readings, jacobian=J[best], problem=problem)

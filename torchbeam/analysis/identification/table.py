@@ -11,7 +11,7 @@ STRONG = 0.95  # correlations above it are named
 
 def table(fit: Any, level: float, reason: dict[int, str]) -> str:
     """Text of a `Fit`."""
-    interval = fit.interval(level).tolist()
+    interval = fit.interval_without_warning(level).tolist()
     head = ("parameter", "value", "deviation", f"{100 * level:g} % interval", "")
     rows = []
     for k, name in enumerate(fit.names):

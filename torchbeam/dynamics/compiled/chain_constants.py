@@ -82,11 +82,19 @@ class CommonLoads(Tree):
 
 
 @dataclass(frozen=True)
+class Captured(Tree):
+    """A tensor that users' functions read beside their arguments, as an input of the program, with its number of own axes."""
+
+    value: Tensor = leaf(lambda one: one.axes)
+    axes: int
+
+
+@dataclass(frozen=True)
 class Common(Tree):
     """One of all nodes: dt and t (...) s of the step and of the instant at which it takes its loads, the loads that are
     evaluated natively (None in the place of those of `NodeConstants`), inputs, the place of a plane, where a root's support
     stands; of frame a, in the middle of the step, its velocity and angular velocity (..., 3) and its orientation, see
-    `State.frame`, None = at rest; before: see `NodeConstants`.
+    `State.frame`, None = at rest; before: see `NodeConstants`; captured: what users' functions read.
     """
 
     dt: Tensor = leaf(0)
@@ -99,6 +107,7 @@ class Common(Tree):
     angular_velocity: Tensor | None = leaf(1)
     frame: Tensor | None = leaf(1)
     before: CommonLoads | None
+    captured: tuple[Captured, ...] = ()
 
 
 @dataclass(frozen=True)

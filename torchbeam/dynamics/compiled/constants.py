@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from ...scene.effects.values import value_at
 from ...state.state import rest
 from .chain_constants import (
     HELD,
+    Captured,
     Common,
     CommonLoads,
     ElementConstants,
@@ -39,7 +40,8 @@ from .chain_constants import (
 
 class Constants:
     """Of a model's steps (or, without `steps`, of what stands still in it), in two parts: trees of what holds for all of them,
-    and values by name of what changes. instant: of a step, when it takes its loads; 1 = those of its start are asked for too.
+    and values by name of what changes. instant: of a step, when it takes its loads; 1 = those of its start are asked for too;
+    captured: tensors that users' functions read, which are inputs of the program.
 
     loads  those that are evaluated natively: of the motion, with internal states, and the library's own whose values are inputs
     asks   whether anything is evaluated at t in torch
@@ -47,7 +49,7 @@ class Constants:
     sources  tensors that values are made from
     """
 
-    def __init__(self, model: Model, steps: bool = True, instant: float = 0.5) -> None:
+    def __init__(self, model: Model, steps: bool = True, instant: float = 0.5, captured: Iterable[Tensor] = ()) -> None:
         space, inertia, constraints, small = model.space, model.inertia, model.constraints, isinstance(model.space, Small)
         self.model, self.prescribes = model, steps and model.scene.has_prescribed_motion
         beam = model.scene.beam
@@ -82,6 +84,7 @@ class Constants:
         held = (self.given, by_place, prescribed, scene.eigenstrains, scene.beam, scene.supports, model.law, inertia)
         self.sources = [x for x, _ in flattened(held)]
         self.sources += [model.length, model.section_mass, model.tributary_length]
+        self.captured = tuple(Captured(x, x.ndim) for x in captured)
         self._kept: dict[Any, Any] = {}
 
     def forget(self) -> None:
@@ -195,9 +198,10 @@ class Constants:
         inputs = {name: values[f"input {name}"] for name in self.model.scene.inputs}
         frame = (values.get(name) for name in ("frame velocity", "frame angular_velocity", "frame"))
         supports = SupportConstants(*(values[f"held {name}"] for name in HELD)) if f"held {HELD[0]}" in values else None
+        common = Common(values["dt"], values["t"], common.loads, inputs, place, common.support, *frame, before[1],
+                        self.captured)
         return (replace(self.nodes, dead=nodes.dead, loads=nodes.loads, before=before[0]),
-                replace(self.elements, C=values["C"], eigenstrain=values.get("eigenstrain")),
-                Common(values["dt"], values["t"], common.loads, inputs, place, common.support, *frame, before[1]), supports)
+                replace(self.elements, C=values["C"], eigenstrain=values.get("eigenstrain")), common, supports)
 
     def _load_trees(self, values: dict[str, Tensor], when: str = "") -> tuple[NodeLoads, CommonLoads]:
         rows = tuple(filled(row, lambda i, k=k: values[f"{when}row {k} {i}"]) for k, row in enumerate(self.rows))

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import os
 import types
-from dataclasses import fields
 from importlib.util import find_spec
 from typing import Any
 
 from ...core.arguments import choice
-from ...core.leaves import AXES, own_leaves
-from ...core.surroundings import Read, Surroundings, Unsteady, of_class
+from ...core.leaves import own_leaves
+from ...core.surroundings import Unsteady
 from ...nodal.model import Model
 from ...solvers.compiled.trace import NotTraceable
 from ..engine_use import slow_path
 from .constants import of_library
 from .step import FUNCTIONS, CompiledStep
+from .user_functions import by_function, known, surroundings
 
 ENGINES = ("auto", "eager", "compiled")
 VARIABLE = "TORCHBEAM_ENGINE"  # of the environment: what "auto" means
@@ -62,7 +62,7 @@ def why_not_traced(model: Model, method: str, **options: Any) -> str | None:
     own = by_function(model)
     try:
         if own:
-            CompiledStep(model, method, around=_known(own), **options)
+            CompiledStep(model, method, around=known(own), **options)
     except Exception as error:
         return untraceable(own[0], error)
     return None
@@ -81,32 +81,6 @@ def place(load: Any) -> str:
     return f" ({code.co_filename}:{code.co_firstlineno})"
 
 
-def by_function(model: Model) -> list[Any]:
-    """Loads that depend on the motion and are functions that a user wrote, or hold such."""
-    loads = (*model.loads[0], *(load for load in model.loads[1] if load.internal))
-    return [load for load in loads if not of_library(load) or any(one.axes is None for one in own_leaves(load))]
-
-
-def surroundings(loads: list[Any]) -> Surroundings:
-    """What functions of the motion that a user wrote read beside the motion. Raises Unsteady for what may change unnoticed."""
-    reads: list[Read] = []
-    for load in loads:
-        own, functions = not of_library(load), {one.name for one in own_leaves(load) if one.axes is None}
-        for one in fields(load):
-            if one.name in functions or (own and AXES not in one.metadata):
-                reads.append((one.name, lambda load=load, name=one.name: getattr(load, name)))
-        reads += of_class(type(load))
-    return Surroundings(reads)
-
-
-def _known(loads: list[Any]) -> Surroundings | None:
-    """The same; None where that is not known."""
-    try:
-        return surroundings(loads)
-    except Unsteady:
-        return None
-
-
 def meaning() -> str:
     """What "auto" means. Raises ValueError for another word than an engine in the environment."""
     return choice(VARIABLE, os.environ.get(VARIABLE) or "auto", ENGINES)
@@ -119,7 +93,7 @@ def compiled_step(model: Model, method: str, **options: Any) -> CompiledStep:
         reason = MISSING
     try:
         if reason is None:
-            return CompiledStep(model, method, around=_known(by_function(model)), **options)
+            return CompiledStep(model, method, around=known(by_function(model)), **options)
     except NotTraceable as error:
         reason = str(error)
     raise ValueError(f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does")
@@ -137,7 +111,7 @@ def automatic_step(model: Model, method: str, **options: Any) -> tuple[CompiledS
     if reason is not None:
         return None, reason + VALUES
     try:
-        return CompiledStep(model, method, around=_known(own), **options), None
+        return CompiledStep(model, method, around=known(own), **options), None
     except Exception as error:
         if own:
             return None, untraceable(own[0], error)

@@ -238,4 +238,6 @@ def _static(x: Any) -> Any:
         return tuple((name, _static(value)) for name, value in x.items())
     if isinstance(x, FunctionType):
         return x.__code__  # what it reads beside its arguments is in `Surroundings.key`
+    if callable(x) and not isinstance(x, type):
+        return type(x)
     return tuple(map(_static, x)) if isinstance(x, (tuple, list)) else x

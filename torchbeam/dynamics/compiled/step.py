@@ -16,6 +16,7 @@ from ...core.surroundings import Surroundings
 from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...scene.effects import Inputs
+from ...solvers.compiled.trace import NotTraceable
 from ...state.state import State
 from .alpha_functions import AlphaFunctions
 from .call import Call, Chain, Field, like, made_like
@@ -26,6 +27,7 @@ from .kinds import Kinds, node_kinds
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .program import NOTHING, adjoint_of, program_of
+from .user_functions import by_function, known
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
 FUNCTIONS = {("midpoint", False): LocalFunctions, ("midpoint", True): ConservingFunctions,
@@ -74,7 +76,8 @@ class CompiledStep:
         functions_of = FUNCTIONS[method, conserve]
         self.model, self.batch = model, model.scene.batch_shape
         self._options = {"method": method, "conserve": conserve, **options}
-        self.constants = Constants(model, instant=functions_of.INSTANT)
+        captured = () if around is None else around.inputs
+        self.constants = Constants(model, instant=functions_of.INSTANT, captured=captured)
         length = model.length
         nothing = {name: length.new_zeros(size) for name, size in model.scene.inputs.items()}
         dt = length.new_full((), TRIED)
@@ -87,6 +90,8 @@ class CompiledStep:
         self.kinds = Kinds.of(node_kinds(model, self.constants.loads), model.scene.beam.order)
         self.local = functions_of(model, *self.trees, **options)
         self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), self.around)
+        if self.around is not None and not self.around.unchanged():
+            raise NotTraceable("a function of the motion writes to what it reads; one without memory is wanted")
         self.chain = Chain(self.program, model, self.kinds)
         samples = self.program.sample_state
         self.state = state_fields(self.program)
@@ -108,7 +113,7 @@ class CompiledStep:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies, also in other processes, are made from the model."""
-        return partial(CompiledStep, **self._options), (self.model,)
+        return partial(_again, **self._options), (self.model,)
 
     def __call__(self, start: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, tolerance: float,
                  least: float, limit: int, K: int | None = None, lanes: int | None = None, repeat: int = 1,
@@ -147,7 +152,8 @@ class CompiledStep:
         given = [values[name] for _, name in self.changing]
         if forward_ad._current_level >= 0 and any(forward_ad.unpack_dual(x).tangent is not None for x in given):
             return None
-        if recorded and self.function and wants_gradient(*self.constants.closures(values)):
+        known = self.around is not None and forward_ad._current_level < 0  # what carries gradient is an input
+        if recorded and self.function and not known and wants_gradient(*self.constants.closures(values)):
             self.eager_because = CLOSURE
             return None
         held = [*given, *(one.value for one in self.constant), *states] if recorded else []
@@ -240,3 +246,7 @@ class CompiledStep:
         if names not in self._adjoints:
             self._adjoints[names] = Chain(adjoint_of(self.program, self.local, names), self.model, self.kinds)
         return self._adjoints[names]
+
+
+def _again(model: Model, **options: Any) -> CompiledStep:
+    return CompiledStep(model, around=known(by_function(model)), **options)

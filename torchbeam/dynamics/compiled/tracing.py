@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 
 import torch
+from torch import Tensor
 
 from ...solvers.compiled.function import Function
 from ...solvers.compiled.trace import trace
@@ -48,18 +49,21 @@ class Tracing:
                         **{name: self.shapes[name] for name in ("stress", *local.element_state)},
                         **{f"{side}.{name}": shape for side in local.sides for name, shape in own.items()}}
 
+        own = [x for one in local.common.captured for x, _ in flattened(one)]
+        self.captured = {f"common.{i}": x for i, (x, _) in enumerate(flattened(local.common)) if any(x is y for y in own)}
+
     def __call__(self, function: Callable, shapes: Shapes) -> Function:
         """The function of fields of these shapes, without those that it does not read."""
         name = function.func.__name__ if isinstance(function, partial) else function.__name__
         if self.known is None or name not in OF_LOADS:
-            return self._traced(function, shapes)
+            return self._traced(function, shapes, self.captured if name in OF_LOADS else {})
         key = name, *function.args, *shapes.items()
         if key not in self.known:
-            self.known[key] = self._traced(function, shapes)
+            self.known[key] = self._traced(function, shapes, self.captured)
         return self.known[key].taking({}, {})  # in a graph of its own, that grows
 
-    def _traced(self, function: Callable, shapes: Shapes) -> Function:
+    def _traced(self, function: Callable, shapes: Shapes, captured: dict[str, Tensor]) -> Function:
         generator = torch.Generator().manual_seed(0)
         given = {name: torch.rand(shape, generator=generator, dtype=self.like.dtype) for name, shape in shapes.items()}
-        found = trace(function, given)
+        found = trace(function, given, {name: x for name, x in captured.items() if name in shapes})
         return found.only(found.outputs)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
@@ -249,13 +250,13 @@ def _six(name: str, value: Value) -> Value:
     """Six values (..., 6) from six, or from a pair of numbers, of (..., 1) or of triples (..., 3)."""
     if isinstance(value, (list, tuple)) and len(value) == 2:
         own = has_dtype(value)
-        dtype = common_dtype(value)[0] if own else torch.float64
-        parts = [as_tensor(p, dtype) for p in value]
+        parts = [as_tensor(p, common_dtype(value)[0]) if own else numbers(p) for p in value]
         for p in parts:
             if p.ndim and p.shape[-1] not in (1, 3):
                 raise ValueError(f"RootSpring's {name} with a part of shape {tuple(p.shape)} was given; one number, (..., 1) "
                                  "of a batch, or (..., 3) is wanted")
         lead = broadcast_shapes(*(p.shape[:-1] for p in parts))
-        both = torch.cat([p.expand(*lead, 3) for p in parts], -1)
-        return both if own else numbers(both.numpy())
+        if own:
+            return torch.cat([p.expand(*lead, 3) for p in parts], -1)
+        return numbers(np.concatenate([np.broadcast_to(p, (*lead, 3)) for p in parts], -1))
     return axis_last(f"RootSpring's {name}", plain(value), 6)

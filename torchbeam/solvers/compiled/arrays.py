@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from ...math.shapes import broadcast_shapes
-from .elementwise import ELEMENTWISE, elementwise, reduction
+from .elementwise import ELEMENTWISE, REDUCTIONS, elementwise, reduction
 from .graph import Graph
 
 UNKNOWN = -1  # in the place of a node: depends on inputs, and nothing says how
@@ -66,7 +66,7 @@ def _vector_norm(g: Graph, x: Tensor, ord: float = 2, dim: object = None, keepdi
     rules = {1: lambda g, xs: g.total(g.make("abs", x) for x in xs), 2: lambda g, xs: g.make("norm", g.dot(xs, xs)),
              math.inf: lambda g, xs: g.make("max", *(g.make("abs", x) for x in xs))}
     if ord not in rules:
-        raise NotImplementedError(f"a norm of order {ord}")
+        return NotImplemented
     return reduction(g, rules[ord], x, dim, keepdim)
 
 
@@ -110,7 +110,7 @@ def _solve(g: Graph, A: Tensor, B: Tensor, *, left: bool = True, **_: object) ->
     pairs = zip(A.expand(*lead, n, n).reshape(-1, n, n).tolist(), columns.expand(*lead, n, m).reshape(-1, n, m).tolist(),
                 strict=True)
     found = torch.tensor([_solved(g, a, b) for a, b in pairs], dtype=torch.long).reshape(*lead, n, m)
-    factors = elementwise(g, lambda g, a: g.make("factor", a), A)
+    factors = elementwise(g, _factor, A)
     return found[..., 0] if vector else found, factors, *[torch.full((), UNKNOWN)] * 2
 
 
@@ -122,6 +122,38 @@ def _solve_again(g: Graph, factors: Tensor, B: Tensor, *, left: bool = True, adj
     if left:
         return _solve(g, A.mT if adjoint else A, B)[0]
     return _solve(g, A if adjoint else A.mT, B.mT)[0].mT
+
+
+def _log_determinant(g: Graph, A: Tensor, **_: object) -> tuple[Tensor, ...]:
+    """Of a small matrix, with its sign."""
+    n = A.shape[-1]
+    if n > 5:
+        raise NotImplementedError("a determinant of more than 5 rows")
+
+    def of(rows: list[list[int]]) -> int:
+        if not rows:
+            return g.one
+        terms = [g.make("mul", x, of([[*row[:k], *row[k + 1:]] for row in rows[1:]])) for k, x in enumerate(rows[0])]
+        return g.total(g.make("neg", x) if k % 2 else x for k, x in enumerate(terms))
+
+    found = torch.tensor([of(a) for a in A.reshape(-1, n, n).tolist()], dtype=torch.long).reshape(A.shape[:-2])
+    size = elementwise(g, lambda g, x: g.make("log", g.make("abs", x)), found)
+    return elementwise(g, ELEMENTWISE["sign"], found), size, elementwise(g, _factor, A), torch.full((), UNKNOWN)
+
+
+def _factor(g: Graph, a: int) -> int:
+    return g.make("factor", a)
+
+
+def _largest(g: Graph, x: Tensor, dim: int | None = None, keepdim: bool = False) -> Tensor | tuple[Tensor, ...]:
+    """And where it is, along an axis."""
+    found = reduction(g, REDUCTIONS["amax"], x, dim, keepdim)
+    return found if dim is None else (found, reduction(g, REDUCTIONS["argmax"], x, dim, keepdim))
+
+
+def _smallest(g: Graph, x: Tensor, dim: int | None = None, keepdim: bool = False) -> Tensor | tuple[Tensor, ...]:
+    found = reduction(g, REDUCTIONS["amin"], x, dim, keepdim)
+    return found if dim is None else (found, reduction(g, REDUCTIONS["argmin"], x, dim, keepdim))
 
 
 def _inverse(g: Graph, A: Tensor, **_: object) -> tuple[Tensor, ...]:
@@ -161,7 +193,7 @@ OTHER: dict[str, Callable[..., Tensor | tuple[Tensor, ...]]] = {
     "addmm": lambda g, x, a, b, **k: _plus(g, x, _matrix_product(g, a, b), **k),
     "baddbmm": lambda g, x, a, b, **k: _plus(g, x, _matrix_product(g, a, b), **k),
     "linalg_cross": _cross, "linalg_vector_norm": _vector_norm, "_linalg_solve_ex": _solve, "linalg_lu_solve": _solve_again,
-    "linalg_inv_ex": _inverse,
+    "linalg_inv_ex": _inverse, "_linalg_slogdet": _log_determinant, "max": _largest, "min": _smallest,
     "gather": _gathered, "constant_pad_nd": _padded, "cumsum": _cumulative,
     "zero": lambda g, x: torch.full(x.shape, g.zero), "fill": lambda g, x, value: value.expand(x.shape),
     "copy": lambda g, x, other, **_: other.expand(x.shape),

@@ -6,12 +6,41 @@ equal arguments, of abs 0 at 0, of norm 0 at 0, of floor, round and comparisons 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 
 from .function import Function, Output
 from .graph import Graph
 
 Linear = Callable[[int], int]  # of a scalar: the same forward and backward
+
+
+
+def _over(root: bool, sign: str, shift: float) -> Callable[[Graph, int, int, int], int]:
+    """v / (shift +- x^2), or by its root."""
+    def scaled(g: Graph, v: int, x: int, node: int) -> int:
+        square = g.make(sign, *((g.const(shift), g.make("mul", x, x)) if shift > 0 else (g.make("mul", x, x), g.one)))
+        return g.make("div", v, g.make("sqrt", square) if root else square)
+    return scaled
+
+
+def _bell(sign: float) -> Callable[[Graph, int, int, int], int]:
+    return lambda g, v, x, node: g.make("mul", v, g.make("mul", g.const(sign * 2 / math.sqrt(math.pi)), g.make(
+        "exp", g.make("neg", g.make("mul", x, x)))))
+
+
+# operations of one number: v times the derivative at x, where the operation gives `node`
+SMOOTH: dict[str, Callable[[Graph, int, int, int], int]] = {
+    "exp": lambda g, v, x, node: g.make("mul", v, node),
+    "log": lambda g, v, x, node: g.make("div", v, x),
+    "expm1": lambda g, v, x, node: g.make("mul", v, g.make("add", node, g.one)),
+    "log1p": lambda g, v, x, node: g.make("div", v, g.make("add", x, g.one)),
+    "tanh": lambda g, v, x, node: g.make("mul", v, g.make("sub", g.one, g.make("mul", node, node))),
+    "sinh": lambda g, v, x, node: g.make("mul", v, g.make("cosh", x)),
+    "cosh": lambda g, v, x, node: g.make("mul", v, g.make("sinh", x)),
+    "asinh": _over(True, "add", 1.0), "acosh": _over(True, "sub", -1.0), "atanh": _over(False, "sub", 1.0),
+    "erf": _bell(1.0), "erfc": _bell(-1.0),
+}
 
 
 def bar(field: str) -> str:
@@ -90,12 +119,14 @@ def partials(graph: Graph, node: int) -> Iterator[tuple[int, Linear]]:
         yield args[0], lambda v: make("mul", v, make("cos", args[0]))
     elif op == "cos":
         yield args[0], lambda v: make("neg", make("mul", v, make("sin", args[0])))
-    elif op == "exp":
-        yield args[0], lambda v: make("mul", v, node)
-    elif op == "log":
-        yield args[0], lambda v: make("div", v, args[0])
-    elif op == "tanh":
-        yield args[0], lambda v: make("mul", v, make("sub", graph.one, make("mul", node, node)))
+    elif op in SMOOTH:
+        yield args[0], lambda v: SMOOTH[op](graph, v, args[0], node)
+    elif op == "pow":
+        x, y = args
+        none, at_zero = make("eq", y, graph.zero), make("and", make("eq", x, graph.zero), make("le", graph.zero, y))
+        yield x, lambda v: make("select", none, graph.zero, make(
+            "mul", v, make("mul", y, make("pow", x, make("sub", y, graph.one)))))
+        yield y, lambda v: make("select", at_zero, graph.zero, make("mul", v, make("mul", node, make("log", x))))
     elif op == "atan2":
         y, x = args
         square = graph.dot((y, x), (y, x))

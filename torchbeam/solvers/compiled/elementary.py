@@ -1,4 +1,4 @@
-"""Elementary functions as graphs of arithmetic: sin, cos, atan2, exp, log, tanh in float64, for any number of lanes at once.
+"""Elementary functions as graphs of arithmetic (`RULES`), in float64, for any number of lanes at once.
 
 Errors in units in the last place, with and without fused products:
 
@@ -8,6 +8,10 @@ Errors in units in the last place, with and without fused products:
     exp         < 1; above 709.79 inf, below -745.2 zero
     log         < 1; of 0 -inf, of what is negative NaN
     tanh        < 2
+    expm1, log1p, sinh, cosh, asinh, acosh, atanh   < 4; sinh and cosh are inf above 709.79
+    erf         < 2
+    erfc        < 8, but for numbers below 1e-290
+    pow         < 2 + |y log x|: x^y is exp(y log|x|); 0^0 = 1, and of x < 0 NaN, unless y is a whole number
 
 Polynomials interpolate at Chebyshev points of the reduced interval (to 1e-17 of the result). Reductions and compensated sums as
 in W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980, and P. T. P. Tang, ACM TOMS 15 (1989).
@@ -16,7 +20,7 @@ in W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980, 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 from .function import Function, Output
@@ -44,6 +48,17 @@ LOG = (0.666666666666667, 0.39999999999899444, 0.2857142862600327, 0.22222211130
 TANH = (-0.3333333333333333, 0.13333333333332714, -0.053968253967434016, 0.021869488493666944, -0.008863234397814355,
         0.003592110378689024, -0.001455661830100716, 0.0005889360520074057, -0.0002346347410887237, 8.511313685577672e-05,
         -2.060276537636634e-05)
+
+# (erf(x)/x - 1) by z = x^2, |x| <= 1
+ERF = (0.1283791670955126, -0.37612638903183754, 0.1128379167095512, -0.02686617064512984, 0.0052239776254232985,
+       -0.000854832702193483, 0.00012055332902888736, -1.4925647567519332e-05, 1.6462045441468418e-06, -1.6364642158167616e-07,
+       1.4792401209404813e-08, -1.216456005728345e-09, 8.709045129053106e-11, -4.230945824295338e-12)
+# x exp(x^2) erfc(x) by u = (x - 2)/(x + 2), x >= 1
+ERFC = (0.5107913526210115, 0.1672110104141063, -0.20384429592887915, 0.12151493052455939, -0.02897644669799631,
+        -0.007515738408858598, 0.004784898551337755, 0.0011266579427659145, -0.0007501843836468299, -0.00031435053213594867,
+        8.941415921264815e-05, 8.93146521390379e-05, 6.2851111694745675e-06, -1.9040085378746178e-05, -8.770319326645683e-06,
+        2.1437502696196356e-06, 1.9464797102460743e-06, -2.6852844588524854e-07, 3.8729664775111e-06, -5.026768059014121e-06,
+        2.1715574679016404e-06, -2.698937709226579e-07, -2.3635972958792134e-08)
 
 
 class _Number:
@@ -128,14 +143,25 @@ def _arctangent(y: _Number, x: _Number) -> _Number:
     return (y < 0.0).where(-angle, angle)
 
 
-def _exponential(x: _Number) -> _Number:
+def _reduced(x: _Number) -> tuple[_Number, _Number, _Number]:
+    """exp(x) - 1 of what is left of x beside k log(2); 2^k as a product: it may be too large, or too small, for one number."""
     x = (x < -800.0).where(-800.0, x)
     x = -((-x) < -800.0).where(-800.0, -x)
     k = (x * (1 / math.log(2))).make("round")
     r = x - k * LOG_2[0] - k * LOG_2[1]
-    value = (r * r * r.polynomial(EXP) + r) + 1.0
-    half = (k * 0.5).make("floor")  # 2^k as a product: it may be too large or too small for one number
-    return value * half.make("power2") * (k - half).make("power2")
+    half = (k * 0.5).make("floor")
+    return r * r * r.polynomial(EXP) + r, half.make("power2"), (k - half).make("power2")
+
+
+def _exponential(x: _Number) -> _Number:
+    small, one, other = _reduced(x)
+    return (small + 1.0) * one * other
+
+
+def _exponential_less_one(x: _Number) -> _Number:
+    small, one, other = _reduced(x)
+    near, far = small * one * other + (one * other - 1.0), (small + 1.0) * one * other
+    return (x < 40.0).where(near, (x < math.inf).where(far, x))
 
 
 def _logarithm(x: _Number) -> _Number:
@@ -153,18 +179,95 @@ def _logarithm(x: _Number) -> _Number:
     return (x < 0.0).where(math.nan, x.make("eq", 0.0).where(-math.inf, value))
 
 
+def _logarithm_of_one_more(x: _Number) -> _Number:
+    """log(1 + x), with what 1 + x loses in the sum (W. Kahan)."""
+    more = x + 1.0
+    value = _logarithm(more) + (x - (more - 1.0)) / more
+    return more.make("eq", 0.0).where(-math.inf, (x < math.inf).where(value, x))
+
+
 def _hyperbolic_tangent(x: _Number) -> _Number:
     size, z = x.make("abs"), x * x
     far = -(_Number(x.graph, x.graph.const(2.0)) / (_exponential(size * 2.0) + 1.0) - 1.0)
     return (size < 0.55).where(x + x * (z * z.polynomial(TANH)), (x < 0.0).where(-far, far))
 
 
+def _odd(rule: Callable[[_Number], _Number]) -> Callable[[_Number], _Number]:
+    """A function with f(-x) = -f(x), from that of |x|."""
+    def both(x: _Number) -> _Number:
+        value = rule(x.make("abs"))
+        return (x < 0.0).where(-value, value)
+    return both
+
+
+def _hyperbolic_sine(x: _Number) -> _Number:
+    more = _exponential_less_one(x)
+    return (x < 40.0).where((more + more / (more + 1.0)) * 0.5, more * 0.5)
+
+
+def _hyperbolic_cosine(x: _Number) -> _Number:
+    power = _exponential(x.make("abs"))
+    return (power + _Number(x.graph, x.graph.one) / power) * 0.5
+
+
+def _inverse_sine(x: _Number) -> _Number:
+    square = x * x
+    near = _logarithm_of_one_more(x + square / ((square + 1.0).make("sqrt") + 1.0))
+    return (x < 1e8).where(near, _logarithm(x) + math.log(2))
+
+
+def _inverse_cosine(x: _Number) -> _Number:
+    above = x - 1.0
+    near = _logarithm_of_one_more(above + (above * (above + 2.0)).make("sqrt"))
+    return (x < 1e8).where(near, _logarithm(x) + math.log(2))
+
+
+def _inverse_tangent(x: _Number) -> _Number:
+    return _logarithm_of_one_more(x * 2.0 / -(x - 1.0)) * 0.5
+
+
+def _error(x: _Number) -> _Number:
+    """Of x >= 0."""
+    z = x * x
+    return (x < 1.0).where(x + x * z.polynomial(ERF), -(_beyond(x, _exponential(-z)) - 1.0))
+
+
+def _complement(x: _Number) -> _Number:
+    size, z = x.make("abs"), x * x
+    size = (-size < -40.0).where(40.0, size)
+    head = size * (2.0**27 + 1)
+    head = head - (head - size)  # of 26 bits: its square is exact
+    far = _beyond(size, _exponential(-(head * head)) * _exponential(-((size - head) * (size + head))))
+    far = (x < 0.0).where(-(far - 2.0), far)
+    near = -((x + x * z.polynomial(ERF)) - 1.0)
+    return (size < 1.0).where((x < 0.5).where(near, -((x - 0.5) + (x * z.polynomial(ERF) - 0.5))), far)
+
+
+def _beyond(x: _Number, power: _Number) -> _Number:
+    """erfc(x) of x >= 1, from exp(-x^2)."""
+    x = (-x < -40.0).where(40.0, x)
+    return power * ((x - 2.0) / (x + 2.0)).polynomial(ERFC) / x
+
+
+def _power(x: _Number, y: _Number) -> _Number:
+    size = _exponential(y * _logarithm(x.make("abs")))
+    whole, odd = y.make("floor").make("eq", y), (y * 0.5).make("floor").make("eq", y * 0.5).make("not")
+    value = (x < 0.0).where(whole.where(odd.where(-size, size), math.nan), size)
+    return y.make("eq", 0.0).where(1.0, value)
+
+
+RULES: dict[str, Callable[..., _Number]] = {
+    "sin": lambda x: _sine(x, 0), "cos": lambda x: _sine(x, 1), "atan2": _arctangent, "exp": _exponential, "log": _logarithm,
+    "tanh": _hyperbolic_tangent, "expm1": _exponential_less_one, "log1p": _logarithm_of_one_more, "pow": _power,
+    "sinh": _odd(_hyperbolic_sine), "cosh": _hyperbolic_cosine, "asinh": _odd(_inverse_sine), "acosh": _inverse_cosine,
+    "atanh": _odd(_inverse_tangent), "erf": _odd(_error), "erfc": _complement,
+}
+
+
 @cache
 def elementary(name: str) -> Function:
-    """One of sin, cos, atan2, exp, log, tanh: fields x (of atan2: y and x) of one component -> out."""
+    """One of `RULES`: fields x (of atan2: y and x, of pow: x and y) of one component -> out."""
     graph = Graph()
-    fields = ("y", "x") if name == "atan2" else ("x",)
+    fields = {"atan2": ("y", "x"), "pow": ("x", "y")}.get(name, ("x",))
     args = [_Number(graph, graph.input(field, 0)) for field in fields]
-    rule = {"sin": lambda x: _sine(x, 0), "cos": lambda x: _sine(x, 1), "atan2": _arctangent, "exp": _exponential,
-            "log": _logarithm, "tanh": _hyperbolic_tangent}[name]
-    return Function(graph, {field: () for field in fields}, {"out": Output((), (rule(*args).node,))})
+    return Function(graph, {field: () for field in fields}, {"out": Output((), (RULES[name](*args).node,))})

@@ -55,9 +55,11 @@ def _clamp(g: Graph, x: int, low: int | None = None, high: int | None = None) ->
 
 
 def _power(g: Graph, x: int, exponent: int) -> int:
-    if not g.is_const(exponent) or (2 * g.values[exponent]) % 1:
-        raise NotImplementedError("a power that is not a whole or half number")
-    power, x = float(g.values[exponent]), g.number(x)
+    """By products and a root where the exponent is a small whole or half number."""
+    x, exponent = g.number(x), g.number(exponent)
+    if not g.is_const(exponent) or (2 * g.values[exponent]) % 1 or abs(g.values[exponent]) > 64:
+        return g.make("pow", x, exponent)
+    power = float(g.values[exponent])
     result, square, n = g.make("sqrt", x) if power % 1 else g.one, x, int(abs(power))
     while n:
         result = g.make("mul", result, square) if n & 1 else result
@@ -68,6 +70,25 @@ def _power(g: Graph, x: int, exponent: int) -> int:
 def _sign(g: Graph, x: int) -> int:
     minus = g.make("select", g.make("lt", x, g.zero), g.const(-1.0), g.zero)
     return g.make("select", g.make("lt", g.zero, x), g.one, minus)
+
+
+def _whole(op: str) -> Callable[..., int]:
+    """floor, or towards zero."""
+    def whole(g: Graph, x: int) -> int:
+        down = g.make("floor", x)
+        return down if op == "floor" else g.make("select", g.make("lt", x, g.zero), g.make(
+            "neg", g.make("floor", g.make("neg", x))), down)
+    return whole
+
+
+def _divided(g: Graph, a: int, b: int, *, rounding_mode: str | None = None) -> int:
+    found = g.make("div", g.number(a), g.number(b))
+    return found if rounding_mode is None else _whole(rounding_mode)(g, found)
+
+
+def _left(rounding_mode: str) -> Callable[..., int]:
+    """What a division to a whole number leaves."""
+    return lambda g, a, b: g.make("sub", a, g.make("mul", b, _divided(g, a, b, rounding_mode=rounding_mode)))
 
 
 def _arcsine(g: Graph, x: int, cosine: bool = False) -> int:
@@ -91,9 +112,16 @@ def _unlike(op: str) -> Callable[..., int]:
 
 ELEMENTWISE: dict[str, Callable[..., int]] = {
     "add": _sum, "sub": _scaled("sub"), "rsub": lambda g, a, b: _scaled("sub")(g, b, a),
-    "mul": _unlike("mul"), "div": _arithmetic("div"), "true_divide": _arithmetic("div"),
-    **{name: _arithmetic(name) for name in ("neg", "sqrt", "sin", "cos", "atan2", "exp", "log", "tanh", "abs", "floor",
-                                            "round")},
+    "mul": _unlike("mul"), "div": _divided, "true_divide": _divided,
+    **{name: _arithmetic(name) for name in ("neg", "sqrt", "sin", "cos", "atan2", "exp", "log", "tanh", "abs", "floor", "expm1",
+                                            "log1p", "sinh", "cosh", "asinh", "acosh", "atanh", "erf", "erfc")},
+    "round": lambda g, x, *, decimals=0: g.make("div", g.make("round", g.make("mul", x, g.const(10.0**decimals))),
+                                                g.const(10.0**decimals)),
+    "special_erf": _arithmetic("erf"), "special_erfc": _arithmetic("erfc"), "trunc": _whole("trunc"),
+    "floor_divide": lambda g, a, b: _divided(g, a, b, rounding_mode="floor"), "remainder": _left("floor"),
+    "fmod": _left("trunc"), "log2": lambda g, x: g.make("mul", g.make("log", x), g.const(1 / math.log(2))),
+    "log10": lambda g, x: g.make("mul", g.make("log", x), g.const(1 / math.log(10))),
+    "exp2": lambda g, x: g.make("exp", g.make("mul", x, g.const(math.log(2)))),
     "maximum": _unlike("max"), "minimum": _unlike("min"),
     "reciprocal": lambda g, x: g.make("div", g.one, x), "rsqrt": lambda g, x: g.make("div", g.one, g.make("sqrt", x)),
     "square": lambda g, x: g.make("mul", x, x), "tan": lambda g, x: g.make("div", g.make("sin", x), g.make("cos", x)),
@@ -102,7 +130,7 @@ ELEMENTWISE: dict[str, Callable[..., int]] = {
     "hypot": lambda g, a, b: g.make("sqrt", g.dot((a, b), (a, b))), "sigmoid": _sigmoid,
     "sign": lambda g, x: _sign(g, g.number(x)), "sgn": lambda g, x: _sign(g, g.number(x)), "pow": _power,
     "clamp": _clamp, "clamp_min": _clamp, "clamp_max": lambda g, x, high: _clamp(g, x, None, high),
-    "relu": lambda g, x: _clamp(g, x, g.zero), "where": _where,
+    "relu": lambda g, x: g.make("select", g.make("le", x, g.zero), g.zero, x), "where": _where,
     "masked_fill": lambda g, x, mask, value: _where(g, mask, value, x),
     "lerp": lambda g, a, b, w: g.make("add", a, g.make("mul", w, g.make("sub", b, a))),
     "addcmul": lambda g, x, a, b, *, value=1: _scaled("add")(g, x, g.make("mul", a, b), alpha=value),
@@ -141,17 +169,20 @@ def _extreme(op: str) -> Callable[[Graph, Sequence[int]], int]:
     return lambda g, xs: logical(g, xs) if g.truths[xs[0]] else g.make(op, *xs)
 
 
-def _position_of_largest(g: Graph, xs: Sequence[int]) -> int:
-    largest, found = g.make("max", *xs), g.const(float(len(xs) - 1))
-    for k in reversed(range(len(xs) - 1)):
-        found = g.make("select", g.make("eq", xs[k], largest), g.const(float(k)), found)
-    return found
+def _position(op: str) -> Callable[[Graph, Sequence[int]], int]:
+    """Of the largest, or smallest; the first, where there are several."""
+    def position(g: Graph, xs: Sequence[int]) -> int:
+        extreme, found = g.make(op, *xs), g.const(float(len(xs) - 1))
+        for k in reversed(range(len(xs) - 1)):
+            found = g.make("select", g.make("eq", xs[k], extreme), g.const(float(k)), found)
+        return found
+    return position
 
 
 REDUCTIONS: dict[str, Callable[[Graph, Sequence[int]], int]] = {
     "sum": lambda g, xs: g.total(g.number(x) for x in xs), "mean": _mean, "prod": _chained("mul", 1.0),
-    "amax": _extreme("max"), "amin": _extreme("min"), "max": _extreme("max"), "min": _extreme("min"),
-    "any": _chained("or", False), "all": _chained("and", True), "argmax": _position_of_largest,
+    "amax": _extreme("max"), "amin": _extreme("min"),
+    "any": _chained("or", False), "all": _chained("and", True), "argmax": _position("max"), "argmin": _position("min"),
 }
 
 
@@ -160,6 +191,6 @@ def reduction(g: Graph, rule: Callable[[Graph, Sequence[int]], int], x: Tensor, 
     dims = range(x.ndim) if dim is None or (not isinstance(dim, int) and not dim) else [dim] if isinstance(dim, int) else dim
     dims = [d % x.ndim for d in dims] if x.ndim else []
     kept = [d for d in range(x.ndim) if d not in dims]
-    rows = x.permute(*kept, *dims).reshape(math.prod(x.shape[d] for d in kept), -1).tolist()
+    rows = x.permute([*kept, *dims]).reshape(math.prod(x.shape[d] for d in kept), -1).tolist()
     shape = [1 if d in dims else n for d, n in enumerate(x.shape)] if keepdim else [x.shape[d] for d in kept]
     return torch.tensor([rule(g, row) for row in rows], dtype=torch.long).reshape(shape)

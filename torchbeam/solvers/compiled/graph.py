@@ -21,7 +21,8 @@ import numpy as np
 FOLDED: dict[str, Callable] = {
     "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative, "sqrt": np.sqrt,
     "norm": np.sqrt, "sin": np.sin, "cos": np.cos, "atan2": np.arctan2, "exp": np.exp, "log": np.log, "tanh": np.tanh,
-    "abs": np.abs,
+    "expm1": np.expm1, "log1p": np.log1p, "sinh": np.sinh, "cosh": np.cosh, "asinh": np.arcsinh, "acosh": np.arccosh,
+    "atanh": np.arctanh, "erf": lambda x: math.erf(x), "erfc": lambda x: math.erfc(x), "pow": np.power, "abs": np.abs,
     "floor": np.floor, "round": np.rint, "max": lambda *x: np.max(x), "min": lambda *x: np.min(x),
     "lt": np.less, "le": np.less_equal, "eq": np.equal, "and": np.logical_and, "or": np.logical_or, "not": np.logical_not,
     "exponent": lambda x: np.frexp(x)[1] - 1.0, "mantissa": lambda x: 2 * np.frexp(x)[0], "power2": np.exp2,
@@ -35,10 +36,10 @@ class Graph:
     constant, or (field, component) of an input.
 
     Operations: const, input; add, sub, mul, div, neg, abs, sqrt, norm (the square root of a sum of squares, whose derivative
-    at 0 is 0), sin, cos, atan2, exp, log, tanh, floor, round (half to even); max, min of any number (NaN wins); lt, le, eq;
-    and, or, not; select(truth, a, b). Of a normal number, to lower functions: exponent (floor of log2|x|) and mantissa (in
-    [1, 2)); power2(k) = 2^k of an integral k from -1022 to 1023. While tracing: factor(x), an element of the factors of a
-    matrix, which stands for that of the matrix.
+    at 0 is 0), sin, cos, atan2, exp, log, tanh, expm1, log1p, sinh, cosh, asinh, acosh, atanh, erf, erfc, pow, floor, round
+    (half to even); max, min of any number (NaN wins); lt, le, eq; and, or, not; select(truth, a, b). Of a normal number, to
+    lower functions: exponent (floor of log2|x|) and mantissa (in [1, 2)); power2(k) = 2^k of an integral k from -1022 to 1023.
+    While tracing: factor(x), an element of the factors of a matrix, which stands for that of the matrix.
     """
 
     def __init__(self) -> None:

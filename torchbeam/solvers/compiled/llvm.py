@@ -14,7 +14,7 @@ import struct
 
 import torch
 
-from .elementary import elementary
+from .elementary import RULES, elementary
 from .function import Function
 from .schedule import Store, schedule
 
@@ -22,7 +22,6 @@ FLAGS = "contract nsz arcp"
 BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 COMPARED = {"lt": "olt", "le": "ole", "eq": "oeq"}
 INTRINSICS = {"sqrt": "sqrt", "norm": "sqrt", "abs": "fabs", "floor": "floor", "round": "rint"}
-ELEMENTARY = {"sin", "cos", "atan2", "exp", "log", "tanh"}
 
 
 class Lanes:
@@ -165,7 +164,7 @@ class _Body:
             text = f"call {FLAGS} {vector} {self.module.intrinsic(INTRINSICS[op], lanes)}({vector} {args[0]})"
         elif op in ("max", "min"):
             text = self._extreme("ogt" if op == "max" else "olt", args)
-        elif op in ELEMENTARY:
+        elif op in RULES:
             text = self._elementary(op, args)
         else:
             text = getattr(self, "_" + op)(args[0])

@@ -2,34 +2,29 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
-from torch.overrides import TorchFunctionMode
+from torch._decomp import decomposition_table
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from ...core.functions_of_time import beside_hooks
 from .arrays import OTHER, STRUCTURAL, UNKNOWN, accumulated
+from .decompositions import DECOMPOSED, INSTEAD
 from .elementwise import ELEMENTWISE, REDUCTIONS, elementwise, reduction
 from .function import Function, Output
 from .graph import Graph
+from .readings import NotTraceable, Readings, line, memory
 
 FRESH = {"zeros_like", "ones_like", "full_like", "empty_like", "new_zeros", "new_ones", "new_full", "new_empty",
          "new_empty_strided"}  # of a traced tensor they read the shape alone
 RESHAPED = {"squeeze_", "unsqueeze_", "transpose_", "t_", "swapaxes_", "swapdims_", "detach_"}  # no memory is written
-READ = {torch.Tensor.tolist, torch.Tensor.numpy, torch.Tensor.__array__, torch.Tensor.__dlpack__}
-LIBRARIES = (os.path.dirname(torch.__file__) + os.sep, os.path.dirname(__file__) + os.sep)
+CASTS = (torch.float64, torch.float32, torch.int64, torch.int32, torch.bool)
 
 
-class NotTraceable(Exception):
-    """What a function does depends on the values of its inputs in a way that no graph of scalar operations can tell."""
-
-
-def trace(function: Callable[..., Any], inputs: dict[str, Tensor]) -> Function:
+def trace(function: Callable[..., Any], inputs: dict[str, Tensor], captured: dict[str, Tensor] | None = None) -> Function:
     """`function(**inputs)` as a graph. Values of the inputs do not matter, but that the function must take them; shapes and
     dtype do. It returns a tensor (the field is called "out"), or tensors in dictionaries and (named) tuples, whose fields are
     called by keys, names and places, joined by dots; None is left out.
@@ -38,19 +33,24 @@ def trace(function: Callable[..., Any], inputs: dict[str, Tensor]) -> Function:
     are, in the inputs' dtype by default. Raises NotTraceable for an operation that is not known, for control flow by, and
     reading of, traced values, and for a constant that carries gradient, which would be lost. The graph is the same beside hooks
     on saved tensors (torch.utils.checkpoint), which the function does not see.
+
+    captured: by the names of inputs, tensors that the function reads beside its arguments: it reads these inputs instead.
     """
+    captured = captured or {}
+    own, inputs = set(inputs), inputs | captured
     given = {name: value.detach().clone(memory_format=torch.contiguous_format) for name, value in inputs.items()}
-    tracer = _Tracer()
+    tracer = _Tracer({memory(x) for x in captured.values()})
+    stand = {id(x): given[name] for name, x in captured.items()}
     for name, value in given.items():
         nodes = [tracer.graph.input(name, k) for k in range(value.numel())]
         tracer.hold(value, torch.tensor(nodes, dtype=torch.long).reshape(value.shape))
 
     def run() -> Any:
-        with torch.no_grad(), _Readings(tracer), tracer:
-            return function(**given)
+        with torch.no_grad(), Readings(tracer.traced, stand), tracer:
+            return function(**{name: given[name] for name in inputs if name not in captured or name in own})
 
     before = torch.get_default_dtype()
-    floating = {value.dtype for value in given.values() if value.is_floating_point()}
+    floating = {value.dtype for name, value in given.items() if value.is_floating_point() and name not in captured}
     try:
         torch.set_default_dtype(floating.pop() if len(floating) == 1 else before)
         found = beside_hooks(run)
@@ -80,36 +80,17 @@ def _fields(value: Any, name: str) -> Iterator[tuple[str, Any]]:
         yield name or "out", value
 
 
-def _line() -> str:
-    """Where the traced function is: the innermost line outside of torch and of this folder."""
-    frame = sys._getframe(1)
-    while frame is not None and frame.f_code.co_filename.startswith(LIBRARIES):
-        frame = frame.f_back
-    return "" if frame is None else f"{frame.f_code.co_filename}:{frame.f_lineno}, in {frame.f_code.co_name}"
-
-
-class _Readings(TorchFunctionMode):
-    """Refuses what reads a traced tensor's memory beside torch's operations."""
-
-    def __init__(self, tracer: _Tracer) -> None:
-        super().__init__()
-        self.tracer = tracer
-
-    def __torch_function__(self, func: Callable, types: Any, args: tuple = (), kwargs: dict | None = None) -> Any:
-        if func in READ and self.tracer.traced(args[0]):
-            raise NotTraceable(f"{func.__name__} of a traced tensor was asked for at {_line()}; a graph has no values")
-        return func(*args, **(kwargs or {}))
-
-
 class _Tracer(TorchDispatchMode):
     """Runs operations on tensors and, beside them, on the nodes of their elements. Nodes lie beside memory, not tensors: for
     each storage one array, so that views, and writes through them, find what they show.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, captured: set[int]) -> None:
+        """captured: memory in whose place inputs stand."""
         super().__init__()
-        self.graph = Graph()
+        self.captured, self.graph = captured, Graph()
         self.beside: dict[int, tuple[Tensor, Tensor]] = {}  # storage -> a tensor on it, which keeps it alive; its nodes
+        self.fresh: set[int] = set()  # memory of constants that the function made
         self.differentiable: dict[int, Tensor] = {}  # likewise, of constants made of what carries gradient
 
     @classmethod
@@ -117,7 +98,7 @@ class _Tracer(TorchDispatchMode):
         return False  # importing torch's compiler takes longer than tracing
 
     def traced(self, value: Any) -> bool:
-        return isinstance(value, Tensor) and value.untyped_storage()._cdata in self.beside
+        return isinstance(value, Tensor) and memory(value) in self.beside
 
     def hold(self, value: Tensor, nodes: Tensor) -> None:
         """Write nodes beside a tensor's memory."""
@@ -129,7 +110,7 @@ class _Tracer(TorchDispatchMode):
     def _shown(self, value: Tensor) -> Tensor:
         first, nodes = self.beside[value.untyped_storage()._cdata]
         if first.element_size() != value.element_size():
-            raise NotTraceable(f"memory of {first.dtype} was read as {value.dtype} at {_line()}; one dtype is wanted")
+            raise NotTraceable(f"memory of {first.dtype} was read as {value.dtype} at {line()}; one dtype is wanted")
         return nodes.as_strided(value.shape, value.stride(), value.storage_offset())
 
     def _carries_gradient(self, value: Tensor) -> bool:
@@ -137,14 +118,18 @@ class _Tracer(TorchDispatchMode):
 
     def nodes(self, value: Tensor | float | bool) -> Tensor:
         """int64 of the same shape; what is not traced is constant."""
+        if isinstance(value, Tensor) and value._is_zerotensor():
+            value = torch.zeros(value.shape)
+        if isinstance(value, complex):
+            raise NotTraceable(f"the number {value} met a traced tensor at {line()}; real numbers are wanted")
         if not isinstance(value, Tensor):
             return torch.tensor(self.graph.const(value if isinstance(value, bool) else float(value)))
         if self.traced(value):
             return self._shown(value)
         if self._carries_gradient(value):
-            raise NotTraceable(f"a tensor that carries gradient met a traced one at {_line()}; it is wanted as an input")
+            raise NotTraceable(f"a tensor that carries gradient met a traced one at {line()}; it is wanted as an input")
         if value.is_complex():
-            raise NotTraceable(f"a tensor of {value.dtype} met a traced one at {_line()}; real numbers are wanted")
+            raise NotTraceable(f"a tensor of {value.dtype} met a traced one at {line()}; real numbers are wanted")
         flat = [self.graph.const(v) for v in value.detach().flatten().tolist()]
         return torch.tensor(flat, dtype=torch.long).reshape(value.shape)
 
@@ -152,17 +137,26 @@ class _Tracer(TorchDispatchMode):
         kwargs = dict(kwargs or {})
         schema, given = func._schema, list(_tensors((args, kwargs)))
         name = schema.name.split("::")[-1]
+        if torch.Tag.nondeterministic_seeded in func.tags:
+            raise NotTraceable(f"random numbers were drawn by {func} at {line()}; numbers that are drawn before are wanted")
+        if self.captured and any(memory(x) in self.captured for x in given):
+            raise NotTraceable(f"{func} at {line()} reads the memory of a parameter by another tensor; the parameter itself is "
+                               "wanted")
         if name in FRESH or name in RESHAPED:
-            return func(*args, **kwargs)
+            return self._made(func(*args, **kwargs), () if name in FRESH else given)
         if not any(self.traced(x) for x in given):
-            out = func(*args, **kwargs)
+            written = [x for x, a in zip(args, schema.arguments, strict=False) if a.alias_info is not None
+                       and a.alias_info.is_write and isinstance(x, Tensor)]
+            for x in written:
+                self._own(func, x)
+            out = self._made(func(*args, **kwargs), () if name == "lift_fresh" else given)
             if any(self._carries_gradient(x) for x in given):
                 self.differentiable |= {x.untyped_storage()._cdata: x for x in _tensors(out)}
             return out
         if name == "_linalg_check_errors":
             return None
         if name in ("_local_scalar_dense", "equal", "is_nonzero", "nonzero", "masked_select"):
-            raise NotTraceable(f"the value of a traced tensor was asked for by {name.strip('_')} at {_line()}; control flow by "
+            raise NotTraceable(f"the value of a traced tensor was asked for by {name.strip('_')} at {line()}; control flow by "
                                "values cannot be traced")
         if schema.returns and all(r.alias_info is not None and not r.alias_info.is_write for r in schema.returns):
             shown = func(*args, **kwargs)  # a view: its nodes are those of the memory
@@ -172,8 +166,12 @@ class _Tracer(TorchDispatchMode):
                 return shown
             return self._decomposed(func, args, kwargs)  # it has made a copy
         written = [a for a in schema.arguments if a.alias_info is not None and a.alias_info.is_write]
+        if name in DECOMPOSED and written:
+            return self._decomposed(func, args, kwargs)
         if written and (written[0] is not schema.arguments[0] or len(written) > 1):
             raise self._unknown(func)
+        if written and not self.traced(args[0]):
+            self._own(func, args[0])
         behind = [a for a in schema.arguments[len(args):] if not a.kwarg_only]
         behind = behind[:max((k + 1 for k, a in enumerate(behind) if a.name in kwargs), default=0)]
         args = [*args, *(kwargs.pop(a.name, a.default_value) for a in behind)]
@@ -192,16 +190,40 @@ class _Tracer(TorchDispatchMode):
             self.hold(one, founds[k] if k < len(founds) else torch.full((), UNKNOWN))
         return out
 
+    def _own(self, func: Any, x: Tensor) -> None:
+        """Refuses to write to what was there before the function."""
+        if memory(x) not in self.fresh:
+            raise NotTraceable(f"{func} at {line()} writes to a tensor that the function did not make; a function without "
+                               "memory is wanted")
+
+    def _made(self, out: Any, given: Sequence[Tensor]) -> Any:
+        """What an operation on nothing that is traced gave; its memory is new, where it is none of what was given."""
+        known = {memory(x) for x in given}
+        self.fresh |= {memory(x) for x in _tensors(out)} - known
+        return out
+
     def _decomposed(self, func: Any, args: Sequence, kwargs: dict) -> Any:
-        """An operation by the operations that it is composed of, which under inference mode only come to light here."""
+        """An operation by the operations that it is composed of, which under inference mode only come to light here, or that
+        torch itself knows it by; one that writes by the one that does not.
+        """
+        own = DECOMPOSED.get(func._schema.name.split("::")[-1])
         with self:
-            found = func.decompose(*args, **kwargs)
+            try:
+                found = func.decompose(*args, **kwargs) if own is None else own(*args, **kwargs)
+            except (NotImplementedError, TypeError) as error:
+                raise self._unknown(func, error) from error
+            if found is NotImplemented and func in decomposition_table:
+                found = decomposition_table[func](*args, **kwargs)
+            if found is NotImplemented and func._schema.name.endswith("_"):
+                found = args[0].copy_(getattr(torch, func._schema.name.split("::")[-1].rstrip("_"))(*args, **kwargs))
         if found is NotImplemented:
             raise self._unknown(func)
         return found
 
     def _unknown(self, func: Any, why: object = "") -> NotTraceable:
-        return NotTraceable(f"{func} at {_line()} cannot be traced{f': {why}' if why else ''}")
+        instead = INSTEAD.get(func._schema.name.split("::")[-1].rstrip("_"))
+        instead = f"; {instead} wanted" if instead else ""
+        return NotTraceable(f"{func} at {line()} cannot be traced{f': {why}' if why else ''}{instead}")
 
     def _applied(self, func: Any, name: str, args: list, settings: dict) -> Any:
         """Nodes of an operation's results; NotImplemented where it is not known."""
@@ -211,6 +233,8 @@ class _Tracer(TorchDispatchMode):
             if name in STRUCTURAL and not (name == "gather" and self.traced(args[2])):
                 at = STRUCTURAL[name]
                 if any(self.traced(x) for k, arg in enumerate(args) if k not in at for x in _tensors((arg,))):
+                    if name in DECOMPOSED:
+                        return NotImplemented
                     raise NotImplementedError("places that depend on inputs")
                 moved = [self._known(func, arg) if k in at else arg for k, arg in enumerate(args)]
                 if name == "index_put" and any(args[3:4]):
@@ -220,9 +244,10 @@ class _Tracer(TorchDispatchMode):
                 return func(*moved, **({"memory_format": torch.preserve_format} if name == "clone" else settings))
             if name == "_to_copy":
                 dtype = settings.get("dtype", args[0].dtype)
-                if not (dtype.is_floating_point or dtype == torch.bool):
-                    raise NotImplementedError(f"{dtype}")
-                rule = type(graph).truth if dtype == torch.bool else type(graph).number
+                if dtype not in CASTS:
+                    raise NotImplementedError(f"numbers of {dtype}; torch.float64 or torch.float32 is wanted")
+                rule = (type(graph).truth if dtype == torch.bool else type(graph).number if dtype.is_floating_point
+                        else ELEMENTWISE["trunc"])
                 return elementwise(graph, rule, self._known(func, args[0]))
             if name in ELEMENTWISE:
                 known = [None if x is None else self._known(func, x) for x in args]

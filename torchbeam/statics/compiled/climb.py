@@ -16,10 +16,11 @@ from ...core.validation import broadcast
 from ...dynamics.compiled.call import Call, Chain, Field
 from ...dynamics.compiled.constants import Constants
 from ...dynamics.compiled.cotangents import constant_fields
-from ...dynamics.compiled.coverage import MISSING, by_function, given_up, meaning, surroundings, unsteady, untraceable
+from ...dynamics.compiled.coverage import MISSING, given_up, meaning, unsteady, untraceable
 from ...dynamics.compiled.kinds import Kinds, node_kinds
 from ...dynamics.compiled.native import NotCompiled
 from ...dynamics.compiled.program import NOTHING, program_of
+from ...dynamics.compiled.user_functions import by_function, known, surroundings
 from ...dynamics.engine_use import slow_path
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
@@ -105,11 +106,12 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
              lanes: int | None, around: Surroundings | None = None) -> Climbed | None:
     if functorch.peek_interpreter_stack() is not None:
         return None
-    constants = Constants(model, steps=False)
+    if around is None:
+        around = known(by_function(model)) if by_function(model) else NOTHING
+    constants = Constants(model, steps=False, captured=() if around is None else around.inputs)
     nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
     trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
     kinds = _kinds(model, constants)
-    around = NOTHING if around is None and not by_function(model) else around
     program = program_of(SteadyFunctions(model, *trees), kinds, bool(model.constraints.nodes), around,
                          JudgedProgram if judged else LoadProgram)
     chain = Chain(program, model, kinds)

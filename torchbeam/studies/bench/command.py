@@ -14,7 +14,7 @@ from ...core.results import measured_on, sentence, versions, write
 from ...dynamics.compiled.coverage import MISSING
 from ...plot.canvas import where_installed
 from .. import peers
-from . import breakdown, first_use, gradients, growth, operations, others, throughput
+from . import breakdown, first_use, gradients, growth, loads, operations, others, throughput
 from .measurement import Row, progress
 from .report import markdown, picture
 
@@ -39,6 +39,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="fewer sizes and repeats: half a minute")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS), help="what is measured (default: all)")
     peers.options(parser)
+    parser.add_argument("--loads", type=Path, metavar="FILE",
+                        help="only the loads that a Python file makes, LOADS = {name: function}: the engine of each, native "
+                             "steps beside eager ones; writes loads.csv, loads.md and loads.json")
     parser.add_argument("--operations", type=Path, metavar="FILE",
                         help="only compare operation counts with those of a file: status 1 where one has grown by more than "
                              f"{100 * operations.GROWTH:.0f} %%")
@@ -51,6 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if given.operations:
         return _compare(given.operations, given.update, parser)
     out = results_folder(parser, given.out)
+    if given.loads:
+        return _loads(given.loads, out, parser)
     dtype = torch.get_default_dtype()
     torch.set_default_dtype(torch.float64)
     try:
@@ -65,6 +70,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     write(out, "bench", text, {**heading, "quick": given.quick, "rows": [row._asdict() for row in rows]}, Row._fields, rows)
     with where_installed():
         picture(rows, out / "bench.png")
+    return 0
+
+
+def _loads(path: Path, out: Path, parser: argparse.ArgumentParser) -> int:
+    """Engines and times of the loads of a file."""
+    dtype = torch.get_default_dtype()
+    torch.set_default_dtype(torch.float64)
+    try:
+        with threads(1):
+            found, heading = list(loads.rows(path)), measured_on()
+    except ValueError as error:
+        parser.error(str(error))
+    finally:
+        torch.set_default_dtype(dtype)
+    heading["versions"] |= versions("llvmlite")
+    text = "\n\n".join((loads.markdown(found), sentence(heading)))
+    print(text)
+    write(out, "loads", text, {**heading, "rows": [row._asdict() for row in found]}, loads.LoadRow._fields, found)
     return 0
 
 

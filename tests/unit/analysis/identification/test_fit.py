@@ -37,7 +37,7 @@ def test_hints():
         fit = tb.identify(wave, 1e-3 * CLEAN, start)
     assert "times the data's" in fit.hints[0]
     fit = tb.identify(wave, tb.Measurement(CLEAN + 0.3 * torch.sin(6 * T), 0.05, T), start)
-    assert "times what sigma says" in fit.hints[0] and "residuals of neighbouring instants are alike" in fit.hints[1]
+    assert "times what sigma says" in fit.hints[0] and "residuals of neighbouring readings are alike" in fit.hints[1]
     assert tb.identify(wave, tb.Measurement(CLEAN + NOISE, 0.05, T), start).hints == ()
 
 

@@ -86,7 +86,7 @@ def test_automatic_derivatives():
 
     start = {"a": 1.0, "b": 1.0}
     assert tb.identify(wave, CLEAN, start).derivatives == "difference"
-    with pytest.warns(RuntimeWarning, match="forward mode, .* differences of '[ab]' depend on their step"):
+    with pytest.warns(tb.SlowPathWarning, match="forward mode, .* differences of '[ab]' depend on their step"):
         fit = tb.identify(rough, CLEAN, start, tolerance=1e-4)
     assert fit.derivatives == "forward"
     assert_close(fit.theta, torch.tensor([2.0, 0.7]), rtol=1e-4, atol=0)

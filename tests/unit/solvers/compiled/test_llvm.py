@@ -21,7 +21,8 @@ pytest.importorskip("llvmlite")
 
 SPECIAL = torch.tensor([math.nan, math.inf, -math.inf, 0.0, -1.0, 1.0, -0.3, 0.5])
 X, Y = (x.flatten() for x in torch.meshgrid(SPECIAL, SPECIAL, indexing="ij"))
-ONE = ("neg", "sqrt", "norm", "abs", "floor", "round", "sin", "cos", "exp", "log", "tanh")
+ONE = ("neg", "sqrt", "norm", "abs", "floor", "round", "sin", "cos", "exp", "log", "tanh", "expm1", "log1p", "sinh", "cosh",
+       "asinh", "acosh", "atanh", "erf", "erfc")
 TWO = ("add", "sub", "mul", "div", "max", "min", "atan2")
 
 
@@ -63,7 +64,15 @@ ARGUMENTS = {
     "atan2": ((DRAW.normal(size=1000) * SIZES, DRAW.normal(size=1000) * SIZES[::-1].copy()), 2),
     "tanh": ((np.concatenate([DRAW.uniform(-size, size, 320) for size in (30.0, 1.0, 1e-3)]),), 2),
     "exp": ((np.concatenate([DRAW.uniform(-size, size, 500) for size in (700.0, 1.0)]),), 1),
-    "log": ((np.concatenate((np.exp(DRAW.uniform(-740, 709, 500)), 1 + DRAW.uniform(-0.3, 0.42, 500))),), 1)}
+    "log": ((np.concatenate((np.exp(DRAW.uniform(-740, 709, 500)), 1 + DRAW.uniform(-0.3, 0.42, 500))),), 1),
+    "expm1": ((DRAW.normal(size=1000) * SIZES.clip(1e-5, 100),), 4),
+    "log1p": ((np.concatenate((DRAW.uniform(-1, 1, 400) * SIZES[:400].clip(1e-5, 1), SIZES[400:])),), 4),
+    "sinh": ((DRAW.uniform(-1, 1, 1000) * SIZES.clip(1e-5, 100),), 4),
+    "cosh": ((DRAW.normal(size=1000) * SIZES.clip(1e-5, 100),), 4),
+    "asinh": ((DRAW.normal(size=1000) * SIZES,), 4), "acosh": ((1 + DRAW.uniform(0, 1, 1000) * SIZES,), 4),
+    "atanh": ((DRAW.uniform(-1, 1, 1000) * SIZES.clip(1e-5, 1),), 4),
+    "erf": ((DRAW.normal(size=1000) * SIZES.clip(1e-5, 5),), 2),
+    "erfc": ((DRAW.uniform(-1, 1, 1000) * SIZES.clip(1e-5, 25),), 8)}
 
 
 @pytest.mark.parametrize("name", ARGUMENTS)
@@ -94,10 +103,26 @@ def native_rows(function, given):
 @pytest.mark.parametrize(("name", "x", "expected"), [
     ("exp", [710.0, -746.0, -740.0, math.inf, -math.inf, 0.0], [math.inf, 0.0, math.exp(-740.0), math.inf, 0.0, 1.0]),
     ("tanh", [800.0, -800.0, -math.inf, 0.0], [1.0, -1.0, -1.0, 0.0]),
+    ("expm1", [710.0, -800.0, math.inf, -math.inf, 0.0], [math.inf, -1.0, math.inf, -1.0, 0.0]),
+    ("log1p", [-1.0, math.inf, 0.0, 5e-324], [-math.inf, math.inf, 0.0, 5e-324]),
+    ("erf", [40.0, -math.inf, math.inf, 0.0], [1.0, -1.0, 1.0, 0.0]), ("erfc", [40.0, -math.inf, math.inf], [0.0, 2.0, 0.0]),
+    ("sinh", [-math.inf, math.inf, 0.0], [-math.inf, math.inf, 0.0]), ("cosh", [-math.inf, math.inf], [math.inf, math.inf]),
+    ("asinh", [-math.inf, math.inf, 0.0], [-math.inf, math.inf, 0.0]), ("acosh", [1.0, math.inf], [0.0, math.inf]),
+    ("atanh", [-1.0, 1.0, 0.0], [-math.inf, math.inf, 0.0]),
     ("log", [0.0, 5e-324, math.inf, 1.0], [-math.inf, math.log(5e-324), math.inf, 0.0])])
 def test_elementary_functions_at_the_ends_of_their_range(name, x, expected):
     found = evaluate(elementary(name), {"x": torch.tensor(x)})["out"]
     assert_close(found, torch.tensor(expected), rtol=1e-15, atol=0)
+
+
+def test_powers_are_exact_to_what_their_exponent_tells():
+    """x^y = exp(y log x): to 2 + |y log x| units; signs, zeros and whole exponents as torch has them."""
+    x, y = torch.from_numpy(np.exp(DRAW.normal(size=500) * 3)), torch.from_numpy(DRAW.normal(size=500) * 4)
+    found = evaluate(elementary("pow"), {"x": x, "y": y})["out"]
+    assert (found / x**y - 1).abs().sub((3 + (y * x.log()).abs()) * 2.3e-16).max() < 0
+    x, y = (v.flatten() for v in torch.meshgrid(torch.tensor([0.0, -2.0, -0.5, 1.0, 3.0]),
+                                                torch.tensor([0.0, 1.0, 2.0, 3.0, -1.0, -2.0, 0.5, 1.5]), indexing="ij"))
+    assert_close(evaluate(elementary("pow"), {"x": x, "y": y})["out"], x**y, rtol=1e-14, atol=0, equal_nan=True)
 
 
 @pytest.mark.parametrize("lanes", [1, 4, 8])

@@ -209,7 +209,7 @@ def branching(x):
 
 
 PARAMETER = torch.tensor([1.0, 2.0, 3.0], requires_grad=True)
-UNPLACED = ("an index as output", "a number", "factors that are read")  # known where the function is done
+UNPLACED = ("a number", "factors that are read")  # known where the function is done
 REFUSED = {
     "a parameter": (lambda x: x * PARAMETER, "carries gradient"),
     "what a parameter gives": (lambda x: x * (2 * PARAMETER)[1], "carries gradient"),
@@ -219,13 +219,11 @@ REFUSED = {
     "control flow": (branching, "control flow by values"), "item": (lambda x: x * x[0].item(), "local_scalar_dense"),
     "tolist": (lambda x: torch.tensor(x.tolist()), "tolist"), "numpy": (lambda x: torch.tensor(x.numpy()), "numpy"),
     "eigenvalues": (lambda x: torch.linalg.eigh(torch.outer(x, x))[0], "aten._linalg_eigh"),
-    "sort": (lambda x: x.sort()[0], "aten.sort"), "a general power": (lambda x: x**2.3, "a power that is not"),
+    "sort": (lambda x: x.sort()[0], "aten.sort"),
     "a traced mask": (lambda x: x[x > 0], "aten.index"),
     "factors": (lambda x: torch.linalg.lu_factor(torch.outer(x, x))[0], "aten.linalg_lu_factor"),
-    "an index as output": (lambda x: x.max(0).indices, "the output 'out'"), "a number": (lambda x: 3.0, "float was returned"),
-    "integers": (lambda x: x.to(torch.int64), "torch.int64"),
+    "a number": (lambda x: 3.0, "float was returned"),
     "an unknown function": (lambda x: torch.special.bessel_j0(x), "bessel_j0"),
-    "a norm": (lambda x: torch.linalg.vector_norm(x, ord=3), "a norm of order 3"),
 }
 
 

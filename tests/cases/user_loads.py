@@ -1,0 +1,347 @@
+"""Loads as users write them: contact, friction, fluids, magnets, tables, networks, by functions and objects of every kind.
+
+`LOADS` are for the tip of a beam of 1 m, or for all of it; `REFUSED` have no native code, each with what the reason says.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import nn
+from torch.nn import functional as F
+
+import torchbeam as tb
+from torchbeam.core.leaves import leaf
+from torchbeam.core.validation import Value
+from torchbeam.scene.effects import VELOCITY, Load
+
+MU, EDGE = 0.3, torch.tensor([0.0, 0.0, -1.0])
+EDGES, HEIGHTS = torch.tensor([-0.5, 0.0, 0.3, 0.9, 1.5]), torch.tensor([0.4, -0.2, 0.3, 0.1, 0.6])
+SINES = torch.sin(torch.arange(9.0))
+POLES = torch.tensor([[1.2, 0.0, 0.3], [0.8, 0.1, -0.4], [0.3, -0.2, 0.5]])
+STIFFNESS = torch.tensor([[2.0, 0.1, 0.3], [0.1, 1.0, 0.0], [0.3, 0.0, 3.0]])
+
+
+def along_z(f):
+    return torch.stack((0 * f, 0 * f, f), -1)
+
+
+def tanh_friction(x, R, v, w, t):
+    return -MU * torch.tanh(v / 0.05), None
+
+
+def relu_wall(x, R, v, w, t):
+    return along_z(4e2 * torch.relu(-0.001 - x[..., 2])**2), None
+
+
+def soft_wall(x, R, v, w, t):
+    depth = F.softplus(x[..., 2] - 0.01, beta=200.0)
+    return along_z(-30.0 * depth - 0.3 * torch.sigmoid(depth * 50) * v[..., 2]), None
+
+
+def cylinder(x, R, v, w, t):
+    across = x - x.new_tensor([1.0, 0.0, -0.1]) * torch.ones_like(x)
+    across = across * across.new_tensor([1.0, 0.0, 1.0])
+    distance = torch.linalg.norm(across, dim=-1, keepdim=True).clamp(min=1e-6)
+    normal = across / distance
+    depth = (0.12 - distance).clamp(min=0.0)
+    slip = v - (v * normal).sum(-1, keepdim=True) * normal
+    return 50.0 * depth * normal - 2.0 * depth * torch.tanh(slip / 0.1), None
+
+
+def sphere(x, R, v, w, t):
+    gap = x - torch.tensor([1.0, 0.0, 0.2])
+    return 3.0 * F.normalize(gap, dim=-1) * torch.exp(-gap.norm(dim=-1, keepdim=True) / 0.05), None
+
+
+def corner(x, R, v, w, t):
+    depth = torch.maximum(0.98 - x[..., 0], torch.minimum(x[..., 2], torch.zeros_like(x[..., 2])))
+    return along_z(-5.0 * depth), None
+
+
+def hertz(x, R, v, w, t):
+    return along_z(20.0 * F.relu(0.05 - x[..., 2])**1.5), None
+
+
+def lugre(x, R, v, w, t, z):
+    return along_z(-(40.0 * z[..., 0] + 0.3 * lugre_rate(z, x, R, v, w, t)[..., 0] + 0.1 * v[..., 2])), None
+
+
+def lugre_rate(z, x, R, v, w, t):
+    slip = v[..., 2:3]
+    level = (0.2 + 0.1 * torch.exp(-(slip / 0.05)**2)) / 40.0
+    return slip - slip.abs() / level * z
+
+
+def bouc_wen(x, R, v, w, t, z):
+    return along_z(-3.0 * z[..., 0]), None
+
+
+def bouc_wen_rate(z, x, R, v, w, t):
+    slip = v[..., 2:3]
+    return 8.0 * slip - 4.0 * slip.abs() * z.abs() * z - 2.0 * slip * z**2
+
+
+def wagner(x, R, v, w, t, z):
+    lift = -2 * math.pi * (0.5 * v[..., 2] / 10.0 + 0.0455 * 0.165 * z[..., 0] + 0.3 * 0.335 * z[..., 1])
+    return along_z(0.4 * lift), None
+
+
+def wagner_rate(z, x, R, v, w, t):
+    return -torch.tensor([0.0455, 0.3]) * 20.0 * z + v[..., 2:3]
+
+
+def stalling(x, R, v, w, t):
+    wind = torch.tensor([8.0, 0.0, 0.0]) - v
+    angle = torch.atan2(-wind[..., 2], wind[..., 0]) + torch.asin(R[..., 2, 0].clamp(-0.999, 0.999))
+    lift = torch.where(angle.abs() < 0.25, 2 * torch.pi * angle, 1.6 * torch.sign(angle) * torch.cos(angle))
+    return along_z(0.01 * wind.square().sum(-1) * lift), along_z(0 * lift)
+
+
+def dipole(x, R, v, w, t):
+    moment, field = R[..., :, 0] * 0.2, torch.tensor([0.1, 0.0, 1.0]) * torch.sin(30 * t)
+    return None, torch.linalg.cross(moment, field.expand(moment.shape))
+
+
+def dipoles(x, R, v, w, t):
+    gap = x[..., None, :] - POLES
+    near = gap / (gap.square().sum(-1, keepdim=True) + 0.01)**1.5
+    return torch.einsum("...kc,k->...c", near, torch.tensor([0.02, -0.03, 0.01])), None
+
+
+def table(x, R, v, w, t):
+    z = x[..., 2].contiguous()
+    k = (torch.searchsorted(EDGES, z) - 1).clamp(0, len(EDGES) - 2)
+    share = (z - EDGES[k]) / (EDGES[k + 1] - EDGES[k])
+    return along_z(HEIGHTS[k] * (1 - share) + HEIGHTS[k + 1] * share), None
+
+
+def buckets(x, R, v, w, t):
+    k = torch.bucketize(v[..., 2], EDGES).clamp(1, 4)
+    return along_z(-torch.lerp(HEIGHTS[k - 1], HEIGHTS[k], (v[..., 2] - EDGES[k - 1]) / (EDGES[k] - EDGES[k - 1]))), None
+
+
+def even_table(x, R, v, w, t):
+    place = ((x[..., 2] + 1.0) * 4.0).clamp(0.0, 7.999)
+    k = place.long()
+    return along_z(SINES[k] + (place - k) * (SINES[k + 1] - SINES[k])), None
+
+
+def spline(x, R, v, w, t, s):
+    """Catmull and Rom's through nine points along the beam."""
+    place = (s / 1.0 * 8).clamp(0, 7.999)
+    k = place.floor().long()
+    u = place - k
+    a, b, c, d = (SINES[(k + i).clamp(0, 8)] for i in (-1, 0, 1, 2))
+    return along_z(b + 0.5 * u * (c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a)))) * v[..., 2:3], None
+
+
+def ramp(x, R, v, w, t):
+    return along_z(0.5 * torch.erf((x[..., 2] - 0.01) / 0.02) + torch.special.expit(20 * (t - 0.02)) * v[..., 0]), None
+
+
+def scheduled(x, R, v, w, t):
+    gain = torch.where(t < 0.015, 0.5, torch.clamp(20 * t, max=2.0))
+    return -gain * v, None
+
+
+def of_matrix(x, R, v, w, t):
+    gap = x - torch.tensor([1.0, 0, 0])
+    return -torch.einsum("ij,...j->...i", STIFFNESS, gap), -(R @ STIFFNESS @ R.mT @ w[..., None])[..., 0]
+
+
+def implicit_drag(x, R, v, w, t):
+    A = torch.eye(3) + 0.1 * v[..., :, None] * v[..., None, :]
+    return -torch.linalg.solve(A, v), None
+
+
+def potential(x):
+    return 0.5 * (x[..., 2] - 0.02).square() + torch.log1p(x.square().sum(-1)) * 0.3
+
+
+def conservative(x, R, v, w, t):
+    return -torch.func.grad(lambda y: potential(y).sum())(x), None
+
+
+def writing_its_own(x, R, v, w, t):
+    f = torch.zeros_like(v)
+    f[..., 2] = -0.4 * v[..., 2]
+    f[..., 0] -= 0.1 * x[..., 0]
+    return f, None
+
+
+def radial_basis(x, R, v, w, t):
+    near = torch.exp(-((x[..., None, :] - POLES).norm(dim=-1) / 0.4)**2)
+    return near @ torch.tensor([[0.1, 0.0, 0.3], [0.2, 0.0, -0.5], [0.0, 0.1, 0.2]]), None
+
+
+def closure(k, c):
+    def spring(x, R, v, w, t):
+        return -k * (x - EDGE) - c * v, None
+    return spring
+
+
+def scaled(gain, offset, x, R, v, w, t):
+    return gain * torch.tanh(x - offset), None
+
+
+class Law(NamedTuple):
+    k: float
+    power: int
+
+
+@dataclass
+class Contact:
+    """A wall whose numbers may change."""
+
+    normal: torch.Tensor = field(default_factory=lambda: torch.tensor([0.0, 0.0, 1.0]))
+    stiffness: float = 40.0
+    settings: dict = field(default_factory=lambda: {"gap": [0.0, 0.01], "law": Law(2.0, 3)})
+
+    def force(self, x, R, v, w, t):
+        depth = ((x * self.normal).sum(-1, keepdim=True) - self.settings["gap"][1]).clamp(min=0)
+        return -self.stiffness * self.normal * depth**self.settings["law"].power, None
+
+    def __call__(self, x, R, v, w, t):
+        return self.force(x, R, v, w, t)
+
+
+class Motor:
+    """A controller with gains, of plain Python."""
+
+    def __init__(self, gains):
+        self.gains, self.limit, self.target = gains, 0.4, np.array([0.9, 0.0, 0.1])
+
+    def torque(self, x, R, v, w, t):
+        error = torch.as_tensor(self.target) - x
+        f = sum(gain * part for gain, part in zip(self.gains, (error, -v), strict=True))
+        return self.limit * torch.tanh(f / self.limit), None
+
+
+@dataclass(frozen=True)
+class Brake(Load):
+    """A load of a class of one's own: quadratic, with a floor."""
+
+    c: Value = leaf(0)
+    floor: float = 0.01
+    node = -1
+    depends = frozenset({VELOCITY})
+
+    def wrench(self, site, t, inputs):
+        speed = torch.sqrt(site.velocity.square().sum(-1, keepdim=True) + self.floor**2)
+        return -self.c[..., None] * speed * site.velocity, None
+
+
+class Residual(nn.Module):
+    """Layers with a jump over them, numbers that are no parameters, and a scale."""
+
+    def __init__(self):
+        super().__init__()
+        self.first, self.second, self.scale = nn.Linear(6, 6), nn.Linear(6, 6), 0.5
+        self.register_buffer("mean", torch.linspace(0, 1, 6))
+        self.out = nn.Parameter(torch.linspace(-0.3, 0.3, 18).reshape(3, 6))
+
+    def forward(self, y):
+        y = (y - self.mean) * self.scale
+        return (y + self.second(torch.nn.functional.silu(self.first(y)))) @ self.out.T
+
+
+class Single(nn.Module):
+    """A network of float32 in a scene of float64."""
+
+    def __init__(self):
+        super().__init__()
+        self.layers = nn.Sequential(nn.Linear(6, 5), nn.Tanh(), nn.Linear(5, 3)).float()
+
+    def forward(self, y):
+        return self.layers(y.float()).double()
+
+
+def neural(*layers, train=False):
+    """A load by a network of position and velocity; layers between the first and the last."""
+    torch.manual_seed(0)
+    whole = nn.Sequential(nn.Linear(6, 6), *(layer() for layer in layers), nn.Linear(6, 3)).double().train(train)
+    return network(whole)
+
+
+def network(module):
+    return tb.Load(lambda x, R, v, w, t: (0.3 * module(torch.cat((x, v), -1)), None), of=("position", "velocity"))
+
+
+def shear(x, t):
+    return torch.stack((2.0 * (x[..., 2].abs() + 0.1)**(1 / 7), 0 * x[..., 1], 0.1 * torch.sin(5 * t) + 0 * x[..., 2]), -1)
+
+
+def vortex(x, t):
+    gap = x - torch.tensor([0.5, 0.0, -0.3])
+    return torch.linalg.cross(torch.tensor([0.0, 1.0, 0.0]).expand(gap.shape), gap) * 0.5 / (gap.square().sum(-1, True) + 0.05)
+
+
+def tip(function, **more):
+    return lambda: tb.Load(function, **more)
+
+
+LOADS = {
+    "tanh friction": tip(tanh_friction, of="velocity"), "relu wall": tip(relu_wall, of="position"), "soft wall": tip(soft_wall),
+    "cylinder": tip(cylinder), "sphere": tip(sphere), "corner": tip(corner), "Hertz contact": tip(hertz),
+    "LuGre": tip(lugre, internal=1, rate=lugre_rate), "Bouc-Wen": tip(bouc_wen, internal=1, rate=bouc_wen_rate),
+    "Wagner's lags": tip(wagner, internal=2, rate=wagner_rate), "stalling wing": tip(stalling, node=None),
+    "magnetic dipole": tip(dipole), "three magnets": tip(dipoles), "table": tip(table), "buckets": tip(buckets),
+    "even table": tip(even_table), "spline in s": tip(spline, node=None, of=("velocity", "s")), "ramp by erf": tip(ramp),
+    "gain by time": tip(scheduled), "matrix": tip(of_matrix), "linear solve": tip(implicit_drag),
+    "gradient of a potential": tip(conservative), "writes into its own": tip(writing_its_own),
+    "radial basis": tip(radial_basis),
+    "closure": lambda: tb.Load(closure(3.0, torch.tensor([0.1, 0.2, 0.3]))),
+    "partial": lambda: tb.Load(functools.partial(scaled, 0.4, torch.tensor([1.0, 0.0, 0.1]))),
+    "method of a dataclass": lambda: tb.Load(Contact().force), "callable object": lambda: tb.Load(Contact(stiffness=20.0)),
+    "method of an object": lambda: tb.Load(Motor([0.8, 0.2]).torque), "class of one's own": lambda: Brake(0.3),
+    "shear flow": lambda: tb.Drag(100.0, 0.02, flow=shear), "vortex": lambda: tb.Drag(100.0, 0.02, flow=vortex),
+    "network, tanh": lambda: neural(nn.Tanh), "network, ReLU": lambda: neural(nn.ReLU),
+    "network, GELU": lambda: neural(nn.GELU),
+    "network, SiLU": lambda: neural(nn.SiLU), "network, ELU": lambda: neural(nn.ELU), "network, Mish": lambda: neural(nn.Mish),
+    "network, softplus": lambda: neural(nn.Softplus), "network, leaky": lambda: neural(nn.LeakyReLU),
+    "network, sigmoid": lambda: neural(nn.Sigmoid), "network, Hardtanh": lambda: neural(nn.Hardtanh),
+    "network, layer norm": lambda: neural(lambda: nn.LayerNorm(6), nn.Tanh),
+    "network, dropout of eval": lambda: neural(nn.Dropout, nn.Tanh), "network, residual": lambda: network(Residual().double()),
+    "network, float32": lambda: network(Single()),
+}
+
+
+def branching(x, R, v, w, t):
+    return (-v if v[..., 2].sum() > 0 else -2 * v), None
+
+
+def by_numpy(x, R, v, w, t):
+    return along_z(torch.as_tensor(np.interp(x[..., 2].detach().numpy(), EDGES.numpy(), HEIGHTS.numpy()))), None
+
+
+def noisy(x, R, v, w, t):
+    return 0.1 * torch.randn(3), None
+
+
+def ordered(x, R, v, w, t):
+    return -v.sort(-1).values, None
+
+
+class Remembering:
+    """A function with memory."""
+
+    def __init__(self):
+        self.log = []
+
+    def force(self, x, R, v, w, t):
+        self.log.append(float(t))
+        return -v, None
+
+
+REFUSED = {
+    "branch": (tip(branching), "control flow by values cannot be traced"), "NumPy": (tip(by_numpy), "numpy of a traced tensor"),
+    "noise": (tip(noisy), "random numbers were drawn"), "sorted": (tip(ordered), "torch.maximum and torch.minimum are wanted"),
+    "memory": (lambda: tb.Load(Remembering().force), "the value of a traced tensor was asked for"),
+    "dropout of train": (lambda: neural(nn.Dropout, train=True), "random numbers were drawn"),
+}
