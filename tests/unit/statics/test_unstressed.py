@@ -20,8 +20,8 @@ def engines():
 @pytest.mark.parametrize("plane, section", [(None, SECTION), ("xz", SECTION), ("xz", INEXTENSIBLE)],
                          ids=["3D", "plane", "inextensible"])
 def test_a_turned_clamp_turns_the_beam(plane, section):
-    """By 0.1, 0.7 and 2 rad, in one step of the load and in several: without stress, its tip at the angle. Where nothing loads the
-    beam, forces are rounding of the stress (1e-28 N); bending by 1e-6 needs 1e-6 N.
+    """By 0.1, 0.7 and 2 rad, in one step of the load and in several: without stress, its tip at the angle. Where nothing loads
+    the beam, forces are rounding of the stress (1e-28 N); bending by 1e-6 needs 1e-6 N.
     """
     angle = torch.tensor([0.1, 0.7, 2.0])
     turn = torch.stack((0 * angle, angle, 0 * angle), -1)
