@@ -260,7 +260,7 @@ REFUSED = {
     "until": (lambda s: tb.monte_carlo(total, LAWS, 256, until=2.0), "until = 2.0 was given; a relative error"),
     "until of a number": (lambda s: tb.monte_carlo(total, LAWS, 256, until=(0.1, lambda s: s.mean)), "gave a Tensor was given"),
     "until with few": (lambda s: tb.monte_carlo(total, LAWS, 4, until=0.1), "for 4 replicates; at least 8"),
-    "progress": (lambda s: tb.monte_carlo(total, LAWS, 4, progress=3), "progress = 3 was given; a function of progress is wanted"),
+    "progress": (lambda s: tb.monte_carlo(total, LAWS, 4, progress=3), "progress = 3 was given; a function of progress"),
     "chunk": (lambda s: tb.monte_carlo(total, LAWS, 4, chunk="big"), "chunk = 'big' was given"),
     "statistic": (lambda s: s.statistic(3), "function = 3 was given; a function"),
     "statistic that is no tensor": (lambda s: s.statistic(len), "a statistic that gave a int was given; a tensor"),
