@@ -91,6 +91,8 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     start = Configuration(start.position, start.rotation, start.stress)
     doubtful = found = driven = None
     problem = SteadyProblem(model, time, given, time.new_ones(()))
+    if initial is None:  # at no load
+        start = replace(problem, load_factor=time.new_zeros(())).apply_supports(start)
     if not relax:
         start, driven = stressed(problem, start)
         problem = braced(problem, start)

@@ -115,9 +115,11 @@ class SteadyFunctions(LocalFunctions):
 
     # Rules of a sample
 
-    def judge(self, whole: Tensor, **fields: Tensor) -> Fields:
-        """See `LocalFunctions.judge`; where it is all of the load, nothing is foreseen."""
-        return super().judge(**fields, foresee=whole == 0)
+    def judge(self, whole: Tensor, force: Tensor, moment: Tensor, least_force: Tensor, least_moment: Tensor, **fields: Tensor
+              ) -> Fields:
+        """See `LocalFunctions.judge`; where it is all of the load, nothing is foreseen. The least: see `rounding_stress`."""
+        force, moment = torch.maximum(force, least_force), torch.maximum(moment, least_moment)
+        return super().judge(force, moment, **fields, foresee=whole == 0)
 
     def first_step(self, turn: Tensor) -> Fields:
         """See `load_steps`."""

@@ -23,7 +23,8 @@ class LoadProgram(ChainProgram):
     driver = LoadDriver
     unknown = "position", "rotation"
     varying = ("load_factor",)
-    judging = (*ChainProgram.judging, "whole")
+    numbers = (*ChainProgram.numbers, "least_force", "least_moment")
+    judging = (*ChainProgram.judging, "whole", "least_force", "least_moment")
     judged = False
 
     def _of_nodes(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
