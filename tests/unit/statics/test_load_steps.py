@@ -9,7 +9,8 @@ from torch.testing import assert_close
 import torchbeam as tb
 
 SECTION = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=(1.0, 1.3), mass=0.2)
-FORCES = torch.tensor([[-4.34, 0.58, 1.21], [-4.86, -0.01, 1.99], [-13.79, -3.88, 1.53], [-4.82, -0.29, -0.1], [-7.87, -1.04, -2.16]])
+FORCES = torch.tensor([[-4.34, 0.58, 1.21], [-4.86, -0.01, 1.99], [-13.79, -3.88, 1.53], [-4.82, -0.29, -0.1],
+                       [-7.87, -1.04, -2.16]])
 
 
 def test_large_forces_lead_to_no_other_branch():
