@@ -35,7 +35,10 @@ class Controller:
 
 
 class Zero(Controller):
-    """No action."""
+    """No action; it wants to know nothing of an env."""
+
+    def __init__(self, env: BeamVectorEnv | None = None) -> None:
+        pass
 
     def act(self, observation: Tensor) -> Tensor:
         return observation.new_zeros(self.env.action_space.shape)

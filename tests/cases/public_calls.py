@@ -323,6 +323,7 @@ CALLS = {
     "S.NodeRotation": (S.NodeRotation, dict(node=0, reference=START)),
     "S.NodeVelocity": (S.NodeVelocity, dict(node=0)),
     "S.Reaction": (S.Reaction, dict(support=0)),
+    "S.RootSpringLoad": (S.RootSpringLoad, dict(scene=tb.Scene(BEAM, [tb.RootSpring((1e3, 20.0))]))),
     "S.Spin": (S.Spin, dict(node=0, body=False)),
     "S.Stack": (S.Stack, dict(sensors=(S.TipPosition(),))),
     "S.TipPosition": (S.TipPosition, dict(reference=START)),

@@ -99,7 +99,7 @@ def test_model_is_the_simulation_for_small_actions():
 
 def test_feedback_beats_feedforward_beats_nothing():
     env = make(4, planar=True, max_episode_steps=40)
-    found = [play(env, one) for one in (Zero(), Static(env), PD(env, [1.0, 3.0]), LQR(env, effort=0.1))]
+    found = [play(env, one) for one in (Zero(env), Static(env), PD(env, [1.0, 3.0]), LQR(env, effort=0.1))]
     returns = [one[0] for one in found]
     assert returns == sorted(returns)
     assert all(distance < 0.02 * env.task.length for _, distance in found[2:])

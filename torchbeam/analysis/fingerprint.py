@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import copyreg
 import dis
 import enum
@@ -10,23 +9,20 @@ import functools
 import hashlib
 import importlib
 import inspect
-import os
-import sys
 import types
 import weakref
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from ..core.surroundings import codes
+from .installed import package, version_of
 
-INSTALLED = {"site-packages", "dist-packages"}  # folders that installed packages lie in
-HERE = __name__.split(".")[0]
-PYTHON = "{}.{}".format(*sys.version_info)  # bytecode is a minor version's own
+BY_WORDS = {"getattr", "vars", "__dict__", "attrgetter"}  # which attribute of a module they read, code does not say
+ABSENT = object()
 PLAIN = (type(None), type(Ellipsis), type(NotImplemented), bool, int, float, complex, str, bytes, bytearray, range, slice,
          torch.dtype, torch.device, torch.memory_format, torch.layout)
 NOT_OF_A_CLASS = {"__module__", "__doc__", "__dict__", "__weakref__", "__slotnames__", "__firstlineno__", "_abc_impl",
@@ -42,8 +38,9 @@ def fingerprint(value: Any) -> tuple[dict[str, str], dict[str, str]]:
     """Fingerprint of a value: its parts, name -> digest (SHA-256, hexadecimal), and versions of the packages it uses, name ->
     version.
 
-    Of a function the parts are its code with its defaults, each variable that it closes over, and each global that it names;
-    functions among these have parts of their own. Of anything else there is one part, "": its type and content.
+    Of a function the parts are its code with its defaults, its attributes, each variable that it closes over, and each global
+    that it names, of modules what it names in them; functions among these have parts of their own. Of anything else there is
+    one part, "": its type and content, attributes included.
 
     What is installed (torch, NumPy, ...) counts by its version, and what is not by its code. Comments, the text of docstrings,
     names of files and line numbers do not count. Raises NoFingerprint for what has neither code nor content to be read: open
@@ -53,7 +50,7 @@ def fingerprint(value: Any) -> tuple[dict[str, str], dict[str, str]]:
     parts: dict[str, str] = {}
     waiting, met = [("", value)], {}
     for name, one in waiting:  # it grows on the way
-        one = _unwrapped(one)
+        whole, one = one, _unwrapped(one)
         code = one.__func__ if inspect.ismethod(one) else one
         if not (isinstance(code, types.FunctionType) and walk.package(code) is None):
             parts[name] = walk.digest(one)
@@ -63,7 +60,7 @@ def fingerprint(value: Any) -> tuple[dict[str, str], dict[str, str]]:
         else:
             met[id(code)] = name
             parts[name] = walk.digest_of_code(code)
-            waiting += [(f"{name}.{key}" if name else key, part) for key, part in walk.around(code)]
+            waiting += [(f"{name}.{key}" if name else key, part) for key, part in (*_about(whole), *walk.around(code))]
         if code is not one:
             waiting.append((f"{name}.self" if name else "self", one.__self__))
     return parts, dict(sorted(walk.versions.items()))
@@ -79,7 +76,6 @@ class _Walk:
 
     def digest(self, value: Any) -> str:
         """Digest of a value's type and content. Raises NoFingerprint."""
-        value = _unwrapped(value)
         if id(value) in self.open:
             return f"circle {len(self.open) - self.open[id(value)]}"
         if id(value) in self.known:
@@ -97,7 +93,17 @@ class _Walk:
 
     def content(self, value: Any) -> Iterator[str | bytes]:
         """Text and bytes that say what a value is. Raises NoFingerprint."""
+        if (inner := _unwrapped(value)) is not value:
+            yield self.digest(inner)
+            for name, part in _about(value):
+                yield from (name, self.digest(part))
+            return
         yield type(value).__qualname__
+        if isinstance(value, (*PLAIN, Tensor, list, tuple, set, frozenset, dict)):  # and classes derived from these
+            if self.package(type(value)) is None:
+                yield self.digest(type(value))
+            for name, part in sorted(getattr(value, "__dict__", {}).items()):
+                yield from (name, self.digest(part))
         if isinstance(value, PLAIN) and not isinstance(value, enum.Enum):
             yield repr(value)
         elif isinstance(value, Tensor):
@@ -115,7 +121,9 @@ class _Walk:
                 yield from (self.digest(key), self.digest(one))
         elif isinstance(value, types.ModuleType):
             yield value.__name__
-            self.package(value)
+            if self.package(value) is None:  # all of it, where no code says what of it is read
+                for name in sorted(name for name in vars(value) if not name.startswith("__")):
+                    yield from (name, self.digest(vars(value)[name]))
         elif isinstance(value, types.CodeType):
             yield from self.code(value)
         elif inspect.ismethod(value):
@@ -125,7 +133,7 @@ class _Walk:
             for name, part in self.around(value):
                 yield from (name, self.digest(part))
         elif isinstance(value, type) and self.package(value) is None:
-            yield from (value.__qualname__, *map(self.digest, value.__bases__))
+            yield from (value.__qualname__, *map(self.digest, (type(value), *value.__bases__)))
             for name in sorted(vars(value).keys() - NOT_OF_A_CLASS):
                 yield from (name, self.digest(vars(value)[name]))
         elif isinstance(value, type) or (callable(value) and hasattr(value, "__qualname__")):
@@ -144,7 +152,8 @@ class _Walk:
         pickle would keep. Raises NoFingerprint.
         """
         if is_dataclass(value):
-            has = {field.name: getattr(value, field.name, None) for field in fields(value)}
+            held = {name: one for name, one in getattr(value, "__dict__", {}).items() if not _kept_for_later(type(value), name)}
+            has = held | {field.name: getattr(value, field.name, None) for field in fields(value)}
         elif isinstance(value, enum.Enum):
             has = {"name": value.name, "value": value.value}
         elif isinstance(value, property):
@@ -169,7 +178,7 @@ class _Walk:
 
     def digest_of_code(self, function: types.FunctionType) -> str:
         """Digest of a function's code and defaults, without what is around them."""
-        self.versions["python"] = PYTHON
+        self.versions["python"] = version_of("python")
         return self.digest([function.__code__, function.__defaults__, function.__kwdefaults__])
 
     def code(self, code: types.CodeType) -> Iterator[str | bytes]:
@@ -181,14 +190,15 @@ class _Walk:
         yield from map(self.digest, code.co_consts[first:])
 
     def around(self, function: types.FunctionType) -> Iterator[tuple[str, Any]]:
-        """Variables closed over and globals that the function's code, and code within it, reads, by name."""
-        for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
-            try:
-                yield name, cell.cell_contents
-            except ValueError:  # not set yet
-                yield name, None
+        """Attributes of a function, variables closed over and globals that its code, and code within it, reads, by name."""
+        yield from _given(function)
         every = list(codes(function.__code__))
         names = sorted({name for code in every for name in code.co_names})
+        for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+            try:
+                yield from self.named(name, cell.cell_contents, names)
+            except ValueError:  # not set yet
+                yield name, None
         steps = [step for code in every for step in dis.get_instructions(code)]
         for name in sorted({step.argval for step in steps if step.opname in ("LOAD_GLOBAL", "LOAD_NAME")}):
             if name in function.__globals__:
@@ -201,35 +211,37 @@ class _Walk:
                 except ImportError:
                     pass
 
-    def named(self, name: str, value: Any, names: list[str], depth: int = 0) -> Iterator[tuple[str, Any]]:
-        """Name and value; of a module that is not installed, those of what the code names in it."""
-        if not isinstance(value, types.ModuleType) or self.package(value) is not None or depth > 8:
+    def named(self, name: str, value: Any, names: list[str], above: tuple[int, ...] = ()) -> Iterator[tuple[str, Any]]:
+        """Name and value; of a module those of what the code names in it. Of one that is installed this is what was put there
+        since: its own functions count by its version.
+        """
+        if not isinstance(value, types.ModuleType) or BY_WORDS & {*names}:
             yield name, value
             return
+        installed = self.package(value) is not None
+        if installed:
+            yield name, value
         for inner in names:
-            if inner in vars(value):
-                yield from self.named(f"{name}.{inner}", vars(value)[inner], names, depth + 1)
+            part = vars(value).get(inner, ABSENT)
+            if isinstance(part, types.ModuleType):
+                if id(part) not in above:
+                    yield from self.named(f"{name}.{inner}", part, names, (*above, id(value)))
+            elif part is not ABSENT and (not installed or self.put_there(part)):
+                yield f"{name}.{inner}", part
+
+    def put_there(self, value: Any) -> bool:
+        """Whether what stands in an installed module is a number or a tensor, or of no package."""
+        if isinstance(value, (*PLAIN, Tensor, list, tuple)):
+            return True
+        code = callable(value) and hasattr(value, "__name__")
+        return not isinstance(value, dict) and self.package(value if code else type(value)) is None
 
     def package(self, value: Any) -> str | None:
-        """Name of the installed package that a module, class or function belongs to; None where it belongs to none."""
-        name = value.__name__ if isinstance(value, types.ModuleType) else getattr(value, "__module__", None)
-        if name is None:  # of what is built in: that of its type
-            owner = next((o for o in (getattr(value, a, None) for a in ("__self__", "__objclass__")) if o is not None), value)
-            named = owner if isinstance(owner, (type, types.ModuleType)) else type(owner)
-            name = named.__name__ if isinstance(named, types.ModuleType) else named.__module__
-        top = (name or "").split(".")[0]
-        if top == builtins.__name__ or (top in sys.stdlib_module_names and top != "__main__"):
-            self.versions["python"] = PYTHON
-            return "python"
-        module = sys.modules.get(top)
-        file = getattr(module, "__file__", None) or next(iter(getattr(module, "__path__", ())), "")
-        if not (top == HERE or INSTALLED & set(str(file).split(os.sep))):
-            return None
-        try:
-            self.versions[top] = version(top).split("+")[0]
-        except PackageNotFoundError:
-            self.versions[top] = str(getattr(module, "__version__", "unknown"))
-        return top
+        """See `package`; its version counts from here on."""
+        found = package(value)
+        if found is not None and found not in self.versions:
+            self.versions[found] = version_of(found)
+        return found
 
 
 def _unwrapped(value: Any) -> Any:
@@ -245,6 +257,20 @@ def _unwrapped(value: Any) -> Any:
             value = value()
         else:
             return value
+
+
+def _about(value: Any) -> Iterator[tuple[str, Any]]:
+    """Attributes that were given to the cache or method about a function."""
+    while isinstance(value, (functools._lru_cache_wrapper, staticmethod, classmethod)):
+        yield from _given(value)
+        value = value.__wrapped__ if isinstance(value, functools._lru_cache_wrapper) else value.__func__
+
+
+def _given(value: Any) -> Iterator[tuple[str, Any]]:
+    """Attributes that a function, or what is about it, was given."""
+    for name, one in sorted(getattr(value, "__dict__", {}).items()):
+        if not name.startswith("__"):
+            yield f"attribute {name}", one
 
 
 def _loaded(code: types.CodeType) -> set[int]:

@@ -60,6 +60,8 @@ class Tree:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        if cls.__module__.startswith("torchbeam."):
+            torch.serialization.add_safe_globals([cls])  # fields alone: torch.load(weights_only=True) takes them
         cls.called = vars(cls).get("called", cls.__name__)
         if "__eq__" not in vars(cls):  # else a dataclass compares tensors, whose answer is a tensor
             cls.__eq__, cls.__hash__ = object.__eq__, object.__hash__
@@ -215,6 +217,17 @@ def functions(tree: Any) -> list[Leaf]:
 def detached(tree: Any) -> Any:
     """The tree without gradient."""
     return map_leaves(lambda value, axes: value.detach() if isinstance(value, Tensor) else value, tree)
+
+
+def sent(tree: Any, *args: Any, **kwargs: Any) -> Any:
+    """The tree with all tensors on another device, or the floating ones in another dtype: arguments of `Tensor.to`."""
+    def to(value: Any, axes: int | None) -> Any:
+        if not isinstance(value, Tensor):
+            return value
+        moved = value.to(*args, **kwargs)
+        return moved if value.is_floating_point() else moved.to(value.dtype)
+
+    return map_leaves(to, tree)
 
 
 def bound(tree: Any, dtype: torch.dtype, device: torch.device) -> Any:

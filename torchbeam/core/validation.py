@@ -78,6 +78,9 @@ def real(value: Tensor) -> Tensor:
 class Plain(np.ndarray):
     """Python numbers as an array: they take the dtype of what they meet, where another array of NumPy has its own."""
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return numbers, (self.tolist(), "fiuc")
+
 
 def numbers(value: Value, kinds: str = "fiu") -> Plain:
     """Python or NumPy numbers as a new array of double precision; of the `kinds` of NumPy's dtypes, "c" for complex ones.
@@ -90,6 +93,9 @@ def numbers(value: Value, kinds: str = "fiu") -> Plain:
     if array.dtype.kind not in kinds or not array.size or any(isinstance(leaf, BOOLEANS) for leaf in scalars(value)):
         raise ValueError(f"{shown(value)} was given; numbers or a tensor are wanted")
     return array.astype(np.complex128 if array.dtype.kind == "c" else np.float64, order="C").view(Plain)
+
+
+torch.serialization.add_safe_globals([numbers])
 
 
 def shown(value: Any) -> str:

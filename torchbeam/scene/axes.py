@@ -11,20 +11,25 @@ from ..math.quadratic import at_points, threes
 from .curve import transported
 
 STEEP = 0.99  # cosine between a beam and frame a's z, from which on its z axis is looked for elsewhere
+PARALLEL = 1e-6  # sine between two directions, up to which they are one
 HALF_WAY = 0.5  # of an element's chord: twice as far may its midside node be off the middle
 
 
-def axes_along(direction: Tensor, up: Tensor) -> Tensor:
-    """Columns x along `direction`, z along `up` made square to it, y = z x x: (..., 3, 3).
+def axes_along(direction: Tensor, up: Tensor | None) -> Tensor:
+    """Columns x along `direction`, z along `up` made square to it, y = z x x: (..., 3, 3). None = frame a's z (y, where
+    `direction` is along z itself).
 
     Raises ValueError where `up` is parallel to `direction` or either is zero.
     """
-    direction, up = torch.broadcast_tensors(direction, up)
     length = positive("the length of direction", torch.linalg.vector_norm(direction, dim=-1, keepdim=True))
     x = direction / length
+    if up is None:
+        y, z = x.new_tensor([0.0, 1, 0]), x.new_tensor([0.0, 0, 1])
+        up = torch.where(torch.linalg.vector_norm(x[..., :2], dim=-1, keepdim=True) <= PARALLEL, y, z)
+    x, up = torch.broadcast_tensors(x, up)
     across = up - (up * x).sum(-1, keepdim=True) * x
     size = torch.linalg.vector_norm(across, dim=-1, keepdim=True)
-    if concrete(size <= 1e-6 * torch.linalg.vector_norm(up, dim=-1, keepdim=True)).any():
+    if concrete(size <= PARALLEL * torch.linalg.vector_norm(up, dim=-1, keepdim=True)).any():
         raise ValueError("an up vector parallel to the beam's direction was given; one that leaves it is wanted")
     z = across / size
     return torch.stack((x, torch.linalg.cross(z, x), z), -1)

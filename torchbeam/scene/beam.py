@@ -108,7 +108,7 @@ class Beam(Tree):
         elements: int,
         section: Sections,
         direction: Value = (1.0, 0.0, 0.0),
-        up: Value = (0.0, 0.0, 1.0),
+        up: Value | None = None,
         root: Value = (0.0, 0.0, 0.0),
         twist: Value | Callable[[Tensor], Tensor] | None = None,
         order: int = 1,
@@ -118,7 +118,8 @@ class Beam(Tree):
         length     (...) m
         section    one `Section`; a sequence of one per element; or a function of the arc length s (..., m) m that gives one
                    `Section` with a last batch axis m: a taper, or `Stations`
-        direction  (..., 3) of the beam, frame a;  up (..., 3): the section's z axis is `up` made square to it
+        direction  (..., 3) of the beam, frame a;  up (..., 3): the section's z axis is `up` made square to it; None = frame a's
+                   z (y, where the beam runs along z)
         root       (..., 3) m, position of node 0, frame a
         twist      rad by which the section axes at rest are turned about the beam: a number (...) for that of the tip, growing
                    evenly from none at the root; or a function of s (..., m) m that gives (..., m), a `Table` for one
@@ -153,7 +154,7 @@ class Beam(Tree):
         section: Sections,
         curvature: Value | Callable[[Tensor], Tensor],
         direction: Value = (1.0, 0.0, 0.0),
-        up: Value = (0.0, 0.0, 1.0),
+        up: Value | None = None,
         root: Value = (0.0, 0.0, 0.0),
         order: int = 1,
     ) -> Beam:
@@ -236,7 +237,7 @@ class Beam(Tree):
         elements: int,
         section: Sections,
         direction: Value = (1.0, 0.0, 0.0),
-        up: Value = (0.0, 0.0, 1.0),
+        up: Value | None = None,
         root: Value = (0.0, 0.0, 0.0),
         order: int = 1,
     ) -> Beam:

@@ -35,14 +35,16 @@ def check_order(order: int) -> int:
     return order
 
 
-def placed(section: Sections, direction: Value, up: Value, root: Value, **sizes: Value
+def placed(section: Sections, direction: Value, up: Value | None, root: Value, **sizes: Value
             ) -> tuple[list[Tensor], Tensor, Tensor]:
     """Arguments common to beams that start at a root: sizes by name, positive (those whose name begins with _ only take part in
     the dtype); axes (..., 3, 3) of the root; its position (..., 3).
     """
-    dtype, device = dtype_with(section, direction, up, root, *(x for x in sizes.values() if not callable(x) and x is not None))
+    given = (direction, up, root, *sizes.values())
+    dtype, device = dtype_with(section, *(x for x in given if not callable(x) and x is not None))
     values = [positive(name, as_tensor(x, dtype, device)) for name, x in sizes.items() if not name.startswith("_")]
-    direction, up, root = (finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
+    direction, up, root = (None if value is None and name == "up" else
+                           finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
                            for name, value in (("direction", direction), ("up", up), ("root", root)))
     return values, axes_along(direction, up), root
 

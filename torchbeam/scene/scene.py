@@ -11,7 +11,7 @@ import torch
 from ..core.arguments import boolean, choice, instance, listed
 from ..core.arguments import function as check_function
 from ..core.derivatives import cached
-from ..core.leaves import Tree, batch_shapes, bound, own_leaves
+from ..core.leaves import Tree, batch_shapes, bound, own_leaves, sent
 from ..core.summary import kind, lines
 from ..core.validation import as_tensor, axis_last, broadcast, precision, shown
 from .beam import Beam
@@ -83,6 +83,17 @@ class Scene(Tree):
             "small displacements and rotations" if self.small else "in 3D" if self.plane is None else f"plane {self.plane!r}")
         return lines("Scene", repr(self.beam), f"effects: {', '.join(_where(e, nodes) for e in self.effects) or 'none'}",
                      "supports: " + (", ".join(held) or "none, free"), moving, kind(self.batch_shape, self.beam.nodes))
+
+    def to(self, *args: Any, **kwargs: Any) -> Scene:
+        """On another device, or in another floating dtype, as `Tensor.to`; differentiable. What functions close over stays.
+
+        Raises ValueError for a dtype that is neither float32 nor float64.
+        """
+        scene = sent(self, *args, **kwargs)
+        precision(scene.dtype)
+        if self.supports.given is not None:
+            scene.supports.given = sent(self.supports.given, *args, **kwargs)
+        return scene
 
     @cached
     def loads(self) -> tuple[Effect, ...]:
@@ -201,8 +212,11 @@ class Scene(Tree):
         for name in sizes:
             if name not in given:
                 raise ValueError(f"the input {name!r} is missing; the scene wants {', '.join(sizes)}")
-        found = {name: axis_last(f"input {name!r}", as_tensor(value, dtype, device), sizes[name])
-                 for name, value in given.items()}
+        found = {}
+        for name, value in given.items():
+            value = as_tensor(value, dtype, device)
+            value = value[None] if value.ndim == 0 and sizes[name] == 1 else value  # a number for an input of one
+            found[name] = axis_last(f"input {name!r}", value, sizes[name])
         if found:
             broadcast("a scene and inputs", self.batch_shape, *(value.shape[:-1] for value in found.values()))
         return found
@@ -217,6 +231,9 @@ class NodeSupports(tuple):
     """Supports by node; `given` is what they were found from, so that `dataclasses.replace` finds them afresh."""
 
     given: Iterable[Support] | None = None
+
+
+torch.serialization.add_safe_globals([NodeSupports])
 
 
 def merge_inputs(inputs: Any, more: dict[str, Any]) -> dict[str, Any]:

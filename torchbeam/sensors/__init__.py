@@ -15,12 +15,12 @@ from ..core.entry_point import entry_points
 from .acceleration import NodeAcceleration
 from .along import Curvature, Gauge, Strain, Stress
 from .node import Angles, NodePosition, NodeRotation, NodeVelocity, Spin, TipPosition, TipVelocity
-from .root import Reaction, RootForce, RootMoment, RootReaction
+from .root import Reaction, RootForce, RootMoment, RootReaction, RootSpringLoad
 from .sensor import Component, Sensor, Stack
 
 __all__ = [
     "Angles", "Component", "Curvature", "Gauge", "NodeAcceleration", "NodePosition", "NodeRotation", "NodeVelocity",
-    "Reaction", "RootForce", "RootMoment", "RootReaction", "Sensor", "Spin", "Stack", "Strain", "Stress",
+    "Reaction", "RootForce", "RootMoment", "RootReaction", "RootSpringLoad", "Sensor", "Spin", "Stack", "Strain", "Stress",
     "TipPosition", "TipVelocity",
 ]
 

@@ -30,7 +30,8 @@ from .sensor import XYZ
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NodeAcceleration(_OfNode):
-    """Acceleration (..., 3) m/s^2 of a node, in the axes of frame a, at the instant of the state: of its positions,
+    """Acceleration (..., 3) m/s^2 of a node against inertial space, in the axes of frame a: not what an accelerometer reads,
+    unless `proper` says so (a beam at rest under its weight has none). At the instant of the state: of its positions,
     velocities and loads at that time, by the nodal form's own mass,
 
         M a = loads - internal forces (strain and strain rate) - what the spin makes of masses off the axis
@@ -40,7 +41,8 @@ class NodeAcceleration(_OfNode):
 
     scene   whose loads act;  inputs  by name, (..., size), where the scene has some
     body    in the axes of the node's section
-    proper  less gravity g (..., 3) m/s^2, in the axes of frame a at that instant: what an accelerometer reads; None = not
+    proper  less gravity g (..., 3) m/s^2, in inertial axes as in `Gravity`, which turn against a frame that turns: what an
+            accelerometer reads; None = not
     lumped  as in `Stepper`
 
     Raises ValueError for a scene that the nodal form does not take, an infinite stiffness (the acceleration then follows from
@@ -77,7 +79,8 @@ class NodeAcceleration(_OfNode):
         if state.t.ndim > 1 and _trajectory(state.t):  # at each instant the loads are asked for once
             return torch.stack([self.read(state[k]) for k in range(len(state.t))])
         a = self.solve(state)[..., self.node, :]
-        a = a if self.proper is None else a - self.proper
+        if self.proper is not None:
+            a = a - (self.proper if state.frame is None else quat.rotate(quat.conjugate(state.frame), self.proper))
         return quat.rotate(quat.conjugate(state.rotation[..., self.node, :]), a) if self.body else a
 
     def solve(self, state: State) -> Tensor:

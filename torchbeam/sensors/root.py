@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ..core.arguments import whole
+from ..core.arguments import instance, whole
+from ..core.functions_of_time import shared
+from ..nodal.discretise import discretise
+from ..nodal.loads import Nodes, external
+from ..nodal.model import Model
+from ..scene.effects import RootSpring
+from ..scene.scene import Scene
 from ..state.state import State
 from .sensor import XYZ, Sensor
 
@@ -72,3 +78,37 @@ class Reaction(Sensor):
             raise ValueError(f"a state of type {type(state).__name__}, which has the load of the root alone, was given to "
                              "Reaction; RootReaction reads it")
         return torch.cat(tuple(state.reaction_of(self.support)), -1)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RootSpringLoad(Sensor):
+    """Force and moment (..., 6) N and N m of an elastic clamp (`RootSpring`) on the beam, frame a, at the instant of the state:
+    what `RootReaction` is of a clamp. Such a scene has no support whose reaction a state could hold.
+
+    Raises ValueError for a scene without a RootSpring, or a state of another form.
+    """
+
+    scene: Scene
+    model: Model = field(init=False)
+    name = "load of the root spring"
+    unit = "N, N m"
+    labels = RootReaction.labels
+
+    def __post_init__(self) -> None:
+        instance("a scene", self.scene, Scene)
+        if not self._springs:
+            raise ValueError("a scene without a RootSpring was given to RootSpringLoad; one with it is wanted")
+        object.__setattr__(self, "model", discretise(self.scene))
+
+    @property
+    def _springs(self) -> tuple[RootSpring, ...]:
+        return tuple(load for load in self.scene.loads if isinstance(load, RootSpring))
+
+    def read(self, state: Any) -> Tensor:
+        if not isinstance(state, State):
+            raise ValueError(f"a {type(state).__name__} was given to RootSpringLoad; a State of the nodal form is wanted")
+        space, t = self.model.space, shared(state.t)
+        state = space.to_reduced(state)
+        nodes = Nodes(state.position, state.rotation, state.velocity, space.to_frame(state.rotation, state.spin), state.frame,
+                      state.internal)
+        return space.embed(external(self.model, nodes, t, {}, self._springs)[..., 0, :])

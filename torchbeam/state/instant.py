@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.entry_point import entry_point
-from ..core.leaves import Tree, batch_shapes, map_leaves
+from ..core.leaves import Tree, batch_shapes, map_leaves, sent
 from ..core.summary import kind, lines, point, span, statuses
 from ..core.validation import shown
 
@@ -94,11 +94,7 @@ class TensorFields(Tree):
 
     def to(self, *args: Any, **kwargs: Any) -> Any:
         """On another device, or in another floating dtype: a status stays a whole number."""
-        def moved(x: Tensor) -> Tensor:
-            found = x.to(*args, **kwargs)
-            return found if x.is_floating_point() else found.to(x.dtype)
-
-        return self.map(moved)
+        return sent(self, *args, **kwargs)
 
     @classmethod
     def stack(cls, states: list) -> Any:

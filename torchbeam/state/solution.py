@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
@@ -124,3 +125,6 @@ class Solution:
     def status(self) -> Tensor:
         """(...) per sample: 0 = success."""
         return self.states.status[-1]
+
+
+torch.serialization.add_safe_globals([Energy, Event, Stats, Solution])

@@ -198,6 +198,3 @@ def with_optional_fields(state: State, scene: Any) -> State:
     if sizes and state.internal is None:
         state = replace(state, internal=state.position.new_zeros(*state.batch_shape, sizes))
     return state
-
-
-torch.serialization.add_safe_globals([State])

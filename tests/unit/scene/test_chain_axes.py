@@ -102,3 +102,12 @@ def test_refused():
         tb.Beam.from_nodes([[0.0, 0, 0], [1, 0, 0]], ROUND, frames=torch.eye(3)[None], up=(0.0, 0, 1))
     with pytest.raises(ValueError, match="parallel to the beam's direction"):
         tb.Beam.from_nodes([[0.0, 0, 0], [1, 0, 0]], ROUND, up=(1.0, 0, 0))
+
+
+def test_a_beam_along_z_without_up():
+    """Its section's z axis is frame a's y, as it is of `from_nodes`; of a batch, in each sample that runs along z."""
+    section = tb.Section.rectangle(0.03, 0.002, E=69e9, nu=0.33, rho=2700.0)
+    both = tb.Beam.straight(1.0, 2, section, direction=torch.tensor([[0.0, 0, -2], [1.0, 0, -2]]))
+    for k, up in enumerate(((0.0, 1, 0), (0.0, 0, 1))):
+        alone = tb.Beam.straight(1.0, 2, section, direction=((0.0, 0, -2), (1.0, 0, -2))[k], up=up)
+        torch.testing.assert_close(both.frames[k], alone.frames, rtol=0, atol=1e-15)

@@ -360,3 +360,27 @@ def test_refused(name):
     call, sentence = CASES[name]
     with pytest.raises(ValueError, match=sentence):
         call()
+
+
+def test_proper_acceleration_in_a_frame_that_turns():
+    """A free beam without strain falls: an accelerometer on it reads nothing, however far frame a has turned since t = 0."""
+    g = torch.tensor([3.0, -9.81, 1.0])
+    scene = tb.Scene(BEAM, [tb.Gravity(g)], frame=tb.Frame(angular_velocity=(0, 0, 3.0)), supports=())
+    state = tb.rest(scene, t=0.4)
+    assert_close(s.NodeAcceleration(-1, scene, proper=g)(state), torch.zeros(3), rtol=0, atol=1e-9)
+    assert (s.NodeAcceleration(-1, scene)(state) - g).abs().max() > 1.0  # in the axes of frame a
+
+
+@pytest.mark.parametrize("plane", [None, "xz"])
+def test_load_of_an_elastic_clamp(plane):
+    """In equilibrium it bears the tip force, and its moment about the root: of a soft clamp whose beam has turned."""
+    force = torch.tensor([0.0, 0.0, 0.5])
+    scene = tb.Scene(BEAM, [tb.TipLoad(force=force), tb.RootSpring((1e3, 20.0))], plane=plane)
+    state = tb.equilibrium(scene, tolerance=1e-12)
+    load = s.RootSpringLoad(scene)(state)
+    assert_close(load[:3], -force, rtol=0, atol=1e-8)
+    arm = state.tip.position - state.position[0]
+    assert_close(load[3:], -torch.linalg.cross(arm, force), rtol=0, atol=1e-8)
+    assert s.RootSpringLoad(scene)(tb.State.stack([state, state])).shape == (2, 6)
+    with pytest.raises(ValueError, match="a scene without a RootSpring"):
+        s.RootSpringLoad(tb.Scene(BEAM))

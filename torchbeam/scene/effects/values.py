@@ -33,6 +33,9 @@ class Input(Placeholder):
         count("size", self.size)
 
 
+torch.serialization.add_safe_globals([Input])
+
+
 class ByPlace(Tree):
     """A line load's value that differs from site to site: it is asked for the sites (..., sites, 3) with the arclengths s
     (..., sites) at time t, of a beam of so many elements.

@@ -1,0 +1,420 @@
+"""Ways in which a function holds a number: a run of another number is never answered from the folder of the first.
+
+Each way gives a function, of theta times its number, and what puts another number there.
+"""
+
+import dataclasses
+import functools
+import math
+import types
+
+import pytest
+import torch
+
+import torchbeam as tb
+
+WAYS = {}
+
+
+def way(give):
+    WAYS[give.__name__] = give
+    return give
+
+
+def module_of(code, **numbers):
+    """A user's module from its source."""
+    module = types.ModuleType("users")
+    exec(code, vars(module))
+    vars(module).update(numbers)
+    return module
+
+
+class Spring:
+    k = 2.0
+
+    def __init__(self, k=2.0):
+        self.k = k
+
+    def __call__(self, theta):
+        return self.k * theta.sum(-1)
+
+    def force(self, theta):
+        return self.k * theta.sum(-1)
+
+    @property
+    def twice(self):
+        return 2 * self.k
+
+
+class Slotted:
+    __slots__ = ("k",)
+
+    def __call__(self, theta):
+        return self.k * theta.sum(-1)
+
+
+@dataclasses.dataclass
+class Record:
+    k: float = 2.0
+
+    def __call__(self, theta):
+        return self.k * getattr(self, "factor", 1.0) * theta.sum(-1)
+
+
+class Network(torch.nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.weight = torch.nn.Parameter(torch.full((2,), 2.0, dtype=torch.float64))
+        self.register_buffer("shift", torch.ones(2, dtype=torch.float64))
+        self.k = 2.0
+
+    def forward(self, theta):
+        return self.k * (self.weight * theta + self.shift).sum(-1).detach()
+
+
+class Table(dict):
+    """A dictionary with attributes."""
+
+
+class Scale(float):
+    """A number with a method."""
+
+
+@way
+def closure():
+    k = 2.0
+
+    def function(theta):
+        return k * theta.sum(-1)
+
+    def change():
+        nonlocal k
+        k = 3.0
+
+    return function, change
+
+
+@way
+def list_in_a_closure():
+    k = [2.0]
+    return lambda theta: k[0] * theta.sum(-1), lambda: k.__setitem__(0, 3.0)
+
+
+@way
+def dictionary_in_a_closure():
+    k = {"k": 2.0}
+    return lambda theta: k["k"] * theta.sum(-1), lambda: k.update(k=3.0)
+
+
+@way
+def tensor_written_in_place():
+    k = torch.tensor(2.0)
+    return lambda theta: k * theta.sum(-1), lambda: k.fill_(3.0)
+
+
+@way
+def attribute_of_a_tensor():
+    x = torch.tensor(1.0)
+    x.k = 2.0
+    return lambda theta: x.k * theta.sum(-1), lambda: setattr(x, "k", 3.0)
+
+
+@way
+def default():
+    def function(theta, k=(2.0,)):
+        return k[0] * theta.sum(-1)
+
+    return function, lambda: setattr(function, "__defaults__", ((3.0,),))
+
+
+@way
+def keyword_default():
+    def function(theta, *, k=2.0):
+        return k * theta.sum(-1)
+
+    return function, lambda: setattr(function, "__kwdefaults__", {"k": 3.0})
+
+
+@way
+def global_():
+    names = vars(module_of("k = 2.0\ndef function(theta):\n    return k * theta.sum(-1)"))
+    return names["function"], lambda: names.update(k=3.0)
+
+
+@way
+def global_of_a_namespace_without_a_name():
+    names = {}
+    exec("k = 2.0\nclass Of:\n    def __call__(self, theta):\n        return k * theta.sum(-1)", names)
+    return names["Of"](), lambda: names.update(k=3.0)
+
+
+@way
+def attribute_of_a_function():
+    def function(theta):
+        return function.k * theta.sum(-1)
+
+    function.k = 2.0
+    return function, lambda: setattr(function, "k", 3.0)
+
+
+@way
+def attribute_of_another_function():
+    def other(theta):
+        return theta.sum(-1)
+
+    other.k = 2.0
+    return lambda theta: other.k * other(theta), lambda: setattr(other, "k", 3.0)
+
+
+@way
+def attribute_of_a_cached_function():
+    @functools.lru_cache
+    def other():
+        return 1.0
+
+    other.k = 2.0
+    functions = [other]
+    return lambda theta: functions[0].k * theta.sum(-1), lambda: setattr(other, "k", 3.0)
+
+
+@way
+def attribute_of_a_method():
+    class Of:
+        def __call__(self, theta):
+            return Of.__call__.k * theta.sum(-1)
+
+    Of.__call__.k = 2.0
+    return Of(), lambda: setattr(Of.__call__, "k", 3.0)
+
+
+@way
+def nested_function():
+    k = [2.0]
+
+    def function(theta):
+        def inner(x):
+            return k[0] * x
+        return inner(theta).sum(-1)
+
+    return function, lambda: k.__setitem__(0, 3.0)
+
+
+@way
+def wrapped_function():
+    k = [2.0]
+
+    def inner(theta):
+        return k[0] * theta.sum(-1)
+
+    @functools.wraps(inner)
+    def function(theta):
+        return inner(theta)
+
+    return function, lambda: k.__setitem__(0, 3.0)
+
+
+@way
+def attribute_of_an_object():
+    spring = Spring()
+    return spring, lambda: setattr(spring, "k", 3.0)
+
+
+@way
+def bound_method():
+    spring = Spring()
+    return spring.force, lambda: setattr(spring, "k", 3.0)
+
+
+@way
+def property_of_an_object():
+    spring = Spring()
+    return lambda theta: spring.twice * theta.sum(-1), lambda: setattr(spring, "k", 3.0)
+
+
+@way
+def slot():
+    slotted = Slotted()
+    slotted.k = 2.0
+    return slotted, lambda: setattr(slotted, "k", 3.0)
+
+
+@way
+def attribute_of_a_class():
+    class Of:
+        k = 2.0
+
+        def __call__(self, theta):
+            return self.k * theta.sum(-1)
+
+    return Of(), lambda: setattr(Of, "k", 3.0)
+
+
+@way
+def attribute_of_a_metaclass():
+    class Meta(type):
+        k = 2.0
+
+    class Of(metaclass=Meta):
+        pass
+
+    return lambda theta: Of.k * theta.sum(-1), lambda: setattr(Meta, "k", 3.0)
+
+
+@way
+def class_method():
+    class Of:
+        k = 2.0
+
+        @classmethod
+        def function(cls, theta):
+            return cls.k * theta.sum(-1)
+
+    return Of.function, lambda: setattr(Of, "k", 3.0)
+
+
+@way
+def field_of_a_dataclass():
+    record = Record()
+    return record, lambda: setattr(record, "k", 3.0)
+
+
+@way
+def attribute_of_a_dataclass():
+    record = Record()
+    record.factor = 2.0
+    return record, lambda: setattr(record, "factor", 3.0)
+
+
+@way
+def attribute_of_a_dictionary():
+    table = Table()
+    table.k = 2.0
+    return lambda theta: table.k * theta.sum(-1), lambda: setattr(table, "k", 3.0)
+
+
+@way
+def attribute_of_a_number():
+    scale = Scale(1.0)
+    scale.k = 2.0
+    return lambda theta: scale.k * theta.sum(-1), lambda: setattr(scale, "k", 3.0)
+
+
+@way
+def simple_namespace():
+    space = types.SimpleNamespace(k=2.0)
+    return lambda theta: space.k * theta.sum(-1), lambda: setattr(space, "k", 3.0)
+
+
+@way
+def argument_of_a_partial():
+    k = {"k": 2.0}
+    return functools.partial(lambda theta, k: k["k"] * theta.sum(-1), k=k), lambda: k.update(k=3.0)
+
+
+@way
+def attribute_of_a_partial():
+    function = functools.partial(lambda theta: function.k * theta.sum(-1))
+    function.k = 2.0
+    return function, lambda: setattr(function, "k", 3.0)
+
+
+@way
+def dispatched_function():
+    @functools.singledispatch
+    def other(x):
+        return x
+
+    other.register(torch.Tensor, lambda x: 2 * x)
+    return lambda theta: other(theta.sum(-1)), lambda: other.register(torch.Tensor, lambda x: 3 * x)
+
+
+@way
+def module():
+    users = module_of("", k=2.0)
+    return lambda theta: users.k * theta.sum(-1), lambda: setattr(users, "k", 3.0)
+
+
+@way
+def global_of_a_function_of_a_module():
+    users = module_of("k = 2.0\ndef function(theta):\n    return k * theta.sum(-1)")
+    return lambda theta: users.function(theta), lambda: setattr(users, "k", 3.0)
+
+
+@way
+def module_by_a_word():
+    users = module_of("", k=2.0)
+    return lambda theta: getattr(users, "k") * theta.sum(-1), lambda: setattr(users, "k", 3.0)  # noqa: B009
+
+
+@way
+def module_in_a_list():
+    users = [module_of("", k=2.0)]
+    return lambda theta: users[0].k * theta.sum(-1), lambda: setattr(users[0], "k", 3.0)
+
+
+@way
+def attribute_put_on_torch():
+    torch.users_k = 2.0
+    return lambda theta: torch.users_k * theta.sum(-1), lambda: setattr(torch, "users_k", 3.0)
+
+
+@way
+def function_put_on_a_part_of_torch():
+    torch.linalg.users_k = lambda x: 2 * x
+    return lambda theta: torch.linalg.users_k(theta.sum(-1)), lambda: setattr(torch.linalg, "users_k", lambda x: 3 * x)
+
+
+@way
+def attribute_put_on_math():
+    math.users_k = 2.0
+    return lambda theta: math.users_k * theta.sum(-1), lambda: setattr(math, "users_k", 3.0)
+
+
+@way
+def parameter_of_a_network():
+    network = Network()
+    return network, lambda: network.weight.data.mul_(2)
+
+
+@way
+def buffer_of_a_network():
+    network = Network()
+    return network.forward, lambda: network.shift.mul_(2)
+
+
+@way
+def attribute_of_a_network():
+    network = Network()
+    return lambda theta: network(theta), lambda: setattr(network, "k", 3.0)
+
+
+@way
+def hook_of_a_network():
+    network = Network()
+    return network, lambda: network.register_forward_hook(lambda own, given, y: 2 * y)
+
+
+@pytest.fixture(autouse=True)
+def as_it_was():
+    yield
+    for place in (torch, torch.linalg, math):
+        vars(place).pop("users_k", None)
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_another_number(name, tmp_path):
+    """Unchanged: from the folder, which is not written to; changed: refused there, and another answer elsewhere."""
+    function, change = WAYS[name]()
+
+    def run(folder="there"):
+        return tb.monte_carlo(function, {"a": (0.0, 1.0), "b": (5.0, 6.0)}, 16, chunk=8, out=tmp_path / folder).y
+
+    def written():
+        return {path: path.stat().st_mtime_ns for path in (tmp_path / "there").rglob("*") if path.suffix == ".pt"}
+
+    first, files = run(), written()
+    assert files and torch.equal(run(), first) and written() == files
+    change()
+    with pytest.raises(ValueError, match="another function was given"):
+        run()
+    assert not torch.equal(run("elsewhere"), first)
