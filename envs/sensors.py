@@ -17,8 +17,17 @@ from torchbeam.sensors import Curvature, NodePosition, NodeVelocity, Sensor, Sta
 
 NAMES = ("tip", "middle", "gauges", "full")
 HIGH = {"displacement": 2, "velocity": 20, "curvature": 40, "rotation": np.pi, "spin": 200}
-PLANES = {None: (slice(0, 3), slice(0, 3), slice(1, 3)),  # components of vectors, of rotations, of bending
-          "xy": (slice(0, 2), slice(2, 3), slice(2, 3)), "xz": (slice(0, 3, 2), slice(1, 2), slice(1, 2))}
+PLANES = {None: slice(0, 3), "xy": slice(0, 2), "xz": slice(0, 3, 2)}  # components of vectors
+NORMAL = {"xy": 2, "xz": 1}
+
+
+def turns(rotation: Tensor, plane: str | None) -> tuple[slice, slice]:
+    """Components of rotations and of bending, in section axes rotation (..., N+1, 4): in a plane those about its normal."""
+    if plane is None:
+        return slice(0, 3), slice(1, 3)
+    axes = quat.matrix(rotation.detach().reshape(-1, *rotation.shape[-2:])[0, -1])
+    about = int(axes[NORMAL[plane]].abs().argmax())
+    return (slice(about, about + 1),) * 2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,14 +61,14 @@ class NodeMotions(Sensor):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        vector, turn, _ = PLANES[self.plane]
+        vector, (turn, _) = PLANES[self.plane], turns(self.start.rotation, self.plane)
         parts = (("displacement", vector), ("velocity", vector), ("rotation", turn), ("spin", turn))
         return tuple(f"node {i} {what} {axis}" for i in range(1, self.start.position.shape[-2])
                      for what, part in parts for axis in "xyz"[part])
 
     def read(self, state: Any) -> Tensor:
-        vector, turn, _ = PLANES[self.plane]
         start = self.start
+        vector, (turn, _) = PLANES[self.plane], turns(start.rotation, self.plane)
         moved = (state.position - start.position)[..., 1:, vector]
         turned = quat.logarithm(quat.multiply(quat.conjugate(start.rotation[..., 1:, :]), state.rotation[..., 1:, :]))
         turned = turned[..., turn]
@@ -143,7 +152,7 @@ def observed_parts(names: Sequence[str | Observed], beam: tb.Beam, plane: str | 
 
     beam, length (m), omega (rad/s; (1,) or (num_envs, 1)): of the usual beam.
     """
-    vector, turn, bending = PLANES[plane]
+    vector, (turn, bending) = PLANES[plane], turns(beam.frames, plane)
     d, r = (len(range(*part.indices(3))) for part in (vector, turn))
     speed = length * omega
 

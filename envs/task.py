@@ -80,7 +80,7 @@ class Task:
         self.omega = first_frequency(self.usual, self.length)[..., None]
         self.speed = self.length * self.omega
         self.gravity = self._in_plane(config.gravity)
-        self.vector = PLANES[self.plane][0]
+        self.vector = PLANES[self.plane]
         self.axes, self.lateral, self.force = self._across(config.force)
         drives = self.actuators() if config.actuators is None else config.actuators
         self.drives = tuple(drive.to(self.usual.nodes) for drive in drives)

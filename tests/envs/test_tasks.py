@@ -243,3 +243,19 @@ def test_a_version_keeps_its_numbers(id):
 
 def test_every_environment_has_its_numbers():
     assert set(EPISODES) == {id for id in gymnasium.registry if id.startswith("torchbeam/")}
+
+
+@pytest.mark.parametrize("up", [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)])
+def test_gauges_and_turns_of_a_plane_are_about_its_normal(up):
+    """However the section lies in it: the tip's turn that "full" reads last but one is that of its tangent in the plane, up to
+    the sign of the section's own axis, and the gauges' curvatures of the two elements (over 1/L) add up to it. To rounding."""
+    env = torchbeam_envs.TipReachVectorEnv(1, planar=True, up=up, sensors=("gauges", "full"), gravity=None, delay=0,
+                                           output="torch", force=(0.3,), reach=0.3, engine="eager", **SMALL)
+    env.reset(seed=0)
+    for _ in range(3):
+        observation = env.step(np.ones((1, 1)))[0][0]
+    along = env.state.beam.tip.rotation[0, :, 0]
+    angle = torch.atan2(along[1], along[0]).abs()
+    assert angle > 1e-3
+    read = torch.stack((observation[-2], (observation[2] + observation[3]) / 2)).abs()  # behind where the target is
+    torch.testing.assert_close(read, angle.expand(2), rtol=0, atol=1e-9)

@@ -32,6 +32,7 @@ READ = {"LOAD_ATTR", "LOAD_METHOD", "LOAD_SUPER_ATTR"}  # an attribute, by its n
 BY_WORDS = {"getattr", "hasattr", "vars", "__dict__", "attrgetter"}  # which attribute they read, code does not say
 OF_MODULES = {"_parameters", "_buffers", "_modules", "training", "_forward_hooks", "_forward_pre_hooks"}  # of torch.nn
 FILES = {"load", "fromfile", "loadtxt", "genfromtxt", "memmap"}
+PUT = (bool, int, float, complex, str, tuple, list, dict, Tensor)  # on modules
 ABSENT = object()
 SMALL = 64  # numbers of a tensor by which it is known
 LARGE = 4096  # numbers of an array of NumPy, that are looked at each time
@@ -149,6 +150,8 @@ class Surroundings:
                 self._buffers |= {id(x) for x in value.buffers()}
                 self._named.add("forward")
             self._class(type(value))
+        elif isinstance(value, types.ModuleType) and _of_package(value):
+            self._holders.append((name, value, set()))
         elif not (_of_package(value) or _of_numpy(value)):
             kind = "a module" if isinstance(value, types.ModuleType) else type(value).__name__
             raise Unsteady(f"{name!r} ({kind})")
@@ -193,7 +196,9 @@ class Surroundings:
                 own = {one: read for one, read in of_class(value)}
                 wanted = {one for one in own if one in self._named or one.startswith("__")}
             else:
-                own = {one: lambda value=value, one=one: _attribute(value, one) for one in _attributes(value)}
+                own = {one: lambda value=value, one=one: _attribute(value, one) for one in (
+                    _put_on(value, self._named) if isinstance(value, types.ModuleType) and _of_package(value)
+                    else _attributes(value))}
                 whole = not isinstance(value, types.ModuleType) and (
                     BY_WORDS & self._named or _of_package(type(value)) or _frozen(value))
                 wanted = {one for one in own if whole or one in self._named} | (OF_MODULES & own.keys())
@@ -276,6 +281,16 @@ def _followed(value: Any) -> bool:
         return True
     own = type(value).__module__.split(".")[0]
     return own == "__main__" or not (own in PACKAGES | {"numpy"} or own in sys.stdlib_module_names)
+
+
+def _put_on(module: types.ModuleType, names: set[str]) -> list[str]:
+    """Of what code names in a module of `PACKAGES` numbers, tensors and users' functions, which may be put there by anyone; and
+    modules in it, where the same may be so.
+    """
+    held = {one: vars(module)[one] for one in names & vars(module).keys()}
+    return [one for one, value in held.items() if isinstance(value, PUT) or (
+        isinstance(value, (types.FunctionType, types.ModuleType))
+        and _of_package(value) == isinstance(value, types.ModuleType))]
 
 
 def _attributes(value: Any) -> list[str]:

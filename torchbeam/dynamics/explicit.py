@@ -74,10 +74,11 @@ class ExplicitStepper:
         if begin.ndim:  # each sample's own
             begin, own = torch.zeros_like(self.dt), dict(begin=begin)
         span = torch.stack((begin, begin + self.dt))
+        start = replace(state, status=torch.where(moving, state.status, FAILED))  # who rests need not be on supports now
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # a status says it
             try:
-                run = simulate(self.scene, span, state, self.method, form=self.form, inputs=given, **self.options, **own)
+                run = simulate(self.scene, span, start, self.method, form=self.form, inputs=given, **self.options, **own)
             except AllFailed:
                 return replace(state, status=torch.where(moving, FAILED, state.status))
         good = moving & (run.status == 0)

@@ -170,7 +170,9 @@ class GeneralizedAlphaMethod(Method):
 
     def begin(self, state: State, model: Model, dt: Tensor, trial: Callable[[State], State]) -> AlphaState:
         if isinstance(state, AlphaState):
-            return state
+            if state.acceleration.shape[-1] == 2 * model.space.unknowns:
+                return state
+            state = state.plain()  # it remembers in the coordinates of another space, of a plane or not
         after = trial(state)
         reduced = map(model.space.to_reduced, (state, after))
         before, end = (model.strain(model.kinematics(s.position, s.rotation)) for s in reduced)

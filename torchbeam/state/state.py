@@ -184,9 +184,12 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
 
 
 def with_optional_fields(state: State, scene: Any) -> State:
-    """With an orientation of frame a and internal states of loads, where the scene wants them and the state has none. Raises
-    ValueError where it has others.
+    """With an orientation of frame a and internal states of loads, where the scene wants them and the state has none; with as
+    many reactions as the scene has supports, zero where the state has those of others. Raises ValueError where it has other
+    orientations or internal states.
     """
+    if state.reaction.shape[-2] != len(scene.supports):
+        state = replace(state, reaction=state.reaction.new_zeros(*state.reaction.shape[:-2], len(scene.supports), 6))
     if state.frame is not None and not turning(scene):
         raise ValueError("a state whose frame has turned was given for a scene whose frame does not turn; one of a scene with "
                          "such a frame is wanted")

@@ -13,6 +13,7 @@ from ..core.leaves import Tree, leaf
 from ..dynamics.step_element import ElementBalance
 from ..nodal import loads as external
 from ..nodal.balance import ChainTangent, Linearisation, Residual, largest, restrained_forces, size_of_strain
+from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Space
 from ..nodal.frame import FixedFrame
 from ..nodal.loads import STEADY, Nodes
@@ -77,6 +78,11 @@ class SteadyProblem(Tree):
         rotation = space.normalize(space.multiply(turn, x.rotation))
         return Configuration(x.position + move[..., :space.position], rotation, x.stress + dstress)
 
+    @cached
+    def rounding(self) -> Tensor:
+        """See `rounding_stress`."""
+        return rounding_stress(self.model)
+
     def nodes(self, x: Configuration) -> Nodes:
         velocity, spin = self.velocity(x)
         nodes = Nodes(x.position, x.rotation, velocity, spin, self.orientation, **self.frame.steady_acceleration(velocity))
@@ -129,7 +135,8 @@ class SteadyProblem(Tree):
         model, own, h = self.model, self.eigenstrain, self.model.length
         x = self.apply_supports(x)
         load, element = self.load(x), self.element_balance(x)
-        sizes = largest(model.space.position, h, element.forces, load, restrained_forces(model, element.acting, own, h))
+        sizes = largest(model.space.position, h, element.forces, load, restrained_forces(model, element.acting, own, h),
+                        self.rounding)
         return Residual(model.constraints, model.space.to_nodes(element.forces) - load, element.gap, *sizes,
                         size_of_strain(element.felt, own)), element.acting
 
@@ -166,6 +173,17 @@ class SteadyProblem(Tree):
             _, q = own.pose(beam.nodes[..., at, :], beam.frames[..., at, :])
             rotation = set_node(rotation, at, own.hinged(rotation[..., at, :], q, axis))
         return Configuration(position, rotation, x.stress)
+
+
+def rounding_stress(model: Model) -> Tensor:
+    """(..., N, k) N and N m, the stress of strains that are rounding alone, in differences of places over an element: what a
+    balance is measured against where nothing acts.
+    """
+    p, C = model.space.position, model.tangent_stiffness()
+    h = model.length.detach()
+    eps = torch.finfo(h.dtype).eps
+    strain = torch.cat((torch.full_like(h, eps).expand(*h.shape[:-1], p), (eps / h).expand(*h.shape[:-1], C.shape[-2] - p)), -1)
+    return times(C.abs(), strain[..., None])[..., 0]
 
 
 def placed(space: Space, fixed: Tensor, pose: tuple[Tensor, Tensor], position: Tensor, rotation: Tensor

@@ -161,6 +161,20 @@ def test_changes_of_objects_lists_and_networks_are_noticed(monkeypatch, change):
     assert not found.unchanged()
 
 
+@pytest.mark.parametrize("module", [torch, torch.linalg, math])
+def test_what_a_user_put_on_a_module_of_a_package_is_noticed(monkeypatch, module):
+    """A number, a function and a tensor; what the module has by itself is none of it, but for numbers."""
+    known = Surroundings([("f", lambda: torch.nn.functional.relu)])
+    assert len(known.variables) == 1 and known.unchanged()
+    for first, other in ((2.0, 3.0), (lambda x: 2 * x, lambda x: 3 * x), (torch.ones(2), torch.ones(2))):
+        monkeypatch.setattr(module, "users", first, raising=False)
+        reads = {torch: lambda x: torch.users, torch.linalg: lambda x: torch.linalg.users, math: lambda x: math.users}[module]
+        known = Surroundings([("f", lambda reads=reads: reads)])
+        assert known.unchanged()
+        monkeypatch.setattr(module, "users", other)
+        assert not known.unchanged()
+
+
 def test_parameters_are_inputs_whatever_their_numbers():
     """An optimiser's step changes no program; another network of the same kind has the same; one of another size has not."""
     def key(value):

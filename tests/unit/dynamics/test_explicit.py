@@ -103,3 +103,20 @@ def test_a_failure_has_its_instant(form, push):
         sol = tb.simulate(scene, torch.arange(5) * 0.005, form=form, method="rk4", options={"step_size": 5e-4})
     assert (sol.state.status != 0).tolist() == [[False, False]] * 2 + [[True, False]] * 3
     assert "t = 0.005 s" in sol.stats.reason[3] and torch.equal(sol.nodes[2, 0], sol.nodes[1, 0])
+
+
+def test_who_rests_is_not_judged_by_a_support_that_has_moved_on():
+    """A sample that stood still while the others moved keeps its own time: the others go on, where its support would have led
+    it is not asked; and when it goes on too it is where they were then, to rounding."""
+    still = scene()
+    moving = tb.Support(0, displacement=lambda t: torch.stack((0 * t, 0.02 * torch.sin(8 * t), 0 * t)))
+    step = tb.ExplicitStepper(tb.Scene(still.beam, still.loads, supports=moving), 0.001, "rk4", "nodal",
+                              options={"step_size": 5e-4})
+    state, u = step.rest((2,)), torch.zeros(2, 3)
+    for _ in range(2):
+        state = step(state, active=[True, False], u=u)
+    assert state.status.tolist() == [0, 0] and state.t.tolist() == pytest.approx([0.002, 0.0])
+    for _ in range(2):
+        state = step(state, active=[False, True], u=u)
+    torch.testing.assert_close(state.nodes[1], state.nodes[0], rtol=0, atol=1e-14)
+    assert state.nodes[0, -1, 1].abs() > 0

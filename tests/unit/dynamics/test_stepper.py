@@ -1,6 +1,7 @@
 """The implicit step as its users see it: energy, sub-steps, checkpoints, masks, files."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -162,3 +163,18 @@ def test_failed_steps_of_different_lengths_are_made_in_parts(engine):
     assert (state.status == 0).all() and stepper.iterations[33] > 2 * stepper.iterations[0]
     alone = stepper.advance(stepper.rest((1,)), {"force": force[33:34]}, dt=dt[33:34])
     torch.testing.assert_close(state.position[33], alone.position[0], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("engine", ["eager", "auto"])
+def test_a_state_of_other_supports_goes_on(engine):
+    """Let go of, or held where nothing did: as many reactions as the scene has supports, from the start on, and those of a
+    start that has forgotten its own."""
+    beam = tb.Beam.straight(0.3, 2, tb.Section.circle(0.01, 1e6, 0.45, 1100.0))
+    scenes = [tb.Scene(beam, [tb.Gravity([0.0, 0.0, -1.0])], supports=held) for held in (None, [tb.Support(0), tb.Support(-1)])]
+    for start, scene in ((tb.equilibrium(scenes[1]), scenes[0]), (tb.rest(scenes[0]), scenes[1])):
+        count = len(scene.supports)
+        run, other = (tb.simulate(scene, torch.linspace(0, 0.01, 3), one, step=5e-3, engine=engine).state
+                      for one in (start, replace(start, reaction=torch.zeros(count, 6))))
+        assert run.reaction.shape == (3, count, 6) and run.reaction[-1].abs().max() > 1e-3
+        torch.testing.assert_close(run.reaction, other.reaction, rtol=0, atol=1e-12)
+        assert tb.Stepper(scene, 5e-3, engine=engine)(start).reaction.shape == (count, 6)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
 
@@ -17,12 +17,14 @@ from ...math.distributions import binomial_interval, binomial_ranks, normal_prob
 
 FEW = 5  # samples of a replicate beyond a quantile or threshold, below which replicates do not tell the error
 RESAMPLES = 1000  # of a bootstrap
+SHOWN = 6  # numbers in an estimate's text
 Statistic = Callable[[Tensor], Tensor]  # samples (n, ...) -> (...)
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimate with an interval that covers the true value in `level` of all runs: `estimate, low, high = ...`.
+    """Estimate with an interval that covers the true value in `level` of all runs: `estimate, low, high = ...`. An index takes
+    some of the numbers: `e[0]`, `e[..., 2]`.
 
     estimate, low, high  tensors of one shape
     samples              good ones that it is of;  failed: samples left out, by reason in `reasons`
@@ -50,13 +52,16 @@ class Estimate:
     def __iter__(self) -> Iterator[Tensor]:
         return iter((self.estimate, self.low, self.high))
 
+    def __getitem__(self, index: Any) -> Estimate:
+        """Of some of the numbers, by an index of a tensor."""
+        return replace(self, estimate=self.estimate[index], low=self.low[index], high=self.high[index])
+
     def __repr__(self) -> str:
         lost = f"; {failures(self.reasons)}" if self.failed else ""
-        if self.estimate.numel() == 1:
-            e, a, b = (x.item() for x in self)
-            found = f"{e:.5g}, {a:.5g} to {b:.5g}"
-        else:
-            found = f"{tuple(self.estimate.shape)}"
+        rows = [*zip(*(x.flatten()[:SHOWN].tolist() for x in self), strict=True)]
+        found = "; ".join(f"{e:.5g}, {a:.5g} to {b:.5g}" for e, a, b in rows)
+        if self.estimate.numel() > 1:
+            found = f"{tuple(self.estimate.shape)}: {found}{'; ...' * (self.estimate.numel() > SHOWN)}"
         return f"Estimate({found} at {100 * self.level:g} % by {self.method}; {self.samples} samples{lost})"
 
 

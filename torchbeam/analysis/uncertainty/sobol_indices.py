@@ -57,7 +57,7 @@ class SobolIndices:
 def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replicates: int = 16, interval: float = 0.95,
                   seed: int = 0, chunk: int | None = None, executor: Executor | None = None,
                   out: str | Path | None = None, dtype: torch.dtype | None = None, version: str | int | None = None,
-                  by_name: bool = False, progress: Report | bool | None = None) -> SobolIndices:
+                  by_name: bool = False, progress: Report | bool | None = None, correlation: None = None) -> SobolIndices:
     """First and total Sobol indices of a function of independent random parameters.
 
     n           points of each of the two samples A and B, shared out to the replicates: a multiple of them, best by a power of
@@ -70,8 +70,12 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
         total = mean((y_A - y_i)^2)/(2 V)              (Jansen 1999)
 
     A group of p + 2 in which one failed is left out. Indices of a y that does not vary are NaN; intervals are infinite where
-    one replicate alone has good groups. Raises ValueError as `monte_carlo` does, and where all groups failed.
+    one replicate alone has good groups. Raises ValueError as `monte_carlo` does, for a `correlation`, with which indices do not
+    share out the variance, and where all groups failed.
     """
+    if correlation is not None:
+        raise ValueError("correlation was given to sobol_indices, whose shares of the variance are those of independent "
+                         "parameters; laws of independent ones are wanted, of which the function makes the others")
     joint = JointLaw.of(laws)
     boolean("by_name", by_name)
     level = level_of("interval", interval)

@@ -34,12 +34,13 @@ class ChainProgram(NativeProgram):
     """Newton's method on a chain. Subclasses say what nodes do (`_of_nodes`), and add records of their own (`_layout`).
 
     unknown  fields that an iteration changes, of a node; varying: others that are not the same throughout a call;
-             judging: those of a sample by which it is judged
+             numbers: those that stay, of a sample; judging: those of a sample by which it is judged
     """
 
     unknown: tuple[str, ...]
     varying: tuple[str, ...] = ()
-    judging = (*SUMS, "total", "longest", "exact", "tolerance", "before", "over", "done", "status", "iterations")
+    numbers = "total", "longest", "exact", "tolerance"
+    judging = (*SUMS, *numbers, "before", "over", "done", "status", "iterations")
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         """Functions that are not of all chains, `node` and `update` of each kind among them."""
@@ -105,8 +106,7 @@ class ChainProgram(NativeProgram):
         layout, row = Layout(), "held row" if self.held else "row"
         layout.record("node", NODES, inputs("node"))
         layout.record("element", ELEMENTS, inputs("element"))
-        constants = "total", "longest", "exact", "tolerance"
-        layout.record("common", ONE, [*inputs("common"), *((name, 1) for name in (*constants, *self.varying))])
+        layout.record("common", ONE, [*inputs("common"), *((name, 1) for name in (*self.numbers, *self.varying))])
         layout.record("unknown", NODES, outputs("update 0"))
         for name in ("stress", "start_stress"):
             layout.record(name, ELEMENTS, [("stress", k)])

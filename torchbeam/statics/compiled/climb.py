@@ -30,7 +30,7 @@ from ...solvers.compiled.trace import NotTraceable
 from ...solvers.newton import TOLERANCE
 from ...state.supported_nodes import set_node
 from ..load_steps import LIMIT
-from ..steady import Configuration
+from ..steady import Configuration, rounding_stress
 from .local_functions import SteadyFunctions, SteadyKind
 from .program import JudgedProgram, LoadProgram
 
@@ -116,8 +116,10 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
                          JudgedProgram if judged else LoadProgram)
     chain = Chain(program, model, kinds)
     like, one = model.length, model.length.new_tensor
+    p, least = model.space.position, rounding_stress(model)
     numbers = {"total": like.sum((-1, -2)), "longest": like.amax((-1, -2)), "exact": same_law(trees[1].C, model.law.C),
-               "tolerance": one(tolerance or TOLERANCE[like.dtype])}
+               "tolerance": one(tolerance or TOLERANCE[like.dtype]),
+               "least_force": least[..., :p].amax((-1, -2)), "least_moment": least[..., p:].amax((-1, -2))}
     start = x._asdict()
     given = [*constant_fields(trees), *_poses(model, t), *(Field("common", name, v, 0) for name, v in numbers.items()),
              *(Field("start_stress" if name == "stress" else "kept", name, v, 2) for name, v in start.items())]

@@ -115,9 +115,11 @@ class SteadyFunctions(LocalFunctions):
 
     # Rules of a sample
 
-    def judge(self, whole: Tensor, **fields: Tensor) -> Fields:
-        """See `LocalFunctions.judge`; where it is all of the load, nothing is foreseen."""
-        return super().judge(**fields, foresee=whole == 0)
+    def judge(self, whole: Tensor, force: Tensor, moment: Tensor, least_force: Tensor, least_moment: Tensor, **fields: Tensor
+              ) -> Fields:
+        """See `LocalFunctions.judge`; where it is all of the load, nothing is foreseen. The least: see `rounding_stress`."""
+        force, moment = torch.maximum(force, least_force), torch.maximum(moment, least_moment)
+        return super().judge(force, moment, **fields, foresee=whole == 0)
 
     def first_step(self, turn: Tensor) -> Fields:
         """See `load_steps`."""
@@ -131,8 +133,9 @@ class SteadyFunctions(LocalFunctions):
                 "whole": (share >= 1).to(share)}
 
     def advanced(self, climbing: Tensor, load_factor: Tensor, reached: Tensor, step: Tensor, last_status: Tensor, done: Tensor,
-                 status: Tensor, cosine: Tensor) -> Fields:
+                 status: Tensor, cosine: Tensor, iterations: Tensor) -> Fields:
         """See `load_steps`; status: of the samples for which Newton's method is not done."""
         found = torch.where(done != 0, float(SUCCESS), status)
-        good, reached, step, status = load_steps.advanced(climbing != 0, load_factor, reached, step, last_status, found, cosine)
+        good, reached, step, status = load_steps.advanced(climbing != 0, load_factor, reached, step, last_status, found, cosine,
+                                                          iterations)
         return {"good": good.to(step), "reached": reached, "step": step, "last_status": status}

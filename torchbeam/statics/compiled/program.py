@@ -14,7 +14,8 @@ from .local_functions import POSE, SteadyFunctions
 SAMPLE = ("over", "done", "before", "iterations", "status", "cosine", "turn", "climbing", "reached", "step", "good",
           "last_status", "whole", "indefinite")
 RULES = {"first_step": ("turn",), "shares": ("reached", "step", "last_status"),
-         "advanced": ("climbing", "load_factor", "reached", "step", "last_status", "done", "status", "cosine")}
+         "advanced": ("climbing", "load_factor", "reached", "step", "last_status", "done", "status", "cosine",
+                      "iterations")}
 
 
 class LoadProgram(ChainProgram):
@@ -23,7 +24,8 @@ class LoadProgram(ChainProgram):
     driver = LoadDriver
     unknown = "position", "rotation"
     varying = ("load_factor",)
-    judging = (*ChainProgram.judging, "whole")
+    numbers = (*ChainProgram.numbers, "least_force", "least_moment")
+    judging = (*ChainProgram.judging, "whole", "least_force", "least_moment")
     judged = False
 
     def _of_nodes(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:

@@ -201,7 +201,7 @@ CASES = {
     "path": (dict(out=3), "out = 3 was given; a path is wanted"),
     "no path": (dict(out=""), "out = '' was given; a path is wanted"),
     "chunk as an array": (dict(chunk=np.array([1, 2])), r"chunk = array\(\[1, 2\]\) was given; a whole number"),
-    "progress as a tensor": (dict(progress=torch.ones(2)), "progress = tensor.* was given; a function or True"),
+    "progress as a tensor": (dict(progress=torch.ones(2)), "progress = tensor.* was given; a function of progress is wanted"),
     "y without numbers": (dict(function=lambda theta: theta[:, :0]), r"gave y \(8, 0\) was given"),
     "y on no device": (dict(function=lambda theta: theta.to("meta")), "on meta was given; numbers"),
     "a sparse y": (dict(function=lambda theta: theta.to_sparse()), "in the layout torch.sparse_coo"),

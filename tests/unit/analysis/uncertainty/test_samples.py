@@ -260,7 +260,7 @@ REFUSED = {
     "until": (lambda s: tb.monte_carlo(total, LAWS, 256, until=2.0), "until = 2.0 was given; a relative error"),
     "until of a number": (lambda s: tb.monte_carlo(total, LAWS, 256, until=(0.1, lambda s: s.mean)), "gave a Tensor was given"),
     "until with few": (lambda s: tb.monte_carlo(total, LAWS, 4, until=0.1), "for 4 replicates; at least 8"),
-    "progress": (lambda s: tb.monte_carlo(total, LAWS, 4, progress=3), "progress = 3 was given; a function or True"),
+    "progress": (lambda s: tb.monte_carlo(total, LAWS, 4, progress=3), "progress = 3 was given; a function of progress"),
     "chunk": (lambda s: tb.monte_carlo(total, LAWS, 4, chunk="big"), "chunk = 'big' was given"),
     "statistic": (lambda s: s.statistic(3), "function = 3 was given; a function"),
     "statistic that is no tensor": (lambda s: s.statistic(len), "a statistic that gave a int was given; a tensor"),
@@ -278,3 +278,12 @@ def test_refused(name):
     call, sentence = REFUSED[name]
     with pytest.raises(ValueError, match=sentence):
         call(tb.monte_carlo(total, LAWS, 8, design="plain"))
+
+
+def test_an_estimate_of_several_numbers_shows_and_indexes_them():
+    """Numbers by number, as its three tensors are; the text has the first six."""
+    whole = tb.monte_carlo(lambda theta: theta * torch.arange(1.0, 9.0), {"a": (0.0, 1.0)}, 64).quantile(0.5, interval=0.95)
+    assert whole.estimate.shape == (8,) and repr(whole).count(" to ") == 6 and "; ...; " not in repr(whole[:6])
+    one = whole[2]
+    assert repr(one).startswith(f"Estimate({whole.estimate[2]:.5g}, {whole.low[2]:.5g} to {whole.high[2]:.5g} at 95 %")
+    assert torch.equal(whole[..., 1:3].high, whole.high[1:3]) and one.samples == whole.samples

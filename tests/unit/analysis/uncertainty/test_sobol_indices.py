@@ -115,3 +115,8 @@ def test_refused(name):
     changed, sentence = REFUSED[name]
     with pytest.raises(ValueError, match=sentence):
         tb.sobol_indices(**{**dict(function=ishigami, laws=LAWS, n=32), **changed})
+
+
+def test_a_correlation_is_refused():
+    with pytest.raises(ValueError, match=r"correlation was given to sobol_indices, .* laws of independent ones are wanted"):
+        tb.sobol_indices(lambda theta: theta.sum(-1), {"a": (0.0, 1.0), "b": (0.0, 1.0)}, 16, correlation={("a", "b"): 0.5})
