@@ -7,6 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ..scene.effects.damping import geometric_means
 from .algebra import backward, cross, halves, mtv, mv, six
 from .kinematics import Motion, Nodes, motion, node_rates, nodes, strain_rates, strains
 from .model import MixedModel
@@ -71,5 +72,4 @@ def _damping(model: MixedModel, t: Tensor, theta: Tensor, k: Motion, at: Nodes, 
     tau = damping.tau
     if not damping.six:
         return tau[..., None, None] * mv(model.K, strain_dot)
-    half = tau.sqrt()[..., None, :]
-    return half * mv(model.K, half * strain_dot)
+    return mv(geometric_means(tau)[..., None, :, :] * model.K, strain_dot)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ..core.arguments import place
 from ..core.leaves import leaf
 from ..state.instant import Instant, Point
 
@@ -98,7 +99,8 @@ class MixedState(Instant):
         return pack(x[:8], x[8:])
 
     def node(self, index: int) -> Point:
-        """One node's motion, in frame a."""
+        """One node's motion, in frame a; counted from the root, -1 is the tip. Raises ValueError where there is none such."""
+        index = place("node", index, self.position.shape[-2], "the beam has the nodes")
         axes = (self.position, self.velocity, self.spin)
         position, velocity, spin = (a[..., index, :] for a in axes)
         return Point(position, velocity, self.rotation[..., index, :, :], spin)

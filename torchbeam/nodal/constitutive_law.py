@@ -18,6 +18,7 @@ from torch.nn.functional import pad
 
 from ..core.leaves import Tree, leaf
 from ..scene.beam import Beam
+from ..scene.effects.damping import geometric_means
 from ..scene.scene import Scene
 from .coordinates.spatial import Space
 
@@ -197,16 +198,8 @@ def _retardation(scene: Scene, space: Space) -> Tensor:
     if not (beam.coupled or beam.linked_interpolation):
         return space.project_section(torch.diag_embed(tau)).diagonal(dim1=-2, dim2=-1)[..., None, :, None]
     S = beam.compliance
-    felt = S @ (_geometric_means(tau)[..., None, :, :] * torch.linalg.inv(S))
+    felt = S @ (geometric_means(tau)[..., None, :, :] * torch.linalg.inv(S))
     if not beam.linked_interpolation:
         return space.project_section(felt)
     R = _with_residual_bending(beam, felt @ S)
     return _slim(R @ torch.linalg.inv(_with_residual_bending(beam, S)), beam, space)
-
-
-def _geometric_means(tau: Tensor) -> Tensor:
-    """(tau_i tau_j)^1/2 (..., 6, 6); the diagonal is tau itself, so that a zero has a derivative there (none beside it)."""
-    some = tau > 0
-    root = torch.where(some, torch.where(some, tau, torch.ones_like(tau)).sqrt(), torch.zeros_like(tau))
-    own = torch.eye(tau.shape[-1], dtype=torch.bool, device=tau.device)
-    return torch.where(own, tau[..., None], root[..., :, None] * root[..., None, :])

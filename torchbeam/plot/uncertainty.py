@@ -30,7 +30,9 @@ def histogram(samples: Any, ax: Axes | None = None, *, bins: int = 60, levels: S
         ax.hist(numbers(samples.good.reshape(-1)), bins=bins, density=True, color="C0", alpha=0.6, label=label)
     else:
         whole = samples.all
-        edges = torch.linspace(whole.least.item(), whole.largest.item(), bins + 1, dtype=torch.float64)
+        least, largest = whole.least.item(), whole.largest.item()
+        room = 0.5 * (least == largest)  # of one value, as matplotlib has it
+        edges = torch.linspace(least - room, largest + room, bins + 1, dtype=torch.float64)
         share = samples.histogram(edges).reshape(-1)
         ax.stairs(numbers(share / edges.diff()), numbers(edges), fill=True, color="C0", alpha=0.6, label=label)
     top = ax.get_ylim()[1]

@@ -14,6 +14,7 @@ from ..core.functions_of_time import shared
 from ..core.validation import as_tensor, axis_last, concrete, finite
 from ..math import quaternions as quat
 from ..math.block_tridiagonal import block_tridiagonal
+from ..math.shapes import broadcast_shapes
 from ..nodal import assembly, quadratic_assembly
 from ..nodal.constraints import masked
 from ..nodal.discretise import discretise
@@ -126,7 +127,8 @@ class NodeAcceleration(_OfNode):
         for support in model.scene.supports:
             a, alpha = prescribed_motion.acceleration(support, t).unbind(-2)
             both = torch.cat((space.project_vector(a), space.project_spin(alpha)), -1)
-            whole = set_node(whole.expand(*both.shape[:-1], *whole.shape[-2:]), support.node, both)
+            shape = broadcast_shapes(both.shape[:-1], whole.shape[:-2])
+            whole = set_node(whole.expand(*shape, *whole.shape[-2:]), support.node, both)
         return whole * (1 - free)
 
 

@@ -69,6 +69,12 @@ class _Along(Sensor):
             f"at {self.station.item():g} m" if self.station.ndim == 0 else f"at {tuple(self.station.shape)} stations")
         return f"{self.what} {where}"
 
+    def __call__(self, state: Any) -> Tensor:
+        position = getattr(state, "position", None)
+        if position is not None and self.beam.count + 1 != position.shape[-2]:
+            raise ValueError(f"a state with {position.shape[-2]} nodes was given; the sensor's beam has {self.beam.count + 1}")
+        return super().__call__(state)
+
     def of_elements(self, state: Any) -> Tensor:
         """(..., N, size)"""
         raise NotImplementedError
@@ -141,9 +147,6 @@ class _Strains(_Along):
         return found if i is None or space.turns else found[..., i:i + p, :]
 
     def read(self, state: Any) -> Tensor:
-        if self.beam.count + 1 != state.position.shape[-2]:
-            raise ValueError(f"a state with {state.position.shape[-2]} nodes was given; the sensor's beam has "
-                             f"{self.beam.count + 1}")
         if not isinstance(state, State):  # a mixed form holds its own
             return super().read(state)
         at = slice(None) if self.element is None else slice(self.element % self.beam.count, self.element % self.beam.count + 1)

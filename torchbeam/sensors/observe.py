@@ -60,14 +60,15 @@ def observe(solution: Any, sensor: Sensor | Callable[[Any], Tensor], times: Valu
         batch = broadcast("times and readings", own, batch)
         values = values.reshape(len(t), *(1,) * (len(batch) + len(shape) + 1 - values.ndim), *values.shape[1:])
         values = values.expand(len(t), *batch, *shape)
-    at = times.reshape(len(times), *(1,) * (len(own) - times.ndim + 1), *times.shape[1:]) - delay
-    return _read(t, values, at, seen, len(batch), rate)
+    seen, times = (x.reshape(len(x), *(1,) * (len(own) - x.ndim + 1), *x.shape[1:]) for x in (seen, times))
+    return _read(t, values, times - delay, seen, len(batch), rate)
 
 
 def _read(t: Tensor, values: Tensor, at: Tensor, seen: Tensor, axes: int, rate: bool) -> Tensor:
-    """Readings at the instants `at` (times, ...) of a trajectory of `values` (time, ..., *shape) with `axes` batch axes."""
+    """Readings at the instants `at` (times, ...), as far as they are `seen`, whose axes broadcast with theirs, of a trajectory
+    of `values` (time, ..., *shape) with `axes` batch axes.
+    """
     slopes = _slopes(t, values)
-    seen = seen.reshape(*seen.shape, *(1,) * (at.ndim - seen.ndim)) if seen.ndim == 1 else seen
     at = torch.where(seen, at, t[0])
     before, ahead = (off > OUTSIDE * (t[-1] - t[0]) for off in (t[0] - at, at - t[-1]))
     k = torch.searchsorted(t, at.detach().contiguous(), right=True).sub(1).clamp(0, len(t) - 2)

@@ -74,6 +74,9 @@ class Component(Sensor):
             places = (labels.index(which),)
         elif isinstance(which, slice):
             places = tuple(range(len(labels))[which])
+            if not places:
+                raise ValueError(f"the components {which} were given, none of the {len(labels)} of {self.of.name}; one or "
+                                 "more are wanted")
         elif isinstance(which, int) and not isinstance(which, bool) and -len(labels) <= which < len(labels):
             places = (which % len(labels),)
         else:

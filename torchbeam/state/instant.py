@@ -71,11 +71,13 @@ class TensorFields(Tree):
         return map_leaves(lambda value, axes, *theirs: function(value, *theirs), self, *others)
 
     def __getitem__(self, index: Any) -> Any:
-        """Index the first axes of every field: `states[-1]` of a trajectory is its last state. Raises IndexError where there is
-        none such.
+        """Index the leading axes of every field: `states[-1]` of a trajectory is its last state, `states[..., 0]` the first
+        sample of a batch. Raises IndexError where there is none such.
         """
+        parts = index if isinstance(index, tuple) else (index,)
+        open_ = any(part is ... for part in parts)  # counts from the end: a field's own axes stay
         try:
-            return self.map(lambda x: x[index])
+            return map_leaves(lambda x, axes: x[(*parts, *(slice(None),) * axes)] if open_ else x[index], self)
         except (IndexError, TypeError, RuntimeError):
             axes = " and ".join(str(tuple(shape)) for shape in dict.fromkeys(batch_shapes(self)))
             raise IndexError(f"{type(self).__name__}[{shown(index)}] was asked for; its leading axes are {axes}") from None

@@ -236,6 +236,22 @@ def test_minimal_form_takes_damping():
     assert (energies[0].diff() < 0).all() and energies[0][-1] < 0.5 * energies[0][0]
 
 
+def test_gradient_by_a_damping_that_is_zero():
+    """tau of six, two of them 0: the derivative by each against one-sided differences, 1e-3 off at most (of the largest)."""
+    section = Section.from_stiffness(1e3, 500.0, 10.0, (20.0, 30.0), 1.0, 0.1)
+    tau = torch.tensor([1e-3, 0, 1e-3, 1e-3, 1e-3, 0])
+
+    def tip(tau):
+        scene = Scene(Beam.straight(1.0, 2, section), (Damping(tau, six=True), Gravity((1.0, 2.0, -9.81))))
+        return tb.simulate(scene, torch.linspace(0, 0.005, 6), form="minimal", method="rk4").nodes[-1, ..., -1, :].sum(-1)
+
+    leaf = tau.clone().requires_grad_()
+    (slope,) = torch.autograd.grad(tip(leaf), leaf)
+    steps = 1e-7 * torch.eye(6)
+    wanted = (tip(tau + steps) - tip(tau)) / 1e-7
+    assert_close(slope, wanted, rtol=0, atol=1e-3 * slope.abs().max().item())
+
+
 def test_input_is_held_and_batches():
     scene = soft_scene(effects=(TipLoad(force=Input("f", 3)),))
     force = torch.tensor([[0.0, 0, 0.1], [0, 0.2, 0]])

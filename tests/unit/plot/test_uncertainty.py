@@ -36,6 +36,14 @@ def test_histogram(run, tmp_path):
     assert any("failed" in text.get_text() for text in ax.texts) and ax.get_xlabel() == "w / m"
 
 
+def test_histogram_of_one_value():
+    """Of a stream and of samples: a bar about the value."""
+    for run in (tb.monte_carlo, tb.monte_carlo_stream):
+        ax = tb.plot.histogram(run(lambda theta: 0 * theta[:, 0] + 2, {"u": (0.0, 1.0)}, 64, replicates=16), bins=10)
+        low, high = ax.get_xlim()
+        assert low < 2 < high and ax.get_ylim()[1] >= 9
+
+
 def test_convergence(tmp_path):
     """Slopes are in the legend; points are the errors."""
     runs = {design: tb.monte_carlo(lambda theta: theta.sum(-1), LAWS, 4096, design=design, replicates=16)

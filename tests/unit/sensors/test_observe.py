@@ -75,6 +75,19 @@ def test_each_sample_has_its_own():
     assert_close(tb.observe(motion(cubic(T)), number, times, delay=delay), cubic(times - delay), rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("delays", [2, 3, 4])
+def test_delays_of_more_axes_than_times(delays):
+    """Times (3, 2), one of them missing, and delays (delays, 1), as many as there are times or not: what each delay alone
+    gives.
+    """
+    solution = motion(cubic(T)[:, None] * torch.tensor([1.0, -2.0]))
+    times = torch.tensor([[0.5, 0.6], [math.nan, 0.7], [0.8, 0.9]])
+    delay = 0.1 * torch.arange(delays)[:, None]
+    found = tb.observe(solution, number, times, delay=delay)
+    alone = torch.stack([tb.observe(solution, number, times, delay=one) for one in delay], 1)
+    assert_close(found, alone, rtol=1e-12, atol=0, equal_nan=True)
+
+
 def test_derivatives():
     """By values, delay and times, both modes, against differences."""
     y, delay = torch.rand(10, 2, requires_grad=True), torch.tensor([0.02, 0.07], requires_grad=True)

@@ -279,6 +279,25 @@ def test_acceleration_of_the_other_scenes(kind):
         assert_close(found, slope, rtol=0, atol=1e-4 * max(slope.abs().max().item(), 1.0))
 
 
+def test_acceleration_between_supports_of_which_one_moves_in_a_batch():
+    """The first support's motion has batch axes, the second's has none: each sample as alone, its ends as they are told."""
+    speed = torch.tensor([1.0, 2.0, 3.0])
+
+    def scene(speed):
+        def first(t):
+            return torch.stack((0 * t * speed, 0 * t * speed, 0.01 * torch.sin(speed * t)), -1)
+
+        return tb.Scene(BEAM, supports=[tb.Support(0, displacement=first), tb.Support(N, displacement=lambda t: torch.stack(
+            (0 * t, 0 * t, 0.02 * torch.sin(t))))])
+
+    state = tb.rest(scene(speed), t=0.3)
+    for node, told in ((0, -0.01 * speed**2 * torch.sin(0.3 * speed)), (N, -0.02 * math.sin(0.3) * torch.ones(3))):
+        assert_close(s.NodeAcceleration(node, scene(speed))(state)[:, 2], told, rtol=1e-10, atol=0)
+    both = s.NodeAcceleration(3, scene(speed))(state)
+    for k in range(3):
+        assert_close(both[k], s.NodeAcceleration(3, scene(speed[k]))(tb.rest(scene(speed[k]), t=0.3)), rtol=1e-9, atol=1e-12)
+
+
 def test_acceleration_of_no_sample():
     scene = tb.Scene(BEAM, [tb.TipLoad(force=torch.zeros(0, 3))])
     states = tb.simulate(scene, [0.0, 0.1], step=0.1).state
@@ -323,6 +342,8 @@ CASES = {
     "before the root": (lambda: s.Strain(-0.1, BEAM), "station = "),
     "no element": (lambda: s.Stress(element=8, beam=BEAM), "element = 8 was given; the beam has the elements 0 to 7"),
     "another mesh": (lambda: s.Strain(0.1, tb.Beam.straight(1.0, 2, SECTION))(STATE), "9 nodes was given; the sensor's beam"),
+    "another mesh, stress": (lambda: s.Stress(element=1, beam=tb.Beam.straight(1.0, 2, SECTION))(STATE), "9 nodes was given"),
+    "no components": (lambda: s.TipPosition()[3:], "the components slice.* none of the 3 of tip position"),
     "no label": (lambda: s.TipPosition()["w"], "the label 'w' was given; tip position has x, y, z"),
     "no component": (lambda: s.TipPosition()[3], "component 3 was given"),
     "no sensors": (lambda: s.Stack((1.0,)), "1.0 was given to Stack"),

@@ -1,6 +1,7 @@
 """States whose batch axes come from outside: inputs, or the motion of a support."""
 
 import pickle
+from dataclasses import replace
 
 import pytest
 import torch
@@ -43,6 +44,25 @@ def test_rest_has_the_axes_of_a_support_that_moves():
     assert state.rotation.shape == (2, 4, 4) and state.t.shape == (2,)
     stepper = tb.Stepper(scene, 0.01)
     assert_close(stepper(stepper(state)).position, tb.simulate(scene, [0, 0.02], step=0.01).nodes[-1], rtol=0, atol=1e-12)
+
+
+def test_an_index_from_the_end_leaves_the_fields_own_axes():
+    """`[..., k]` counts batch axes from the last: the same as with all of them written out, in both forms."""
+    scene = tb.Scene(beam(), [tb.Gravity((0, 0, -9.81))], frame=tb.Frame(angular_velocity=(0, 0, 0.0)))
+    shift = torch.arange(6.0).reshape(2, 3)
+    states = tb.rest(scene, (2, 3))
+    states = replace(states, position=states.position + shift[..., None, None])
+    mixed = tb.consistent_state(tb.Scene(beam()), u=torch.zeros(2, 3, 3, 3) + shift[..., None, None])
+    for some in (states, mixed):
+        for index, wanted in (((..., 1), (slice(None), 1)), ((0, ..., 2), (0, 2)), (..., ()), ((1, ...), 1),
+                              ((..., slice(1, 3)), (slice(None), slice(1, 3)))):
+            for name in some.__dataclass_fields__:
+                if getattr(some, name) is not None:
+                    assert_close(getattr(some[index], name), getattr(some[wanted], name), rtol=0, atol=0)
+    with pytest.raises(IndexError, match="leading axes"):
+        states[..., 0, 0, 0]
+    with pytest.raises(ValueError, match="node = 9 was given; the beam has the nodes 0 to 3"):
+        mixed.node(9)
 
 
 def test_a_state_of_another_scene_is_refused():

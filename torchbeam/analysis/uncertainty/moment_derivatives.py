@@ -119,4 +119,5 @@ def _moments(sums: tuple[Tensor, ...]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     variance = (squares / n - mean.square()) * n / (n - 1)
     variance_by = (squares_by / n - 2 * mean * mean_by) * n / (n - 1)
     deviation = variance.clamp_min(0).sqrt()
-    return mean, deviation, mean_by, variance_by / (2 * deviation)
+    still = deviation == 0  # of a number that does not vary, as at an instant at rest: neither does its deviation
+    return mean, deviation, mean_by, torch.where(still, 0.0, variance_by / torch.where(still, 1.0, 2 * deviation))

@@ -75,7 +75,7 @@ class Sketch:
         below = ranks.floor()
         whole = torch.stack((below, below + 1))
         k = torch.searchsorted(counts.cumsum(0), whole, right=True).clamp_max(len(counts) - 1)
-        middle = 2 * low * high / torch.where(self.keys == 0, 1.0, low + high)  # equally far, relatively, from both ends
+        middle = low * (high / torch.where(self.keys == 0, 1.0, low / 2 + high / 2))  # equally far, relatively, from both ends
         return torch.lerp(*middle[k], ranks - below)
 
     def above(self, x: Tensor) -> tuple[Tensor, Tensor]:

@@ -115,3 +115,11 @@ def rayleigh(frequency: Sequence[Value] | Tensor, ratio: Sequence[Value] | Tenso
     found = alpha * scale[..., 0], tau / scale[..., 0]
     alpha, tau = (numbers(x.numpy()) for x in found) if plainly else found  # numbers have no dtype of their own
     return MassDamping(alpha), Damping(tau, six=False)
+
+
+def geometric_means(tau: Tensor) -> Tensor:
+    """(tau_i tau_j)^1/2 (..., 6, 6); the diagonal is tau itself, so that a zero has a derivative there (none beside it)."""
+    some = tau > 0
+    root = torch.where(some, torch.where(some, tau, torch.ones_like(tau)).sqrt(), torch.zeros_like(tau))
+    own = torch.eye(tau.shape[-1], dtype=torch.bool, device=tau.device)
+    return torch.where(own, tau[..., None], root[..., :, None] * root[..., None, :])

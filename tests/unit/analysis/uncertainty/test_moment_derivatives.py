@@ -50,6 +50,15 @@ def test_failed_samples_do_not_count():
     assert_close(found.mean_by.estimate, torch.tensor([0.25]), rtol=1e-3, atol=0)
 
 
+def test_a_number_that_does_not_vary():
+    """A history that begins at rest: there mean and deviation are 0, and so are their derivatives and intervals."""
+    found = tb.moment_derivatives(lambda theta: theta * torch.tensor([0.0, 1.0]),
+                                  lambda q: {"x": lambda u: q[0] * u}, torch.tensor([2.0]), 256)
+    for estimate in (found.mean, found.deviation, found.mean_by, found.deviation_by):
+        assert all((x[..., 0] == 0).all() for x in estimate)
+    assert_close(found.deviation_by.estimate[0, 1], torch.tensor(12**-0.5), rtol=1e-2, atol=0)
+
+
 def test_beam():
     """Mean tip deflection of a strip by mean and deviation of its stiffness: by differences of the same samples."""
     def deflection(theta):

@@ -63,6 +63,23 @@ def test_quantiles_and_probabilities(both):
     assert "buckled" in repr(stream) and stream.failed == kept.failed
 
 
+def test_shares_at_the_least_and_the_largest_value():
+    """y = u between 0.3 and 0.6, which three and four samples of ten hold to: all of them lie between these edges, and none
+    beyond; of a y of one value alike.
+    """
+    def held(theta):
+        return theta[:, 0].clamp(0.3, 0.6)
+
+    stream = tb.monte_carlo_stream(held, {"u": (0.0, 1.0)}, 4096)
+    share = stream.histogram((stream.all.least.item(), 0.4, 0.5, stream.all.largest.item()))
+    assert_close(share, torch.tensor([0.4, 0.1, 0.5]), rtol=0, atol=2e-3)
+    assert_close(share.sum(), torch.tensor(1.0), rtol=0, atol=1e-12)
+    beyond, below = stream.exceedance(stream.all.largest), stream.exceedance(stream.all.least - 1e-12)
+    assert beyond.estimate == 0 and beyond.high < 2e-3 and below.estimate == 1 and below.low > 0.998
+    still = tb.monte_carlo_stream(lambda theta: 0 * theta[:, 0] + 2, {"u": (0.0, 1.0)}, 64)
+    assert_close(still.histogram((1.5, 2.0, 2.5)), torch.tensor([0.0, 1.0]), rtol=0, atol=0)
+
+
 def test_bins_are_counted_once(both, monkeypatch):
     """An interval of three quantiles of two numbers: two times per number for those of all, once for each of 16 replicates."""
     counted, bins = [], Sketch.bins
