@@ -62,12 +62,14 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     inputs     by name, (..., size): by keyword, or all in a dictionary inputs={...}
 
     The load is raised in steps, per sample, where Newton's method needs it: a step in which it fails, or a node turns by more
-    than 1 rad, is halved. Infinite stiffness is taken as it is. Differentiable by the implicit function theorem.
+    than 1 rad, is halved, and so is a long one that takes more than six iterations. Infinite stiffness is taken as it is.
+    Differentiable by the implicit function theorem.
 
     Past a point of buckling the way up may keep to a branch that is no longer stable. Where all loads are conservative (dead
-    forces, gravity) a RuntimeWarning names the samples whose tangent is not positive definite. Where a derivative is recorded
-    at a limit point, a RuntimeError says that there is none (with throw=False the sample is a constant); at a point of
-    bifurcation a RuntimeWarning says that some do not exist.
+    forces, gravity) a RuntimeWarning names the samples whose tangent is not positive definite; of other loads `modes` says
+    whether the equilibrium is stable (`unstable`). Where a derivative is recorded at a limit point, a RuntimeError says that
+    there is none (with throw=False the sample is a constant); at a point of bifurcation a RuntimeWarning says that some do
+    not exist.
 
     What swings, as a pendulum, is held by its loads once these have stressed it; where by their stiffness it is more than 0.5
     rad away, relax=True is wanted. A rigid motion that nothing holds and no load drives stays as it starts, and derivatives

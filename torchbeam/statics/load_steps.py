@@ -18,7 +18,8 @@ FIRST, WHOLE = 1.0, 1.2  # rad by the tangent at no load: of a first step; of on
 EASY = 0.8  # rad: after a step with that turn the next is as long again
 FEWEST = 1 / 64  # of the load in a first step
 LEAST = 1e-4  # smallest load step, as a share of the whole load
-LIMIT = 12  # iterations in a load step: one that takes more is quicker in two
+LIMIT = 8  # iterations in a load step: one that takes more is quicker in two
+QUICK = 6  # iterations: a step that takes more may have come to another branch, and is made in two where it is more than FEWEST
 
 
 def climb(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tuple[Configuration, Tensor, Tensor]:
@@ -41,7 +42,8 @@ def climb(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tu
                              foresee=share < 1)
             turn = model.space.multiply(model.space.inverse(x.rotation), outcome.x.rotation)
             cosine = model.space.cosine(turn).abs().amin(-1)
-            good, reached, step, status = advanced(climbing, share, reached, step, status, outcome.status, cosine)
+            good, reached, step, status = advanced(climbing, share, reached, step, status, outcome.status, cosine,
+                                                   outcome.iterations)
             x = Configuration(*(torch.where(good[..., None, None], a, b) for a, b in zip(outcome.x, x, strict=True)))
             reaction = torch.where(good[..., None, None], outcome.reaction, reaction)
 
@@ -69,12 +71,13 @@ def shares(reached: Tensor, step: Tensor, status: Tensor) -> tuple[Tensor, Tenso
     return climbing, torch.where(climbing, (reached + step).clamp(max=1), reached)
 
 
-def advanced(climbing: Tensor, share: Tensor, reached: Tensor, step: Tensor, status: Tensor, found: Tensor, cosine: Tensor
-             ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """After a step that Newton's method has `found` a status for; cosine: of half the largest angle that a node turned by.
-    Whether it went well, reached, step, status.
+def advanced(climbing: Tensor, share: Tensor, reached: Tensor, step: Tensor, status: Tensor, found: Tensor, cosine: Tensor,
+             iterations: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """After a step that Newton's method has `found` a status for in so many iterations; cosine: of half the largest angle that
+    a node turned by. Whether it went well, reached, step, status.
     """
-    good = climbing & (found == SUCCESS) & (cosine > math.cos(TURN / 2))
+    direct = (iterations <= QUICK) | (share - reached <= FEWEST)
+    good = climbing & (found == SUCCESS) & (cosine > math.cos(TURN / 2)) & direct
     turned = 2 * torch.arccos(cosine.clamp(max=1))
     step = torch.where(good, (EASY / turned).clamp(1.5, 4.0) * step, step / 2)
     stuck = climbing & ~good & (step < LEAST)

@@ -133,8 +133,9 @@ class SteadyFunctions(LocalFunctions):
                 "whole": (share >= 1).to(share)}
 
     def advanced(self, climbing: Tensor, load_factor: Tensor, reached: Tensor, step: Tensor, last_status: Tensor, done: Tensor,
-                 status: Tensor, cosine: Tensor) -> Fields:
+                 status: Tensor, cosine: Tensor, iterations: Tensor) -> Fields:
         """See `load_steps`; status: of the samples for which Newton's method is not done."""
         found = torch.where(done != 0, float(SUCCESS), status)
-        good, reached, step, status = load_steps.advanced(climbing != 0, load_factor, reached, step, last_status, found, cosine)
+        good, reached, step, status = load_steps.advanced(climbing != 0, load_factor, reached, step, last_status, found, cosine,
+                                                          iterations)
         return {"good": good.to(step), "reached": reached, "step": step, "last_status": status}

@@ -14,7 +14,8 @@ from .local_functions import POSE, SteadyFunctions
 SAMPLE = ("over", "done", "before", "iterations", "status", "cosine", "turn", "climbing", "reached", "step", "good",
           "last_status", "whole", "indefinite")
 RULES = {"first_step": ("turn",), "shares": ("reached", "step", "last_status"),
-         "advanced": ("climbing", "load_factor", "reached", "step", "last_status", "done", "status", "cosine")}
+         "advanced": ("climbing", "load_factor", "reached", "step", "last_status", "done", "status", "cosine",
+                      "iterations")}
 
 
 class LoadProgram(ChainProgram):
