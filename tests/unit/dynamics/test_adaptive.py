@@ -218,8 +218,8 @@ def test_refusals(options, sentence):
 
 
 def test_stress_of_midpoint4_is_that_of_its_instant():
-    """A rod that a load swings slowly: the dense output's stress is that of the strains there, though what the steps hold is the
-    mean over a last solve, which lies 0.79 into the step. (5e-4 of the largest; more than 1e-3 were it taken in the middle.)"""
+    """A rod that a load swings slowly: the dense output's stress is that of the strains there, though what a step holds is the
+    mean over its last solve, 0.79 into the step. 5e-4 of the largest; more than 1e-3 were it taken in the middle."""
     section = tb.Section.circle(0.01, 1e6, 0.45, 1100.0)
     scene = tb.Scene(tb.Beam.straight(0.3, 2, section), [
         tb.TipLoad(force=lambda t: torch.stack((0 * t, 0 * t, 0.02 * torch.sin(4 * t) ** 4)))], plane="xz")
