@@ -98,7 +98,8 @@ class _Runs:
         low, high = extrapolated(coarse[0], first, self.order), extrapolated(coarse[1], last, self.order)
         width = high.t - low.t
         share = (t - low.t) / torch.where(width > 0, width, torch.ones_like(width))
-        found = with_means(between(low, high, t, self.motion), middle, last, share)
+        place = self.stepper.method.stress_at(self.stepper.model, width / 2)
+        found = with_means(between(low, high, t, self.motion), middle, last, share, place)
         failed = sum(x.status for x in (*coarse, *fine))
         return found if not failed.any() else found.where(failed == SUCCESS, last)
 

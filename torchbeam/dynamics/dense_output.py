@@ -69,13 +69,14 @@ def between(a: State, b: State, t: Tensor, motion: PrescribedMotion) -> State:
     return found
 
 
-def with_means(state: State, first: State, second: State, share: Tensor) -> State:
-    """`state` with stress and reaction on the straight line through their means over the halves of a step, at a share (...) of
-    that step; `first` and `second` are the states after the halves.
+def with_means(state: State, first: State, second: State, share: Tensor, place: Tensor | float) -> State:
+    """`state` with stress and reaction on the straight line through those of the halves of a step, at a share (...) of that
+    step; `first` and `second` are the states after the halves. A reaction is the mean over its half, a stress at `place` (...)
+    in it, a share of the half, see `Method.stress_at`.
     """
-    s = (2 * share - 0.5)[..., None, None]
+    s, r = ((2 * share - at)[..., None, None] for at in (place, 0.5))
     return replace(state, stress=first.stress + s * (second.stress - first.stress),
-                   reaction=first.reaction + s * (second.reaction - first.reaction))
+                   reaction=first.reaction + r * (second.reaction - first.reaction))
 
 
 def _cubic(x: Tensor, y: Tensor, vx: Tensor, vy: Tensor, s: Tensor, h: Tensor) -> tuple[Tensor, Tensor]:

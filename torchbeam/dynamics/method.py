@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from typing import Any, ClassVar, NamedTuple
 
+import torch
 from torch import Tensor
 
 from ..core.arguments import boolean
@@ -87,6 +88,15 @@ class Method:
         """The one composition that a step of dt, or steps of dt (K), are made by, of all samples; None where there are more."""
         found = self.schemes(model, dt)
         return found[0][0].compositions[0] if len(found) == 1 and len(found[0][0].compositions) == 1 else None
+
+    def stress_at(self, model: Model, dt: Tensor) -> Tensor | float:
+        """Share (...) of a step of dt (...) at which its stress is: the middle of the last solve, whose mean it is."""
+        place: Tensor | float = 0.5
+        for scheme, own in self.schemes(model, dt):
+            last = scheme.compositions[0]
+            at = last.begins[-1] + last.shares[-1] / 2
+            place = at if own is None else torch.where(own, at, place)
+        return place
 
     def begin(self, state: State, model: Model, dt: Tensor, trial: Callable[[State], State]) -> State:
         """`state` with what the method remembers beside it, and no more; trial(state): the state a midpoint step later."""
