@@ -31,7 +31,8 @@ def consistent(model: MixedModel, t: Tensor, u: Tensor, theta: Tensor, V: Tensor
 
 def at_rest(model: MixedModel, t: Tensor) -> tuple[Tensor, ...]:
     """u, theta, V, Omega (..., N, 3) undeformed and at rest in frame a: it moves with the frame."""
-    shape = broadcast_shapes(model.scene.batch_shape, model.middle.shape[:-2])
+    root = (x.shape[:-1] for x in model.root(t))  # its motion may have batch axes of its own
+    shape = broadcast_shapes(model.scene.batch_shape, model.middle.shape[:-2], *root)
     zero = model.middle.new_zeros(*shape, model.count, 3)
     v, omega = (zero if x is None else x for x in model.frame(t))
     velocity = v + cross(omega, model.middle)
@@ -109,7 +110,7 @@ def consistent_state(
         if value.shape[-2:] != (model.count, 3):
             raise ValueError(f"{name} of shape {tuple(value.shape)} was given; (..., {model.count}, 3) is wanted")
         given.append(value)
-    return complete(model, t, torch.broadcast_tensors(*given))
+    return complete(model, t, torch.broadcast_tensors(*given, rest[0])[:4])
 
 
 def complete(model: MixedModel, t: Tensor, minimal: tuple[Tensor, ...], status: Tensor | None = None) -> MixedState:

@@ -236,6 +236,22 @@ def test_minimal_form_takes_damping():
     assert (energies[0].diff() < 0).all() and energies[0][-1] < 0.5 * energies[0][0]
 
 
+def test_a_root_whose_motion_alone_is_a_batch():
+    """Each sample as alone: the scene has no batch axes, the function of t has."""
+    turn = torch.tensor([[0, 0.1, 0], [0, 0, 0.2]])
+
+    def scene(turn):
+        return Scene(Beam.straight(1.0, 2, SOFT), root=RootMotion(rotation=lambda t: turn * torch.sin(t)))
+
+    for form in ("minimal", "block_rate"):
+        both = tb.simulate(scene(turn), [0.0, 0.01, 0.02], form=form, method="rk4")
+        assert both.nodes.shape == (3, 2, 3, 3)
+        alone = torch.stack([tb.simulate(scene(one), [0.0, 0.01, 0.02], form=form, method="rk4").nodes for one in turn], 1)
+        assert_close(both.nodes, alone, rtol=0, atol=1e-12)
+    zero = torch.zeros(2, 3)
+    assert tb.consistent_state(scene(turn), zero, zero, zero, zero, t=0.3).position.shape == (2, 3, 3)
+
+
 def test_gradient_by_a_damping_that_is_zero():
     """tau of six, two of them 0: the derivative by each against one-sided differences, 1e-3 off at most (of the largest)."""
     section = Section.from_stiffness(1e3, 500.0, 10.0, (20.0, 30.0), 1.0, 0.1)
