@@ -136,13 +136,21 @@ def check_state(state: Any, scene: Any, name: str = "initial") -> State:
 
 
 def of_mesh(state: Any, nodes: int, dtype: torch.dtype, name: str) -> State:
-    """`state`; ValueError where it is not one of the nodal form with so many nodes, of that dtype."""
+    """`state`; ValueError where it is not one of the nodal form with so many nodes, of that dtype, in each of its
+    fields: native code takes them on trust.
+    """
     if not isinstance(state, State):
         raise ValueError(f"{name} of type {type(state).__name__} was given; the nodal form wants a torchbeam.State")
     if state.position.shape[-2] != nodes:
         raise ValueError(f"{name} with {state.position.shape[-2]} nodes was given; the beam has {nodes}")
-    if state.position.dtype != dtype:
-        raise ValueError(f"{name} of {state.position.dtype} meets a scene of {dtype}; one dtype is wanted")
+    own = dict(position=3, rotation=4, velocity=3, spin=3)
+    for field, shape in (*((field, (nodes, k)) for field, k in own.items()), ("stress", (nodes - 1, 6))):
+        x = getattr(state, field)
+        if x.shape[-2:] != shape:
+            raise ValueError(f"{name} whose {field} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, {shape[1]}) is "
+                             "wanted")
+        if x.dtype != dtype:
+            raise ValueError(f"{name} of {x.dtype} meets a scene of {dtype}; one dtype is wanted")
     return state
 
 
