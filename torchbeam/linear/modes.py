@@ -103,7 +103,7 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     model = discretise(scene, lumped)
     check_count("count", count)
     given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
-    state = equilibrium(scene, t=t, **inputs) if state is None else at_rest(model, state, time, given)
+    state = equilibrium(scene, t=t, **inputs) if state is None else at_rest(model, state, time, given, lumped)
     free = model.constraints.count
     if count > free:
         raise ValueError(f"count = {count} was given; {scene.beam.element_count} elements have at most {free} modes")

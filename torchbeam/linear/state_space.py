@@ -53,7 +53,7 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
     model = discretise(scene, lumped)
     given = scene.tensors(inputs)
     time = instant("t", t, scene.beam.nodes)
-    state = (equilibrium(scene, t=t, **inputs) if state is None else at_rest(model, state, time, given)).broadcast()
+    state = (equilibrium(scene, t=t, **inputs) if state is None else at_rest(model, state, time, given, lumped)).broadcast()
     M, D, K = matrices(model, state, time, given)
     M, K = torch.broadcast_tensors(M, K)
     near = Perturbation.of(model, state, time, given, M.shape[:-2])

@@ -21,6 +21,7 @@ from torch import Tensor
 from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
 from ..nodal.constitutive_law import times
+from ..nodal.discretise import discretise
 from ..nodal.loads import Lags
 from ..nodal.mass import Blocks, add
 from ..nodal.model import Model
@@ -29,8 +30,11 @@ from ..statics.balance_check import check_rest
 from ..statics.steady import Configuration, SteadyProblem
 
 
-def at_rest(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -> State:
-    """`state`, to linearise about; ValueError where it is not one of the scene, moves beside frame a or is no equilibrium."""
+def at_rest(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], lumped: bool) -> State:
+    """`state`, to linearise about; ValueError where it is not one of the scene, moves beside frame a or is no equilibrium: with
+    the mass that `equilibrium` has, also where the model's is lumped.
+    """
+    model = discretise(model.scene) if lumped and model.scene.frame is not None else model
     space = model.space
     reduced = space.start(check_state(state, model.scene))
     problem = SteadyProblem(model, t, inputs, torch.ones_like(t))

@@ -10,7 +10,7 @@ from torchbeam import cli
 from torchbeam.core import files
 
 COMMANDS = ("accuracy", "bench", "control", "coverage", "demo", "effects", "envs", "gradients", "hardcases", "identification",
-            "rates", "scale", "verify")
+            "oracle", "rates", "scale", "verify")
 
 
 def full(*_):

@@ -230,7 +230,8 @@ def test_conservative_loads_come_from_an_energy(name):
             d = (back @ (here.position - here.support.position)[..., None])[..., 0]
             phi = quat.logarithm(quat.from_matrix(back @ here.R))
             return (effect.stiffness * torch.cat((d, phi), -1) ** 2).sum() / 2
-        stretch = torch.linalg.vector_norm(here.position - torch.as_tensor(effect.to), dim=-1) - torch.as_tensor(effect.length)
+        length = 0.0 if effect.length is None else torch.as_tensor(effect.length)
+        stretch = torch.linalg.vector_norm(here.position - torch.as_tensor(effect.to), dim=-1) - length
         return (torch.as_tensor(effect.stiffness) * stretch**2).sum() / 2
 
     zero = torch.zeros(B, 3)
@@ -362,7 +363,7 @@ REFUSED = {
     "only what acts along the beam": lambda: tb.TipLoad(force=fx.Along(lambda s, t: s)),
     "one of each element": lambda: tb.LineLoad(force=fx.PerElement(torch.zeros(7, 3))).wrench(
         fx.LoadPoint(torch.eye(3), s=torch.linspace(0, 1, 4), elements=3), ZERO, {}),
-    "a function of the motion": lambda: fx.CustomLoad(1.0),
+    "Load's function = 1.0 was given; a function is wanted": lambda: fx.CustomLoad(1.0),
     "internal states without a rate": lambda: fx.CustomLoad(user, internal=2),
     "a rate without internal states": lambda: fx.CustomLoad(user, rate=lag),
     "of = 'speed'": lambda: fx.CustomLoad(user, of=("speed",)),
