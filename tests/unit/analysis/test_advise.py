@@ -65,7 +65,7 @@ def test_table(capsys):
 
 
 def test_refusals():
-    with pytest.raises(ValueError, match="tolerance = 0 was given; a positive relative change is wanted"):
+    with pytest.raises(ValueError, match="tolerance = 0 was given; a positive finite number is wanted"):
         tb.advise(scene(), T, TIP, 0)
 
 

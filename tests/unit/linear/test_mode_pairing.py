@@ -86,5 +86,5 @@ def test_refusals():
             tb.pair_modes(modes, wrong, read)
     with pytest.raises(ValueError, match="as many are wanted"):
         tb.modal_assurance(shapes, shapes[:, :2])
-    with pytest.raises(ValueError, match="a function is wanted"):
+    with pytest.raises(ValueError, match="a function of shape is wanted"):
         tb.pair_modes(modes, shapes, None)

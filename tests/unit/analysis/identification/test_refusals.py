@@ -21,7 +21,7 @@ CASES = {
     "another shape": (lambda: dict(model=lambda t: wave(t)[:, :3]), r"gave \(5, 3\) for 5 samples was given; \(5, 40\)"),
     "no batch": (lambda: dict(model=lambda t: wave(t)[0]), r"a model that gave \(40,\)"),
     "no tensor": (lambda: dict(model=lambda t: 3.0), "a model that gave a float"),
-    "no function": (lambda: dict(model=3.0), "a model of type float"),
+    "no function": (lambda: dict(model=3.0), "a model = 3.0 was given; a function of theta is wanted"),
     "no status": (lambda: dict(model=lambda t: (wave(t), torch.ones(2, dtype=torch.long))), r"a status \(2,\)"),
     "no parameters": (lambda: dict(start={}), "no parameters were given"),
     "a name that is none": (lambda: dict(start={1: 2.0}), "a parameter named 1"),
