@@ -195,7 +195,7 @@ def test_undamped_springs_beside_a_strongly_damped_beam():
     def velocity(tau, stiffness, damping):
         effects = [tb.Damping(tau), tb.RootSpring((stiffness, 20.0), damping), tb.TipLoad(force=lambda t: (0, 0, torch.cos(t)))]
         scene = tb.Scene(tb.Beam.straight(1.0, 2, SOFT), effects, plane="xz")
-        return tb.simulate(scene, [0.0, 3.0], method="midpoint4", step=0.01).state[-1].velocity.abs().amax()
+        return tb.simulate(scene, [0.0, 0.6], method="midpoint4", step=0.01).state[-1].velocity.abs().amax()
 
     with pytest.raises(ValueError, match="a stiff RootSpring was given"):
         velocity(0.1, 1e5, None)

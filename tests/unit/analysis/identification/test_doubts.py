@@ -46,12 +46,14 @@ def test_air_that_the_model_leaves_out():
     """A strip that rings in air, read at its tip with noise of 2 % of its motion, and a model without air: E and m three
     deviations off, the damping time seventy, and a misfit only 7 % above sigma.
     """
+    pytest.importorskip("llvmlite")
+
     def motion(theta, *air):
         section = tb.Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=theta["E"], mass=theta["m"], inertia=5e-6)
         push = tb.TipLoad(force=lambda t: (0, 0, 3 * torch.sin(t / 0.08).clamp(min=0) * (t < 0.25)))
         beam = tb.Beam.straight(1.0, 4, section).linked()
         scene = tb.Scene(beam, [push, tb.Damping(theta["tau"]), *air], plane="xz")
-        return tb.simulate(scene, torch.linspace(0, 2, 101), step=0.01)
+        return tb.simulate(scene, torch.linspace(0, 2, 101), step=0.01, engine="compiled")
 
     true = {"E": torch.tensor([1.0]), "m": torch.tensor([0.2]), "tau": torch.tensor([0.004])}
     times, tip = torch.linspace(0.01, 1.99, 240), tb.sensors.TipPosition()["z"]
