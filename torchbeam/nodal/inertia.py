@@ -15,7 +15,6 @@ momentum exactly where v_c rises by 2 (x_{n+1} - x_n)/dt - 2 v_c.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,6 +24,7 @@ from torch.nn.functional import pad
 
 from ..core.leaves import Tree
 from ..core.validation import concrete
+from ..core.warning import warn
 from ..math import quaternions as quat
 from ..math.quadratic import X
 from ..math.quaternions import skew
@@ -127,7 +127,7 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
     if beam.linked_interpolation:
         density = m[..., 0]
         if concrete(too_uneven(beam.length, density) | too_uneven(beam.length)).any():
-            warnings.warn(UNEVEN, RuntimeWarning, stacklevel=2)
+            warn(UNEVEN)
         mass = mass * (gregory(beam.length, density) / trapezoidal(beam.length, density))[..., None, None]
         tributary_length = gregory(beam.length)[..., None]
     beam_mass = mass
