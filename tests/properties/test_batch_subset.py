@@ -60,6 +60,12 @@ SCENES = {
 LONG = "one beam", "dead"  # test_large_batch_and_a_sample_alone, and "loads", have what these have
 
 
+@pytest.fixture(autouse=True)
+def eager(monkeypatch):
+    """Subsets are the eager engine's: native code holds samples that have converged by a mask."""
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
+
+
 @pytest.fixture
 def least(monkeypatch):
     """Sets from how many samples on some are left out."""
