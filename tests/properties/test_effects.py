@@ -130,8 +130,8 @@ def moved(scene):
 
 
 HELD = {  # the random scenes of test_metamorphic.py, which it turns, have these; or another case here has them, and more
-    "dead load", "line load of s", "gravity", "mass damping", "drag", "added mass", "spring", "point mass", "user load", "frame",
-    "free", "damping"}
+    "dead load", "line load of s", "gravity", "mass damping", "drag", "added mass", "spring", "point mass", "user load",
+    "frame", "free", "damping"}
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in HELD)) for name in CASES])

@@ -271,7 +271,7 @@ def test_both_forms_tend_to_one_motion():
     t, apart = torch.tensor([0.0, 0.3]), []
     for N in (2, 4):
         scene = tb.Scene(cantilever(N, SOFT), one_each(names))
-        minimal = tb.simulate(scene, t, form="minimal", rtol=1e-4, atol=1e-5).tip.position[-1]
+        minimal = tb.simulate(scene, t, form="minimal", rtol=1e-3, atol=1e-4).tip.position[-1]
         nodal = tb.simulate(scene, t, step=0.01).tip.position[-1]
         apart.append((nodal - minimal).norm(dim=-1))
     does = (nodal - nodal[-1]).norm(dim=-1)
