@@ -16,14 +16,14 @@ import torchbeam as tb
 from torchbeam.core import batch_subset
 from torchbeam.core.leaves import bound, detached, leaf, leaves, map_leaves, wants_gradient
 from torchbeam.core.validation import Value
-from torchbeam.scene.effects.load_point import POSITION, VELOCITY, Load
+from torchbeam.scene.effects.load_point import POSITION, VELOCITY, LoadEffect
 
 SOFT = dict(EA=4e3, GA=2e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
 B = 6
 
 
 @dataclass(frozen=True)
-class Magnet(Load):
+class Magnet(LoadEffect):
     """A node drawn to a point by a force that falls off with distance, s d/(a^2 + |d|^2)^2, with some friction; its tangent
     comes by automatic differentiation.
     """
@@ -140,12 +140,12 @@ def test_it_is_detached_and_mapped_as_a_whole():
 def test_a_tensor_that_it_does_not_declare_is_refused_where_the_class_is_written():
     with pytest.raises(TypeError, match=r"Forgetful\.strength can hold a tensor.*leaf\(axes\)"):
         @dataclass(frozen=True)
-        class Forgetful(Load):
+        class Forgetful(LoadEffect):
             strength: Tensor
 
 
 @dataclass(frozen=True)
-class Tie(Load):
+class Tie(LoadEffect):
     """A spring to a point without a length of its own, as `Spring` is one; it answers what is asked of a stiffness."""
 
     stiffness: Value = leaf(0)
@@ -181,5 +181,5 @@ def test_an_effect_acts_along_the_beam_unless_it_says_at_which_node():
         scene(type("Alien", (), {"kind": "load"})())
     with pytest.raises(TypeError, match=r"Unsaid\.node is a field without a value"):
         @dataclass(frozen=True)
-        class Unsaid(Load):
+        class Unsaid(LoadEffect):
             node: int

@@ -10,7 +10,7 @@ nodes or elements, by the form of the beam.
 """
 
 from .actuation import Actuation
-from .custom_load import CustomLoad
+from .custom_load import Load
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
 from .effect import Effect
@@ -23,7 +23,7 @@ from .load_point import (
     ROTATION,
     SPIN,
     VELOCITY,
-    Load,
+    LoadEffect,
     LoadPoint,
     Pose,
     Wrench,
@@ -60,7 +60,6 @@ __all__ = [
     "Accelerogram",
     "Actuation",
     "Along",
-    "CustomLoad",
     "Damping",
     "Drag",
     "Effect",
@@ -70,6 +69,7 @@ __all__ = [
     "Inputs",
     "LineLoad",
     "Load",
+    "LoadEffect",
     "LoadPoint",
     "LoadValue",
     "MassDamping",
