@@ -107,7 +107,7 @@ def test_tangent(name):
     lead = site.R.shape[:-2]
     tangent = effect.tangent(site, ZERO, INPUTS)
     assert set(tangent) == effect.depends
-    automatic = fx.Load.tangent(effect, site, ZERO, INPUTS)
+    automatic = fx.LoadEffect.tangent(effect, site, ZERO, INPUTS)
     for what in fx.load_point.READS:
         columns = []
         for i in range(3):
@@ -173,7 +173,7 @@ def test_drag_at_rest():
     drag = bind(fx.Drag(2.0, 0.5, normal=1.2, tangential=0.1))
     site = replace(a_site(drag), velocity=torch.zeros(B, SITES, 3))
     assert (drag.wrench(site, ZERO, {})[0] == 0).all()
-    for way in (drag.tangent, lambda *a: fx.Load.tangent(drag, *a)):
+    for way in (drag.tangent, lambda *a: fx.LoadEffect.tangent(drag, *a)):
         assert all((d == 0).all() for d in way(site, ZERO, {}).values())
     site = a_site(drag)
     once, thrice = (drag.wrench(replace(site, velocity=k * site.velocity), ZERO, {})[0] for k in (1, 3))

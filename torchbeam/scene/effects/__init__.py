@@ -18,6 +18,7 @@ from .gravity import Gravity
 from .histories import Accelerogram, History
 from .load_point import (
     ACCELERATION,
+    ANGULAR_ACCELERATION,
     INERTIAL,
     POSITION,
     ROTATION,
@@ -52,6 +53,7 @@ from .values import (
 
 __all__ = [
     "ACCELERATION",
+    "ANGULAR_ACCELERATION",
     "INERTIAL",
     "POSITION",
     "ROTATION",
