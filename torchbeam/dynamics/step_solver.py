@@ -156,7 +156,9 @@ class StepSolver:
         found = self._double.natively(state.map(lambda x: wide(x) if x.is_floating_point() else x), wide(dt),
                                       None if t is None else wide(t), {name: wide(x) for name, x in inputs.items()}, moving,
                                       *options)
-        return None if found is None else found._replace(fields={name: x.to(state.position) for name, x in found.fields.items()})
+        if found is None:
+            return None
+        return found._replace(fields={name: x.to(state.position) for name, x in found.fields.items()})
 
     def _limit(self, last: bool) -> int:
         """Iterations of a solve; fewer where the step can still be made in parts."""
