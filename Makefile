@@ -22,7 +22,7 @@ test-long: .venv/dev.done
 # CI's second pass, eagerly and with another processor's rounding: the properties that `make test` takes through native code, and
 # of the units those of linear algebra, local functions, statics and linear models.
 UNITS := $(addprefix tests/unit/,math nodal state linear solvers statics)
-PROPERTIES := $(addsuffix .py,$(addprefix tests/properties/test_,batch_sizes dynamics effects gradients metamorphic new_effect \
+PROPERTIES := $(addsuffix .py,$(addprefix tests/properties/test_,batch_sizes dynamics gradients metamorphic new_effect \
 	second_derivatives zero))
 test-second: .venv/dev.done
 	TORCHBEAM_ENGINE=eager $(OTHER_ROUNDING) $(BIN)/$(PYTEST) $(UNITS) $(PROPERTIES) tests/verification/test_effects.py \
