@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 import torch
 
+from torchbeam.dynamics import engine_use
+
 sys.path.insert(0, str(Path(__file__).parent / "cases"))  # what several tests draw on: nodal_cases, mixed_cases, gradient_cases
 
 THREADS = int(os.environ.get("OMP_NUM_THREADS", 1))
@@ -32,7 +34,8 @@ def pytest_runtest_protocol(item):
 
 @pytest.fixture(autouse=True)
 def double_precision_on_given_threads():
-    """A test that changes the default dtype or the number of threads does not reach the next."""
+    """A test that changes the default dtype or the number of threads, or steps eagerly, does not reach the next."""
+    engine_use._of_short_runs.clear()
     torch.set_default_dtype(torch.float64)
     torch.set_num_threads(THREADS)
     yield
