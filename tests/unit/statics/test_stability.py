@@ -48,7 +48,7 @@ def test_one_motion_that_diverges(engine, turning):
 
 @torch.no_grad()
 def test_who_is_named_diverges():
-    """Bent columns under dead moments in space: each alone is named where an odd number of its modes diverge, and only there."""
+    """Bent columns under dead moments in space, named alone where an odd number of its modes diverge, nowhere else."""
     generator = torch.Generator().manual_seed(5)
     P, M = 6 * torch.rand(12, generator=generator), 0.6 * torch.randn(12, 3, generator=generator)
     force = torch.stack((-P, 0 * P, 0 * P), -1)
