@@ -16,9 +16,7 @@ from torch import nn
 from torch.nn import functional as F
 
 import torchbeam as tb
-from torchbeam.core.leaves import leaf
-from torchbeam.core.validation import Value
-from torchbeam.scene.effects import VELOCITY, Load
+from torchbeam.extend import VELOCITY, LoadEffect, Value, leaf
 
 MU, EDGE = 0.3, torch.tensor([0.0, 0.0, -1.0])
 EDGES, HEIGHTS = torch.tensor([-0.5, 0.0, 0.3, 0.9, 1.5]), torch.tensor([0.4, -0.2, 0.3, 0.1, 0.6])
@@ -224,7 +222,7 @@ class Motor:
 
 
 @dataclass(frozen=True)
-class Brake(Load):
+class Brake(LoadEffect):
     """A load of a class of one's own: quadratic, with a floor."""
 
     c: Value = leaf(0)
@@ -309,6 +307,41 @@ LOADS = {
     "network, layer norm": lambda: neural(lambda: nn.LayerNorm(6), nn.Tanh),
     "network, dropout of eval": lambda: neural(nn.Dropout, nn.Tanh), "network, residual": lambda: network(Residual().double()),
     "network, float32": lambda: network(Single()),
+}
+
+THREE = torch.tensor([[3.0], [1.0], [2.0]])
+
+
+def springs(k):
+    """Of three beams, k (3, 1), beside numbers that all have in common: as many as there are beams."""
+    return lambda x, R, v, w, t: (-k * (x - EDGE) - 0.1 * v, None)
+
+
+def picking(k):
+    """k (3): the same row of it by a place, and by its shape."""
+    return lambda x, R, v, w, t: (-k[:, None] * v, k.reshape(k.shape[0], 1) * torch.sin(w) * STIFFNESS[0])
+
+
+def lagging(k):
+    def pull(x, R, v, w, t, z):
+        return along_z(-k[..., 0] * z[..., 0]), None
+
+    def rate(z, x, R, v, w, t):
+        return 20.0 * k * (x[..., 2:3] - z)
+    return tb.Load(pull, internal=1, rate=rate)
+
+
+def mixing(k):
+    """Each beam feels the mean of all."""
+    return tb.Load(lambda x, R, v, w, t: (-k.mean() * k * v, None))
+
+
+BATCHES = {  # of a tensor (3, 1), in loads that close over it
+    "closed-over batch": lambda k: tb.Load(springs(k)), "batch by places": lambda k: tb.Load(picking(k[:, 0])),
+    "batch of a partial": lambda k: tb.Load(functools.partial(scaled, k, torch.tensor([1.0, 0.0, 0.1]))),
+    "batch of an object": lambda k: tb.Load(Motor([k, 0.2]).torque), "batch of lags": lagging,
+    "batch along the beam": lambda k: tb.Load(lambda x, R, v, w, t: (-k[:, None] * v, None), node=None),
+    "batch of a flow": lambda k: tb.Drag(100.0, 0.02, flow=lambda x, t: k[..., None] * shear(x, t)),
 }
 
 

@@ -5,12 +5,19 @@ import math
 import numpy as np
 import pytest
 import torch
-from torchbeam_envs import Actuator, FlutterHoldVectorEnv, SlewVectorEnv, TipReachVectorEnv, TipTrackVectorEnv
-from torchbeam_envs.actuators import TipForce
+from torchbeam_envs import (
+    Actuator,
+    FlutterHoldVectorEnv,
+    SlewVectorEnv,
+    TipForce,
+    TipReachVectorEnv,
+    TipTrackVectorEnv,
+    holding_action,
+)
 from torchbeam_envs.baselines import LQG, LQR, PD, Optimum, Static, Zero
 from torchbeam_envs.baselines.holding import Holding, search
 from torchbeam_envs.baselines.linear import gain
-from torchbeam_envs.reach import holding_action, share_in_ball
+from torchbeam_envs.reach import share_in_ball
 
 import torchbeam as tb
 
