@@ -53,7 +53,7 @@ class Reach:
             angle = (degrees + 0.5) * (torch.pi / (DEGREE + 1))
         points = torch.cos(angle).to(scene.dtype).to(scene.device)
         degrees = degrees.to(scene.device)
-        state = tb.equilibrium(scene, **inputs(points.reshape(-1, *[1] * len(scene.batch_shape), actions)))
+        state = tb.equilibrium(scene, inputs=inputs(points.reshape(-1, *[1] * len(scene.batch_shape), actions)))
         value = state.tip.position if read is None else read(state)
         return cls(degrees, torch.einsum("tp,p...c->...tc", torch.linalg.pinv(_products(points, degrees)), value))
 
@@ -148,7 +148,7 @@ def holding_action(scene: tb.Scene, target: Tensor, actions: int, inputs: Callab
     @torch.enable_grad()
     def tip(action: Tensor) -> tuple[Tensor, Tensor]:
         a = action.detach().requires_grad_()
-        at = tb.equilibrium(scene, **inputs(a)).tip.position
+        at = tb.equilibrium(scene, inputs=inputs(a)).tip.position
         return at.detach(), torch.stack([torch.autograd.grad(at[:, i].sum(), a, retain_graph=True)[0] for i in range(3)], -2)
 
     return nearest_action(tip, target, torch.zeros(len(target), actions, dtype=scene.dtype, device=scene.device), iterations)

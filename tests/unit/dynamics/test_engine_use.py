@@ -137,7 +137,7 @@ def test_the_engine_is_told():
     (lambda r, R, v, w, t: (v[..., :2], None), "3"),
     (lambda r, R, v, w: (v, None), "argument"),
 ])
-@pytest.mark.parametrize("call", [run, lambda load: tb.equilibrium(scene(load), u=(0, 0, 0.1))])
+@pytest.mark.parametrize("call", [run, lambda load: tb.equilibrium(scene(load), inputs={"u": (0, 0, 0.1)})])
 def test_a_mistake_in_a_function_is_told_as_that(call, function, sentence):
     """By the error alone, without a warning about native code before it."""
     found = []
