@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ...core import files
 from ...core.arguments import choice
+from ...core.validation import Value
 from ...core.warning import warn
 from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
@@ -19,6 +20,7 @@ from . import student
 from .bootstrap import Bootstrap, bootstrap
 from .covariance import half_interval
 from .observed_priors import with_priors_observed
+from .prediction import Prediction, predicted
 from .problem import Problem
 from .profile import Profile, profiles
 from .readings import Readings
@@ -155,6 +157,34 @@ class Fit:
         elif method == "profile":
             found = torch.stack([one.interval for one in self.profile(level=level)])
         return self.within(found)
+
+    def predict(self, model: Any = None, sensor: Any = None, times: Any = None, *, level: float = 0.95,
+                sigma: Value | None = None, experiment: str | None = None) -> Prediction:
+        """Readings at the fitted parameters, of what was measured or of anything else that the same parameters make, with bands
+        from their covariance: the readings' derivatives G, as a search takes them (one batch of 2 p + 1 samples), give the
+        variance G C G^T. Exact where readings are linear in the coordinates of the search; Student's t with the parameters'
+        `freedom` (the fewest, where these differ). A parameter at a bound counts as known; a reading that moves with one that
+        is not determined has an infinite band.
+
+        model       as `identify` takes one, of another load, place or time; None = the model that was fitted
+        sensor, times  by which a Solution is read, see `tb.observe`; times (s) None = those of the solution. Offsets, drifts,
+                    delays and clocks of instruments are not in it
+        sigma       of the noise of a new measurement: the bands are then of that, not of what is there. A number, or a tensor
+                    that broadcasts with the readings; where the misfit told the noise, `fit.scale` times the data's
+        experiment  whose model, and whose own parameters; wanted where there are several with their own
+
+        Like intervals it takes the model as right: a UserWarning says so where there are `doubts`. Raises ValueError for a fit
+        from a file, a model that fails at the fit, or other shapes.
+        """
+        warn_of(self.doubts)
+        y, J = predicted(self._problem("prediction"), self.x, model, sensor, times, experiment)
+        open_ = self.open if len(self.open) else torch.zeros_like(self.held)
+        told = ~self.held & ~open_
+        own = J[..., told]
+        variance = ((own @ self.x_covariance[told][:, told]) * own).sum(-1).clamp(min=0)
+        variance = torch.where((J[..., open_ & ~self.held] != 0).any(-1), torch.inf, variance)
+        quantile = self._quantile(level)
+        return Prediction.of(y, variance, sigma, (quantile[told] if told.any() else quantile).amax().item(), level)
 
     def profile(self, *names: str, level: float = 0.95) -> tuple[Profile, ...]:
         """Profile likelihoods of the parameters (all), see `interval`."""
