@@ -11,12 +11,12 @@ import torch
 from torch import Tensor
 
 from ...core import files
-from ...core.arguments import choice
+from ...core.arguments import choice, level_of
 from ...core.validation import Value
 from ...core.warning import warn
+from ...math.distributions import student_quantile
 from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
-from . import student
 from .bootstrap import Bootstrap, bootstrap
 from .covariance import half_interval
 from .observed_priors import with_priors_observed
@@ -253,8 +253,8 @@ class Fit:
 
     def _quantile(self, level: float) -> Tensor:
         """(p,) of Student's t, at the upper end."""
-        tail = student.tail(level)
-        each = {freedom: student.quantile(1 - tail, freedom) for freedom in set(self.freedom.tolist())}
+        end = (1 + level_of("level", level)) / 2
+        each = {freedom: student_quantile(end, freedom) for freedom in set(self.freedom.tolist())}
         return self.x.new_tensor([each[freedom] for freedom in self.freedom.tolist()])
 
     def _half_interval(self, quantile: Tensor) -> Tensor:

@@ -7,7 +7,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.analysis.identification import student
+from torchbeam.math.distributions import student_quantile
 
 T = torch.linspace(0, 1, 8)
 A = torch.stack((torch.ones_like(T), T), -1)
@@ -34,7 +34,7 @@ def test_bands_of_a_straight_line(known, derivatives):
     sigma = 0.1 if known else fit.scale
     inverse = torch.linalg.inv(A.mT @ A)
     deviation = sigma * ((ELSEWHERE @ inverse) * ELSEWHERE).sum(-1).sqrt()
-    factor = student.quantile(0.95, math.inf if known else len(T) - 2)
+    factor = student_quantile(0.95, math.inf if known else len(T) - 2)
     found = fit.predict(line(ELSEWHERE), level=0.9)
     assert_close(found.y, ELSEWHERE @ fit.theta, rtol=1e-12, atol=0)
     assert_close(found.deviation, deviation, rtol=1e-6, atol=0)
