@@ -40,7 +40,7 @@ class Constraints:
         rows = [space.constrained(s.held) for s in scene.supports]
         fixed = torch.tensor(rows, dtype=like.dtype, device=like.device).reshape(len(rows), space.unknowns)
         nodes = tuple(s.node for s in scene.supports)
-        first = int(bool(nodes) and nodes[0] == 0 and all(rows[0]))
+        first = int(0 in nodes and all(rows[nodes.index(0)]))
         free = torch.ones(scene.beam.count + 1, space.unknowns, dtype=like.dtype, device=like.device)
         free[list(nodes)] = 1 - fixed
         slide, turn = free[:, :space.position], free[:, space.position:].amax(-1, keepdim=True)

@@ -13,6 +13,7 @@ from ..math.block_tridiagonal import broadcast_matrices
 from ..math.shapes import broadcast_shapes
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.scene import Scene
+from ..scene.supports import Support
 from ..state.state import State
 from ..state.supported_nodes import set_node
 from .discretise import discretise
@@ -94,7 +95,7 @@ class Rates:
             frame = space.normalize(rest[..., :width])
         internal = rest[..., rest.shape[-1] - 1 - z:-1] if z else None
         if model.constraints.first:
-            support = model.scene.supports[0]
+            support = self._root
             pose = space.of_nodes(0).pose(*model.prescribed_motion.pose(support, t))
             if model.scene.has_prescribed_motion:
                 motion = space.motion(*model.prescribed_motion.absolute(support, t))
@@ -200,8 +201,13 @@ class Rates:
         if not found:
             return net[..., :0, :]
         if model.scene.has_prescribed_motion and first:
-            found[0] = self._clamp_reaction(t, nodes, net)
+            found[model.constraints.nodes.index(0)] = self._clamp_reaction(t, nodes, net)
         return torch.stack(torch.broadcast_tensors(*found), -2)
+
+    @property
+    def _root(self) -> Support:
+        """The clamp at node 0."""
+        return self.model.scene.supports[self.model.constraints.nodes.index(0)]
 
     def _clamp_reaction(self, t: Tensor, nodes: Nodes, net: Tensor) -> Tensor:
         """(..., w) of a clamp at node 0 that moves: the rate of its node's momentum, less what else acts there."""
@@ -219,13 +225,13 @@ class Rates:
     def _clamp_accelerations(self, t: Tensor) -> tuple[Tensor, Tensor]:
         """Acceleration (..., p) and angular acceleration (..., s) of a clamp at node 0, absolute, frame a."""
         model = self.model
-        a, alpha = model.prescribed_motion.acceleration(model.scene.supports[0], t).unbind(-2)
+        a, alpha = model.prescribed_motion.acceleration(self._root, t).unbind(-2)
         return model.space.project_vector(a), model.space.project_spin(alpha)
 
     def _clamp(self, t: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Of a clamp at node 0, (..., 1, ...): rotation, velocity, spin (section axes)."""
         model, space = self.model, self.model.space
-        support = model.scene.supports[0]
+        support = self._root
         _, q = space.of_nodes(0).pose(*model.prescribed_motion.pose(support, t))
         return tuple(x[..., None, :] for x in (q, *space.motion(*model.prescribed_motion.absolute(support, t))))
 
@@ -236,4 +242,5 @@ class Rates:
         work = y[..., -1]
         return self.model.space.to_public(State(
             *nodes[:3], spin, self.stress(nodes, t), self.reaction(t, nodes, spin, net), work, torch.zeros_like(work),
-            t.expand(work.shape), status, frame=nodes.frame, internal=nodes.internal))
+            t.expand(work.shape), status, frame=nodes.frame, internal=nodes.internal,
+            supports=self.model.constraints.nodes))
