@@ -208,7 +208,7 @@ def test_float32():
 
 def test_series_and_intervals():
     """Outputs at uneven instants: each interval in equal steps of at most `step`; same end as one interval in the same
-    steps; progress is told step by step.
+    steps; progress is told step by step, and not again by a backward that makes the steps once more.
     """
     shown = []
     scene = soft(3, tb.TipLoad(force=(0, 0, 1.0)))
@@ -216,6 +216,12 @@ def test_series_and_intervals():
     assert sol.stats.steps == 10 and shown == [(i, 10) for i in range(1, 11)]
     assert_close(sol.nodes[-1], tb.simulate(scene, [0.0, 0.1], step=0.01).nodes[-1], rtol=0, atol=1e-13)
     assert sol.tip.position.shape == (4, 3) and sol.energy.work.shape == (4,)
+    push = torch.tensor((0, 0, 1.0), requires_grad=True)
+    shown.clear()
+    again = tb.simulate(soft(3, tb.TipLoad(force=push)), [0.0, 0.1], step=0.01, checkpoint=True, engine="eager",
+                        progress=lambda done, of: shown.append((done, of)))
+    again.tip.position[-1, 2].backward()
+    assert shown == [(i, 10) for i in range(1, 11)] and push.grad[2] > 0
 
 
 @pytest.mark.parametrize("method", ["midpoint", "dopri5"])
