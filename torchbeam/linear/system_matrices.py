@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from ..math.shapes import broadcast_shapes
+from ..math.subspace import Chained
 from ..nodal import loads as external
 from ..nodal.constitutive_law import times
 from ..nodal.discretise import discretise
@@ -104,6 +105,32 @@ def chains(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
         if model.read.intersection(moved):
             D = add(D, (at - external.tangent(model, nodes, t, inputs, moving, moved),))
     return M, D, K, lagging
+
+
+def chained(model: Model, blocks: Blocks, own: float) -> Chained:
+    """Chain of the nodes that elements end at, each with those before it that its element has between (order 2; one in front of
+    the first that is not there): with `own` on the diagonal of what is not there or held, and nothing beside it.
+    """
+    order, w, count = model.scene.beam.order, model.space.unknowns, model.scene.beam.element_count + 1
+    shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
+    like, at = blocks[0], torch.arange(model.count + 1, device=blocks[0].device)
+    free = model.constraints.moving.to(like.dtype)
+    parts = [like.new_zeros(*shape, n, order, order, w, w) for n in (count, count - 1, count - 1)]
+    rows, columns = model.space.chain.coupled(at, 0)
+    for block, row, column in zip(blocks, (at, *rows), (at, *columns), strict=False):
+        held = block.expand(*shape, len(row), w, w) * free[row][..., None] * free[column][..., None, :]
+        i, j = row + order - 1, column + order - 1
+        for part, first, there in zip(parts, (i, i, j), (i // order == j // order, i // order + 1 == j // order,
+                                                         i // order == j // order + 1), strict=True):
+            part[..., (first // order)[there], (i % order)[there], (j % order)[there], :, :] = held[..., there, :, :]
+    diagonal, upper, lower = (x.transpose(-3, -2).flatten(-4, -3).flatten(-2) for x in parts)
+    missing = 1 - unknowns(model).to(like.dtype).unflatten(0, (count, order * w))
+    return Chained(diagonal + own * torch.diag_embed(missing), upper, lower)
+
+
+def unknowns(model: Model) -> Tensor:
+    """(n) bool: which of the unknowns of a chain, see `chained`, are free moves."""
+    return torch.nn.functional.pad(model.constraints.moving, (0, 0, model.scene.beam.order - 1, 0)).flatten()
 
 
 def moves(model: Model, free: Tensor) -> Tensor:

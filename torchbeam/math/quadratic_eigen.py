@@ -19,7 +19,7 @@ from torch import Tensor
 from .block_tridiagonal import positive_definite
 from .dense import inverse_unchecked, solve
 from .first_derivative import first_only
-from .subspace import Blocks, subspace
+from .subspace import Chained, subspace
 
 DENSE = 96  # unknowns up to which the dense way is the shorter
 STRAIGHT = 1e-6  # |imaginary part| over |eigenvalue| up to which a motion does not oscillate
@@ -53,19 +53,10 @@ def slowest(M: Tensor, D: Tensor | None, K: Tensor, count: int, symmetric: bool,
     return _dense(M, D, K, count, derivatives, lags) if found is None else found
 
 
-def slowest_of_chain(M: Blocks, K: Blocks, count: int) -> Pairs | None:
+def slowest_of_chain(M: Chained, K: Chained, count: int) -> Pairs | None:
     """The same of symmetric block tridiagonal matrices, undamped; None where it is unstable beyond what a shift covers."""
-    M, K = (tuple(x.detach() for x in A) for A in (M, K))
-    M, K = (((A[0] + A[0].mT) / 2, A[1]) for A in (M, K))
-    return _symmetric(Chained(*M), Chained(*K), count, lambda K: positive_definite(K.diagonal_blocks, K.upper.mT, K.upper),
-                      subspace)
-
-
-class Chained(NamedTuple):
-    """A symmetric block tridiagonal matrix: diagonal blocks (..., n, w, w) and those to their right (..., n-1, w, w)."""
-
-    diagonal_blocks: Tensor
-    upper: Tensor
+    M, K = (Chained((A[0] + A[0].mT) / 2, A[1], A[1].mT) for A in (Chained(*(x.detach() for x in A)) for A in (M, K)))
+    return _symmetric(M, K, count, lambda K: positive_definite(K.diagonal_blocks, K.lower, K.upper), subspace)
 
 
 def _size(A: Any) -> Tensor:
@@ -90,8 +81,7 @@ def rounding(M: Any, K: Any) -> Tensor:
 
 def _plus(K: Any, shift: Tensor, M: Any) -> Any:
     if isinstance(K, Chained):
-        shift = shift[..., None, None, None]
-        return Chained(K.diagonal_blocks + shift * M.diagonal_blocks, K.upper + shift * M.upper)
+        return Chained(*(A + shift[..., None, None, None] * B for A, B in zip(K, M, strict=True)))
     return K + shift[..., None, None] * M
 
 

@@ -9,20 +9,29 @@ from torch import Tensor
 
 from .shapes import broadcast_shapes
 
-Blocks = tuple[Tensor, Tensor]  # diagonal (..., N, k, k) and upper (..., N-1, k, k)
 EXTRA = 8  # vectors beyond those asked for
 SWEEPS, LATE = 40, 8
 CONVERGED = {torch.float64: 1e-11, torch.float32: 1e-5}  # change of an eigenvalue in a sweep, relative
 STUCK = 0.7  # a change that is not less than this much of the one before, late on, is rounding
 
 
-def subspace(M: Blocks, K: Blocks, count: int) -> tuple[Tensor, Tensor]:
+class Chained(NamedTuple):
+    """A block tridiagonal matrix: diagonal blocks (..., n, k, k), those to the right of each, upper, and those to the left of
+    the next, lower (..., n-1, k, k).
+    """
+
+    diagonal_blocks: Tensor
+    upper: Tensor
+    lower: Tensor
+
+
+def subspace(M: Chained, K: Chained, count: int) -> tuple[Tensor, Tensor]:
     """The `count` largest eigenvalues (..., count), falling, and vectors (..., n, count) of K^-1 M.
 
     Block inverse iteration with the Rayleigh-Ritz projection (Bathe 1971), O(N) a sweep. A sample's result depends on its
     neighbours by what is left to converge alone: 1e-11.
     """
-    diagonal, _ = K
+    diagonal = K.diagonal_blocks
     nodes, k = diagonal.shape[-3], diagonal.shape[-1]
     size = min(2 * count, count + EXTRA)
     batch = broadcast_shapes(diagonal.shape[:-3], M[0].shape[:-3])
@@ -61,13 +70,13 @@ class _Factors(NamedTuple):
     ahead: list[Tensor]
 
     @classmethod
-    def of(cls, K: Blocks) -> _Factors:
-        diagonal, upper = K
+    def of(cls, K: Chained) -> _Factors:
+        diagonal, upper, lower = K
         lu, order, ahead = [], [], []
         for i in range(diagonal.shape[-3]):
             pivot = diagonal[..., i, :, :]
             if i > 0:
-                pivot = pivot - upper[..., i - 1, :, :].mT @ ahead[-1]
+                pivot = pivot - lower[..., i - 1, :, :] @ ahead[-1]
             factors = torch.linalg.lu_factor_ex(pivot)
             lu.append(factors[0])
             order.append(factors[1])
@@ -76,17 +85,17 @@ class _Factors(NamedTuple):
         return cls(lu, order, ahead)
 
 
-def _solve(factors: _Factors, K: Blocks, load: Tensor) -> Tensor:
+def _solve(factors: _Factors, K: Chained, load: Tensor) -> Tensor:
     """K^-1 load for load (..., N, k, m), refined once: pivots next to impossible strains are ill conditioned."""
-    x = _swept(factors, K[1], load)
-    return x + _swept(factors, K[1], load - _product(K, x))
+    x = _swept(factors, K.lower, load)
+    return x + _swept(factors, K.lower, load - _product(K, x))
 
 
-def _swept(factors: _Factors, upper: Tensor, load: Tensor) -> Tensor:
-    loads, U = load.unbind(-3), upper.unbind(-3)
+def _swept(factors: _Factors, lower: Tensor, load: Tensor) -> Tensor:
+    loads, L = load.unbind(-3), lower.unbind(-3)
     down = []
     for i, (lu, order) in enumerate(zip(factors.lu, factors.order, strict=True)):
-        right = loads[i] if i == 0 else loads[i] - U[i - 1].mT @ down[-1]
+        right = loads[i] if i == 0 else loads[i] - L[i - 1] @ down[-1]
         down.append(torch.linalg.lu_solve(lu, order, right))
     x = [down[-1]]
     for i in range(len(down) - 2, -1, -1):
@@ -94,9 +103,9 @@ def _swept(factors: _Factors, upper: Tensor, load: Tensor) -> Tensor:
     return torch.stack(x[::-1], -3)
 
 
-def _product(A: Blocks, X: Tensor) -> Tensor:
+def _product(A: Chained, X: Tensor) -> Tensor:
     """A X for X (..., N, k, m)."""
-    diagonal, upper = A
+    diagonal, upper, lower = A
     pad = torch.nn.functional.pad
-    above, below = upper @ X[..., 1:, :, :], upper.mT @ X[..., :-1, :, :]
+    above, below = upper @ X[..., 1:, :, :], lower @ X[..., :-1, :, :]
     return diagonal @ X + pad(above, (0, 0, 0, 0, 0, 1)) + pad(below, (0, 0, 0, 0, 1, 0))
