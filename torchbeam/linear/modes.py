@@ -20,11 +20,10 @@ from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete
 from ..math.quadratic_eigen import DENSE, attach, slowest, slowest_of_chain, upright
 from ..nodal.discretise import discretise
-from ..nodal.model import Model
 from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
-from .system_matrices import Blocks, at_rest, augmented, chains, dense, moves
+from .system_matrices import at_rest, augmented, dense, moves, of_nodes
 
 GROWING = 1e-6  # real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts by its root
 NORMS = ("largest", "mass")
@@ -107,18 +106,19 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     free = model.constraints.count
     if count > free:
         raise ValueError(f"count = {count} was given; {scene.beam.element_count} elements have at most {free} modes")
-    M, D, K, lags = chains(model, state, time, given)
-    derivatives = wants_gradient(*(x for blocks in (M, D, K, lags or ()) for x in blocks))
-    symmetric = not D and lags is None and model.conservative
+    M, D, K, lags = of_nodes(model, state, time, given)
+    derivatives = wants_gradient(*(x for one in (M, D, K) if one is not None for x in one.tensors), *(lags or ()))
+    symmetric = D is None and lags is None and model.conservative
     pairs = None
-    if symmetric and scene.beam.order == 1 and free > max(DENSE, 4 * count):
+    if symmetric and free > max(DENSE, 4 * count):
         with no_derivatives():
-            pairs = slowest_of_chain(_held(model, M, 0.0), _held(model, K, 1.0), count)
+            unknowns = model.constraints.unknowns
+            sparse = M.symmetric(unknowns, 0.0), K.symmetric(unknowns, 1.0)
+            pairs = None if None in sparse else slowest_of_chain(*sparse, count)
             if pairs is not None:
-                unknown = model.constraints.moving[model.constraints.first:].flatten()
-                pairs = pairs._replace(right=pairs.right[..., unknown])
+                pairs = pairs._replace(right=pairs.right[..., unknowns.moving.flatten()])
     if pairs is None or derivatives or normalize == "mass":
-        M, D, K = augmented(model, *(dense(model, *blocks) if blocks else None for blocks in (M, D, K)), lags)
+        M, D, K = augmented(model, *(None if one is None else dense(model, one) for one in (M, D, K)), lags)
     if pairs is None:
         with no_derivatives():
             pairs = slowest(M, D, K, count, symmetric, derivatives, lags is not None)
@@ -128,14 +128,3 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     if normalize == "mass":
         shape = shape / sum((x * (x @ M)).sum(-1, keepdim=True) for x in (shape.real, shape.imag)).sqrt()
     return Modes(value, moves(model, shape))
-
-
-def _held(model: Model, blocks: Blocks, own: float) -> tuple[Tensor, Tensor]:
-    """Diagonal and upper blocks of the nodes with unknowns, `own` on the diagonal of constrained unknowns."""
-    at, *between = (x.expand(*x.shape[:-3], n, *x.shape[-2:]) for x, n in zip(
-        blocks, (model.count + 1, model.count, model.count), strict=False))
-    to, back = between or (torch.zeros_like(at[..., 1:, :, :]),) * 2
-    at, _, to = model.constraints.matrix(at, back, to)
-    if model.constraints.free is not None and own != 1:
-        at = at - (1 - own) * torch.diag_embed(1 - model.constraints.free)
-    return at, to
