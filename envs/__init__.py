@@ -4,7 +4,8 @@
     TipReachVectorEnv(256, output="torch")       tensors, differentiable end to end
 
 What an environment of one's own is made of: `Task`, `BeamEnvConfig`, `Actuator`, `TipForce`, `Observed`, `Parameter`, behind
-`BeamVectorEnv` and `SingleEnv` (docs/own_environment.md). `Sb3VecEnv` puts a vector env into stable-baselines3 (extra `rl`).
+`BeamVectorEnv` and `SingleEnv` (docs/own_environment.md). `functional`: episodes as values, begun and stepped by functions.
+`Sb3VecEnv` puts a vector env into stable-baselines3 (extra `rl`).
 """
 
 from importlib import import_module
@@ -12,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from torchbeam.core.entry_point import entry_point, entry_points
+from torchbeam.extend import entry_point, entry_points
 
+from . import functional
 from .actuators import Actuator, TipForce
 from .config import BeamEnvConfig
 from .core import BeamVectorEnv
@@ -21,6 +23,8 @@ from .episodes import Episodes
 from .flutter_hold import FlutterHoldEnv, FlutterHoldVectorEnv
 from .parameters import Parameter
 from .payload import PayloadEnv, PayloadVectorEnv
+from .plant import aluminium_strip, silicone_rod
+from .reach import holding_action
 from .sensors import Observed
 from .single import SingleEnv
 from .slew import SlewEnv, SlewVectorEnv
@@ -34,7 +38,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Actuator", "BeamEnvConfig", "BeamVectorEnv", "Episodes", "FlutterHoldEnv", "FlutterHoldVectorEnv", "Observed", "Parameter",
     "PayloadEnv", "PayloadVectorEnv", "Sb3VecEnv", "SingleEnv", "SlewEnv", "SlewVectorEnv", "Task", "TipForce", "TipReachEnv",
-    "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv",
+    "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv", "aluminium_strip", "functional", "holding_action",
+    "silicone_rod",
 ]
 LAZY = {"Sb3VecEnv": "sb3"}  # what wants an extra, by module
 entry_points(globals(), __all__)

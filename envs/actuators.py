@@ -10,8 +10,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.core.leaves import Tree
-from torchbeam.scene.effects import inputs_of
+from torchbeam.extend import Tree, inputs_of
 
 from .episodes import Episodes
 

@@ -15,9 +15,16 @@ import gymnasium
 import numpy as np
 import torch
 
-from torchbeam.cli import results_folder, threads
-from torchbeam.core.results import measured_on, sentence, table, versions, write
-from torchbeam.studies.bench import measurement
+from torchbeam.extend.commands import (
+    measured_on,
+    measurement,
+    results_folder,
+    sentence,
+    table,
+    threads,
+    versions,
+    write_results,
+)
 
 from .plant import Plant
 
@@ -164,7 +171,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     heading["versions"] |= versions("llvmlite")
     text = f"{markdown(rows)}\n\n{sentence(heading)}"
     print(text)
-    write(out, "envs", text, {**heading, "reference": FINER, "rows": [row._asdict() for row in rows]}, FIELDS, rows)
+    write_results(out, "envs", text, {**heading, "reference": FINER, "rows": [row._asdict() for row in rows]}, FIELDS, rows)
     return 0
 
 

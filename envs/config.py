@@ -10,11 +10,7 @@ from typing import Any
 import numpy as np
 
 import torchbeam as tb
-from torchbeam.core.arguments import choice, count
-from torchbeam.dynamics.compiled.coverage import ENGINES
-from torchbeam.dynamics.methods import METHODS as IMPLICIT_METHODS
-from torchbeam.dynamics.simulate import FORMS
-from torchbeam.dynamics.torchdiffeq_bridge import METHODS as ODE_METHODS
+from torchbeam.extend import ENGINES, FORMS, METHODS, ODE_METHODS, choice, count
 
 from .actuators import Actuator
 from .parameters import numbers
@@ -135,13 +131,13 @@ class BeamEnvConfig:
     def _check_method(self) -> None:
         if self.form not in FORMS:
             raise ValueError(f"form = {self.form!r} was given; {', '.join(map(repr, FORMS))} are there")
-        methods = (*(IMPLICIT_METHODS if self.form == "nodal" else ()), *ODE_METHODS)
+        methods = (*(METHODS if self.form == "nodal" else ()), *ODE_METHODS)
         if self.method not in methods:
             raise ValueError(f"method = {self.method!r} with form = {self.form!r} was given; there are {', '.join(methods)}")
         if self.form != "nodal" and self.gravity is not None:
             raise ValueError(f"gravity with form = {self.form!r} was given; it starts undeformed: gravity=None is wanted")
         choice("engine", self.engine, ENGINES)
-        if self.engine == "compiled" and self.method not in IMPLICIT_METHODS:
+        if self.engine == "compiled" and self.method not in METHODS:
             raise ValueError(f"engine = 'compiled' with method = {self.method!r} was given; 'midpoint' takes it")
         if self.solver is not None:
             check_solver(self.form, self.method, self.solver)

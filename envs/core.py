@@ -16,8 +16,7 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.core.arguments import count
-from torchbeam.core.validation import shown
+from torchbeam.extend import count, shown
 
 from .config import BeamEnvConfig
 from .episodes import Episodes

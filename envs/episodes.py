@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from torch import Tensor
 
 from torchbeam import State
-from torchbeam.core.batch_subset import BatchSubset
-from torchbeam.core.leaves import Tree, detached, leaf
+from torchbeam.extend import BatchSubset, Tree, detached, leaf
 
 from .plant import Plant
 

@@ -11,9 +11,7 @@ import torch
 from torch import Tensor
 
 from torchbeam import Beam, ExplicitStepper, Scene, Section, State, Stepper
-from torchbeam.core.batch_subset import BatchSubset
-from torchbeam.core.leaves import Tree, leaf, own_leaves
-from torchbeam.dynamics.methods import METHODS as IMPLICIT_METHODS
+from torchbeam.extend import METHODS, BatchSubset, Tree, leaf, own_leaves
 
 HALVINGS = 2  # a failed step is made again in 2 and 4 parts; more would cost the whole batch more than the episode is worth
 EXPLICIT = ("rtol", "atol", "options", "adjoint", "project", "solver")  # what torchdiffeq's methods and the mixed forms take
@@ -92,7 +90,7 @@ def varied(beam: Beam, params: Mapping[str, Tensor], rows: Tensor) -> Beam:
 
 def check_solver(form: str, method: str, solver: Any) -> None:
     """ValueError where `solver` is no dictionary of arguments that this form's stepper takes."""
-    implicit = form == "nodal" and method in IMPLICIT_METHODS
+    implicit = form == "nodal" and method in METHODS
     names = list(inspect.signature(Stepper).parameters)[3:] if implicit else EXPLICIT
     if not isinstance(solver, Mapping):
         raise ValueError(f"solver = {solver!r} was given; a dictionary of arguments of the stepper is wanted")
@@ -105,7 +103,7 @@ def check_solver(form: str, method: str, solver: Any) -> None:
 def stepper(scene: Scene, dt: float, form: str, method: str, solver: Mapping[str, Any], engine: str = "auto"
             ) -> Stepper | ExplicitStepper:
     """Stepper that advances the beam by dt (s): the implicit step (form "nodal", method "midpoint"), or torchdiffeq."""
-    if form == "nodal" and method in IMPLICIT_METHODS:
+    if form == "nodal" and method in METHODS:
         return Stepper(scene, dt, method, **{"halvings": HALVINGS, "engine": engine, **solver})
     return ExplicitStepper(scene, dt, method, form, **solver)
 

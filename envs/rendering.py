@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbeam.math import quaternions as quat
+from torchbeam.extend import quaternions as quat
 
 from .actuators import TipForce
 from .episodes import Episodes

@@ -11,8 +11,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.core.batch_subset import BatchSubset
-from torchbeam.core.leaves import with_values
+from torchbeam.extend import BatchSubset, with_values
 
 from .episodes import Episodes
 from .noise import normal

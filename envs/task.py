@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.math import quaternions as quat
+from torchbeam.extend import quaternions as quat
 
 from .actuators import Actuator, TipForce, driven
 from .config import BeamEnvConfig

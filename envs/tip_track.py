@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbeam.core.arguments import count
+from torchbeam.extend import count
 
 from .config import BeamEnvConfig
 from .core import BeamVectorEnv

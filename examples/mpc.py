@@ -17,7 +17,7 @@ from pathlib import Path
 import torch
 
 import torchbeam as tb
-from torchbeam.math import quaternions
+from torchbeam.extend import quaternions
 
 torch.set_default_dtype(torch.float64)
 DT, HORIZON, DESCENTS, STEPS, LAST, LIMIT, ANGLE = 0.02, 25, 5, 150, 25, 0.3, math.radians(60)

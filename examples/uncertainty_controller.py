@@ -11,14 +11,13 @@ import sys
 from pathlib import Path
 
 import torch
+from torchbeam_envs import aluminium_strip, holding_action
 from torchbeam_envs.demo import TASK
 from torchbeam_envs.demo.controllers import Policy
 from torchbeam_envs.demo.episodes import CLOSE, WINDOW, Targets, evaluate, make
-from torchbeam_envs.plant import aluminium_strip
-from torchbeam_envs.reach import holding_action
 
 import torchbeam as tb
-from torchbeam.core.results import measured_on, sentence, table, write
+from torchbeam.extend.commands import measured_on, sentence, table, write_results
 
 torch.set_default_dtype(torch.float64)
 SAMPLES, SEED = 256, 3_000_000
@@ -68,7 +67,7 @@ def store(folder: Path = Path("out")) -> None:
         "no success. Intervals at 95 %: Clopper and Pearson's of the success, order statistics of the distance.")
     rows = [(answer, *numbers) for answer, numbers in ANSWERS.items()]
     text = table(columns, [[answer, *(f"{x:.3g}" for x in numbers)] for answer, *numbers in rows], 1)
-    write(folder, "controller", "\n\n".join((about, text, sentence(heading))),
+    write_results(folder, "controller", "\n\n".join((about, text, sentence(heading))),
           {**heading, "samples": SAMPLES, "seed": SEED, "failed": samples.failed, "reasons": samples.reasons,
            "rows": [dict(zip(columns, row, strict=True)) for row in rows]}, columns, rows)
     print(f"wrote {folder}")

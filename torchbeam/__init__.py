@@ -44,6 +44,7 @@ from .scene.effects import (
     History,
     Input,
     LineLoad,
+    Load,
     MassDamping,
     PerElement,
     PerInterval,
@@ -53,9 +54,6 @@ from .scene.effects import (
     Spring,
     TipLoad,
     rayleigh,
-)
-from .scene.effects import (
-    CustomLoad as Load,
 )
 from .scene.scene import Scene
 from .scene.section import Section

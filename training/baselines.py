@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
-from torchbeam_envs.baselines import LQG, LQR, PD, Controller, Optimum, Static, Zero
-from torchbeam_envs.baselines.holding import search
+from torchbeam_envs.baselines import LQG, LQR, PD, Controller, Optimum, Static, Zero, search
 
 from .evaluate import evaluate, make
 from .tuned import TRAINING, Task

@@ -17,8 +17,9 @@ from typing import Any, Protocol, get_type_hints
 import torch
 from gymnasium.vector import VectorEnv
 
-from torchbeam.cli import results_folder
-from torchbeam.core import files
+from torchbeam.extend.commands import csv_text, results_folder, write
+from torchbeam.extend.commands import folder as writable_folder
+from torchbeam.extend.commands import save as save_file
 
 from .evaluate import EPISODES, Controller, evaluate, make
 from .policies import Policy, read, save
@@ -64,7 +65,7 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
     Raises ValueError for a folder that cannot be written, and for a checkpoint that is damaged, of another release or learner,
     or holds more than tensors and plain data: nothing in it is ever run.
     """
-    folder, each = files.folder(folder, parents=True), max(1, round(every / learner.batch))
+    folder, each = writable_folder(folder, parents=True), max(1, round(every / learner.batch))
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
     iteration, steps, seconds, judge = 0, 0, 0.0, make(task, episodes)
     if checkpoint.exists():
@@ -89,7 +90,7 @@ def train(learner: Learner, task: Task, folder: str | Path, budget: Budget, *, n
             if iteration % max(1, min(each, iteration // 8)) == 0 or over >= 1:
                 scores = held_out(task, learner.policy, judge)
                 log.write({"iteration": iteration, "steps": steps, "seconds": seconds, **scores, **figures})
-                files.save(checkpoint, {"learner": learner.state_dict(), "iteration": iteration, "steps": steps,
+                save_file(checkpoint, {"learner": learner.state_dict(), "iteration": iteration, "steps": steps,
                                         "seconds": seconds, "rows": log.rows})
                 bar.say(f"return {scores['held_out_return']:.1f}")
             bar.to(over)
@@ -127,7 +128,7 @@ class Log:
 
     def _write(self, rows: list[dict[str, Any]]) -> None:
         names = list(dict.fromkeys(name for row in rows for name in row))
-        files.write(self.path, files.csv_text([names, *([row.get(name, "") for name in names] for row in rows)]))
+        write(self.path, csv_text([names, *([row.get(name, "") for name in names] for row in rows)]))
         self.rows = len(rows)
 
 

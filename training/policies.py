@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from torchbeam.core import files
+from torchbeam.extend.commands import save as save_file
 
 ACTIVATIONS = {"tanh": nn.Tanh, "elu": nn.ELU}
 LIMIT = 10.0  # standard deviations; normalised observations are clipped there
@@ -112,7 +112,7 @@ def network(sizes: Sequence[int], activation: str, last: float = 1.0) -> nn.Sequ
 def save(policy: Policy, path: str | Path, **about: Any) -> None:
     """Write the policy and what is to be known about it: plain numbers, texts, lists and dicts of them."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    files.save(path, {"shape": policy.shape, "weights": policy.state_dict(), "about": about})
+    save_file(path, {"shape": policy.shape, "weights": policy.state_dict(), "about": about})
 
 
 def load(path: str | Path) -> Policy:

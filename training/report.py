@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from torchbeam.core.results import measured_on, sentence
+from torchbeam.extend.commands import measured_on, sentence
 
 from .tuned import TASKS
 

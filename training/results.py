@@ -22,8 +22,7 @@ from typing import Any
 
 import torch
 
-from torchbeam.cli import results_folder
-from torchbeam.core.files import write
+from torchbeam.extend.commands import results_folder, write
 
 from . import ppo, shac, tuned
 from .baselines import BASELINES

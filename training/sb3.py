@@ -20,7 +20,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecNormalize
 from torchbeam_envs import Sb3VecEnv
 
-from torchbeam.cli import results_folder
+from torchbeam.extend.commands import results_folder
 
 from .common import Bar, Budget, Log, held_out, training_seed
 from .evaluate import EPISODES, evaluate

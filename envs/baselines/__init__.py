@@ -10,8 +10,8 @@ actions (n, a) of the same kind. All of them know the beam of the task exactly, 
     env.step(controller(observation))
 """
 
-from .holding import PD, Controller, Static, Zero
+from .holding import PD, Controller, Static, Zero, search
 from .linear import LQG, LQR
 from .optimum import Optimum
 
-__all__ = ["LQG", "LQR", "PD", "Controller", "Optimum", "Static", "Zero"]
+__all__ = ["LQG", "LQR", "PD", "Controller", "Optimum", "Static", "Zero", "search"]

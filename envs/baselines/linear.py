@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.math import quaternions as quat
+from torchbeam.extend import quaternions as quat
 
 from ..core import BeamVectorEnv
 from .holding import Controller, FeedForward

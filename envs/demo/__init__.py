@@ -26,8 +26,7 @@ from pathlib import Path
 
 import torch
 
-from torchbeam.cli import results_folder
-from torchbeam.core.files import save, write
+from torchbeam.extend.commands import measured_on, results_folder, save, write
 
 TASK = dict(elements=4, substeps=2, control_interval=0.02, max_episode_steps=50)
 FULL = dict(task=TASK, rounds=16, batch=32, spread=0.15, updates=40, rate=1.5e-2, pd_targets=16, pd_sets=40, held_out=256,
@@ -84,8 +83,6 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
 def run(settings: dict, seed: int, out: Path) -> tuple[dict, dict]:
     """Everything but the pictures: (what goes into the JSON, the records of the held-out episodes by controller)."""
     from tqdm import tqdm
-
-    from torchbeam.core.results import measured_on
 
     from .controllers import PD, nothing, static
     from .episodes import Targets, evaluate, make, varied

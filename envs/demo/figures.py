@@ -7,7 +7,7 @@ from pathlib import Path
 import matplotlib
 import torch
 
-from torchbeam.core.files import written
+from torchbeam.extend.commands import written
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

@@ -16,8 +16,8 @@ from gradient_ingredients import TABLE, Draw, Tensors
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.core.leaves import own_leaves
-from torchbeam.math import quaternions as quat
+from torchbeam.extend import own_leaves
+from torchbeam.extend import quaternions as quat
 
 EXACT = dict(tolerance=1e-12)
 SMALL = 1e-3  # size of an output (m, N, J) below which it is not scaled up: its rounding would be

@@ -24,7 +24,7 @@ from torch import Tensor
 from torch._C._functorch import is_batchedtensor
 
 import torchbeam as tb
-from torchbeam.math import quaternions as quat
+from torchbeam.extend import quaternions as quat
 
 EXACT = dict(tolerance=1e-12)
 READ = ("position", "rotation", "velocity", "spin", "stress", "reaction", "work", "internal")

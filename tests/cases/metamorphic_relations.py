@@ -17,7 +17,7 @@ from metamorphic_similarity import Similarity
 from metamorphic_words import WORDS
 from torch import Tensor
 
-from torchbeam.math import quaternions as quat
+from torchbeam.extend import quaternions as quat
 
 
 def _words(change: Callable, said: Said) -> Pair:

@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.core.leaves import own_leaves
-from torchbeam.math import quaternions as quat
+from torchbeam.extend import own_leaves
+from torchbeam.extend import quaternions as quat
 
 EYE, ZERO = torch.eye(3, dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
 FLIP = torch.diag(torch.tensor([1.0, -1.0, 1.0], dtype=torch.float64))  # a mirrored section counts its y axis backwards

@@ -15,7 +15,7 @@ from metamorphic_similarity import quantities, tensor
 from metamorphic_users import as_user, nodal_loads
 
 import torchbeam as tb
-from torchbeam.math import quaternions as quat
+from torchbeam.extend import quaternions as quat
 
 SHARES: dict[type, tuple[str, ...]] = {  # what of an effect is halved for half of it; (): it cannot be split
     tb.TipLoad: ("force", "moment"), tb.PointLoad: ("force", "moment"), tb.LineLoad: ("force", "moment"), tb.Gravity: ("g",),

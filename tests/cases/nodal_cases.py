@@ -5,7 +5,7 @@ from dataclasses import replace
 import torch
 
 import torchbeam as tb
-from torchbeam.math import quaternions as quat
+from torchbeam.extend import quaternions as quat
 
 torch.set_default_dtype(torch.float64)
 

@@ -16,9 +16,7 @@ from torch import nn
 from torch.nn import functional as F
 
 import torchbeam as tb
-from torchbeam.core.leaves import leaf
-from torchbeam.core.validation import Value
-from torchbeam.scene.effects import VELOCITY, Load
+from torchbeam.extend import VELOCITY, LoadEffect, Value, leaf
 
 MU, EDGE = 0.3, torch.tensor([0.0, 0.0, -1.0])
 EDGES, HEIGHTS = torch.tensor([-0.5, 0.0, 0.3, 0.9, 1.5]), torch.tensor([0.4, -0.2, 0.3, 0.1, 0.6])
@@ -224,7 +222,7 @@ class Motor:
 
 
 @dataclass(frozen=True)
-class Brake(Load):
+class Brake(LoadEffect):
     """A load of a class of one's own: quadratic, with a floor."""
 
     c: Value = leaf(0)

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.math import quaternions as quat
+from torchbeam.extend import quaternions as quat
 
 N = 2
 T = (0.0, 0.02, 0.04)

@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 import torch
-from torchbeam_envs import FlutterHoldVectorEnv, SlewVectorEnv, TipReachVectorEnv, TipTrackVectorEnv
+from torchbeam_envs import FlutterHoldVectorEnv, SlewVectorEnv, TipReachVectorEnv, TipTrackVectorEnv, holding_action
 from torchbeam_envs.baselines import LQG, LQR, PD, Optimum, Static, Zero
 from torchbeam_envs.baselines.holding import Holding, search
 from torchbeam_envs.baselines.linear import gain
-from torchbeam_envs.reach import holding_action
 
 import torchbeam as tb
 

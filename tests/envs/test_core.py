@@ -9,8 +9,7 @@ import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
-from torchbeam_envs import TipReachEnv, TipReachVectorEnv
-from torchbeam_envs.reach import holding_action
+from torchbeam_envs import TipReachEnv, TipReachVectorEnv, holding_action
 
 import torchbeam as tb
 

@@ -12,7 +12,7 @@ from torchbeam_envs import TipReachVectorEnv
 from torchbeam_envs.demo.controllers import SCALE, Policy
 from torchbeam_envs.demo.episodes import Record
 
-from torchbeam.cli import main
+from torchbeam.extend.commands import main
 
 
 def run(*arguments):

@@ -6,9 +6,8 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from torchbeam_envs import TipReachEnv, TipReachVectorEnv
+from torchbeam_envs import TipReachEnv, TipReachVectorEnv, aluminium_strip
 from torchbeam_envs.noise import normal
-from torchbeam_envs.plant import aluminium_strip
 
 import torchbeam as tb
 

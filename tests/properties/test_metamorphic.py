@@ -24,8 +24,7 @@ from metamorphic_users import USERS
 from metamorphic_words import SHARES, ZEROS
 
 import torchbeam as tb
-from torchbeam.core.leaves import Tree, own_leaves
-from torchbeam.dynamics.methods import METHODS
+from torchbeam.extend import METHODS, Tree, own_leaves
 
 EFFECTS = [kind for name in tb.__all__ if inspect.isclass(kind := getattr(tb, name)) and hasattr(kind, "kind")]
 CONSTRUCTORS = {  # -> ingredient of random scenes that calls it

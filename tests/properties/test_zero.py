@@ -14,7 +14,7 @@ from zero_cases import CASES, NEVER_ZERO, N, scene, section
 from zero_solutions import differences, forward, reverse, solved
 
 import torchbeam as tb
-from torchbeam.core.leaves import AXES, Tree
+from torchbeam.extend import Tree, leaf
 
 NOISE = 1e-6  # of the largest derivative: of differences whose steps are 1e-3 of the numbers' size, of solutions to 1e-12
 SHORT = [(name, case.ways[0]) for name, case in CASES.items()]
@@ -49,6 +49,9 @@ def test_gradient_at_zero_in_every_way(name, way):
     check(name, way, both_modes=True)
 
 
+DECLARED = leaf(0).metadata.keys()  # what fields have that hold tensors
+
+
 def numbers():
     """Names of all that takes numbers: leaves of public effects, supports, motions and states, arguments of constructors."""
     for name in tb.__all__:
@@ -56,7 +59,7 @@ def numbers():
         public = inspect.isclass(made) and issubclass(made, Tree) and made.__module__.startswith(
             ("torchbeam.scene", "torchbeam.state.state"))
         if public and made not in (tb.Scene, tb.Beam):
-            yield from (f"{name}.{f.name}" for f in dataclasses.fields(made) if AXES in f.metadata and f.init)
+            yield from (f"{name}.{f.name}" for f in dataclasses.fields(made) if f.init and DECLARED <= f.metadata.keys())
     for made in (tb.Section, tb.Beam):
         for name, method in inspect.getmembers(made, callable):
             if not name.startswith("_") and "return" in getattr(method, "__annotations__", {}) and (

@@ -1,14 +1,18 @@
 """The house: a folder imports only from those above it, and no two files import each other, not even for a type."""
 
 import ast
+import importlib
+from functools import cache
 from pathlib import Path
 
+import pytest
 import torchbeam_envs
 
 import torchbeam
 
-LAYERS = ("math", "core", "scene", "state", "nodal", "mixed", "solvers", "dynamics", "statics", "linear", "sensors", "plot",
-          "analysis", "cli", "studies")  # from what knows nothing to what knows all
+LAYERS = ("math", "core", "topology", "scene", "state", "nodal", "mixed", "solvers", "dynamics", "statics", "linear", "sensors", "plot",
+          "analysis", "cli", "studies", "extend")  # from what knows nothing to what knows all
+HERE = Path(__file__).parents[2]
 ROOTS = {"torchbeam": Path(torchbeam.__file__).parent, "torchbeam_envs": Path(torchbeam_envs.__file__).parent}
 
 
@@ -22,10 +26,15 @@ def modules(package):
     return found
 
 
+@cache
+def parsed(path):
+    return ast.parse(path.read_text())
+
+
 def imports(name, path, known):
     """Modules of the project that a file imports anywhere: for types and inside functions too."""
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.ImportFrom):
             above = package.split(".")[:len(package.split(".")) - node.level + 1] if node.level else []
             base = ".".join([*above, *([node.module] if node.module else [])])
@@ -36,6 +45,7 @@ def imports(name, path, known):
             yield from (alias.name for alias in node.names if alias.name in known)
 
 
+@cache
 def graph(package):
     known = modules(package)
     return {name: set(imports(name, path, known)) - {name} for name, path in known.items()}
@@ -70,10 +80,37 @@ def test_folders_import_from_those_above_alone():
 
 def test_torchbeam_knows_neither_environments_nor_gymnasium():
     for path in modules("torchbeam").values():
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(parsed(path)):
             names = [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else (
                 [alias.name for alias in node.names] if isinstance(node, ast.Import) else [])
             assert not any(name.split(".")[0] in ("torchbeam_envs", "gymnasium", "training") for name in names), path
+
+
+PUBLIC = ("torchbeam", "torchbeam.extend", "torchbeam.extend.commands", "torchbeam.plot", "torchbeam.sensors", "torchbeam_envs",
+          "torchbeam_envs.baselines", "torchbeam_envs.functional")
+STUDIES = ("torchbeam.studies.", "torchbeam_envs.demo")  # what commands run, for those who run parts of it
+OUTSIDE = {"envs": "torchbeam", "training": "", "examples": "", "tests/properties": "", "tests/verification": "",
+           "tests/envs": "torchbeam"}  # folder -> the package alone that the rule is about there; "" = both
+
+
+@pytest.mark.parametrize("folder", OUTSIDE)
+def test_outside_the_library_only_public_names_are_used(folder):
+    wrong = []
+    for path in sorted((HERE / folder).rglob("*.py")):
+        for node in ast.walk(parsed(path)):
+            names = ([node.module] if isinstance(node, ast.ImportFrom) and not node.level else
+                     [alias.name for alias in node.names] if isinstance(node, ast.Import) else [])
+            wrong += [f"{path.relative_to(HERE)}: {name}" for name in names
+                      if name.split(".")[0] in ("torchbeam", "torchbeam_envs")
+                      and (not OUTSIDE[folder] or name.split(".")[0] == OUTSIDE[folder])
+                      and name not in PUBLIC and not name.startswith(STUDIES)]
+    assert wrong == []
+
+
+def test_public_modules_say_what_is_public():
+    for name in PUBLIC:
+        module = importlib.import_module(name)
+        assert [public for public in module.__all__ if not hasattr(module, public)] == [], name
 
 
 def test_a_circle_is_found():

@@ -12,7 +12,7 @@ from nodal_cases import orders
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.math import quaternions as quat
+from torchbeam.extend import quaternions as quat
 
 INF = math.inf
 

@@ -6,7 +6,6 @@ import pytest
 import torch
 
 import torchbeam as tb
-from torchbeam.dynamics.compiled.coverage import VARIABLE
 from torchbeam.studies.hard_cases.case import run
 from torchbeam.studies.hard_cases.cases import CASES
 from torchbeam.studies.hard_cases.command import main
@@ -27,7 +26,7 @@ LONG = {  # what holds them in the suite otherwise
     "EA = GA = inf": "test_gradients::test_gradient_of_what_cannot_stretch_is_exact, test_compiled_step: inextensible",
     "slenderness 1e6 in the plane xz": "slenderness 1e6, test_coordinates::test_plane_is_3d",
     "hinged beam that falls": "test_prescribed_motion::test_pendulum",
-    "one NaN and one impossible load in 256": "test_batch_subset::test_samples_that_fail_are_left_out, "
+    "one NaN and one impossible load in 256": "unit/core/test_batch_subset::test_samples_that_fail_are_left_out, "
                                               "test_dynamics::test_absurd_samples_are_reported_and_harm_nobody",
 }
 NATIVE = [  # of one program, so that it is compiled once
@@ -52,7 +51,7 @@ def test_case(case, engine, monkeypatch):
     """Solved in float64, in float32, in a batch (its first sample as alone, to 1e-10) and with gradient; what each allows
     stands with the case.
     """
-    monkeypatch.setenv(VARIABLE, engine)
+    monkeypatch.setenv("TORCHBEAM_ENGINE", engine)
     results = run(case, quick=True)
     assert len(results) == 4
     surprises = [f"{r.variant}: {r.reason or 'passes'}; known: {r.known or 'nothing'}" for r in results if not r.expected]

@@ -252,7 +252,7 @@ def test_a_sample_without_equilibrium_says_so():
 
 def test_axes_turn_with_the_beam():
     """Direction, up and load turned by a random rotation: the answer is turned. (Coupled bending and twist, 3D load.)"""
-    from torchbeam.math import quaternions as quat
+    from torchbeam.extend import quaternions as quat
     torch.manual_seed(0)
     Q = quat.matrix(quat.normalize(torch.randn(4)))
     f, m = torch.tensor([0.3, 1.0, 2.0]), torch.tensor([0.5, 0.1, 0.2])

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ..core.batch_subset import BatchSubset, NotSeparable
+from ..core.leaves import with_values
 from ..core.status import SUCCESS
 from ..core.validation import concrete
 from ..math.shapes import broadcast_shapes
@@ -37,24 +38,38 @@ def step(solver: StepSolver, model: Model, state: State, dt: Tensor, t: Tensor, 
 def _mean(scheme: Scheme, solver: StepSolver, model: Model, state: State, dt: Tensor, t: Tensor, inputs: HeldInputs,
           moving: Tensor, last: bool) -> Made:
     """The mean of compositions; a sample has failed where one of them has."""
+    if scheme.solves > 1 and solver.compiled is not None and model is solver.model:
+        given = inputs(solver.method.INSTANT)
+        shape = broadcast_shapes(solver.compiled.batch, moving.shape, *(x.shape[:-1] for x in given.values()))
+        moved = moving.expand(shape)
+        given = together([inputs], scheme.instants(solver.method.INSTANT), shape)
+        found = natively(scheme, solver, state, dt, t, given, moved, last)
+        if found is not None:
+            good = moved & (found.status == SUCCESS)
+            after = replace(state, **found.fields, t=torch.where(good, state.t + dt, state.t))
+            return Made(after if concrete(good).all() else after.where(good, state), found.status, found.iterations)
     first, *others = scheme.compositions
     made = _composed(first, solver, model, state, dt, t, inputs, moving, last)
     if not others:
         return made
-    good, ends, status, iterations = moving, [made.state], made.status, made.iterations
+    good, ends, status, iterations = moving, [vars(made.state)], made.status, made.iterations
     for one in others:
         good = good & (status == SUCCESS)
-        made = _composed(one, solver, model, state, dt, t, inputs, good, last)
-        ends.append(made.state)
-        status, iterations = torch.where(good, made.status, status), iterations + torch.where(good, made.iterations, 0)
-    after, space = {}, model.space
-    for name in LINEAR:
-        if getattr(state, name) is not None:
-            after[name] = sum(weight * getattr(end, name) for weight, end in zip(scheme.weights, ends, strict=True))
-    after["rotation"] = space.normalize(after["rotation"])
+        other = _composed(one, solver, model, state, dt, t, inputs, good, last)
+        ends.append(vars(other.state))
+        status, iterations = torch.where(good, other.status, status), iterations + torch.where(good, other.iterations, 0)
+    after = replace(made.state, **_weighted(scheme, model, ends))
+    return Made(after.where(good & (status == SUCCESS), state), status, iterations)
+
+
+def _weighted(scheme: Scheme, model: Model, ends: list[dict[str, Tensor | None]]) -> dict[str, Tensor]:
+    """The weighted mean of states, by the names of the fields that have one."""
+    after = {name: sum(weight * end[name] for weight, end in zip(scheme.weights, ends, strict=True))
+             for name in LINEAR if ends[0].get(name) is not None}
+    after["rotation"] = model.space.normalize(after["rotation"])
     if "frame" in after:
         after["frame"] = after["frame"] / after["frame"].norm(dim=-1, keepdim=True)
-    return Made(replace(ends[0], **after).where(good & (status == SUCCESS), state), status, iterations)
+    return after
 
 
 def _composed(composition: Composition, solver: StepSolver, model: Model, state: State, dt: Tensor, t: Tensor,
@@ -63,16 +78,6 @@ def _composed(composition: Composition, solver: StepSolver, model: Model, state:
     instant = solver.method.INSTANT
     if composition is WHOLE:
         return solver.solve(model, state, dt, t + instant * dt, inputs(instant), moving, last)
-    if solver.compiled is not None and model is solver.model:
-        given = inputs(instant)
-        shape = broadcast_shapes(solver.compiled.batch, moving.shape, *(x.shape[:-1] for x in given.values()))
-        moved = moving.expand(shape)
-        given = together([inputs], composition.instants(instant), shape)
-        found = natively(composition, solver, state, dt, t, given, moved, last)
-        if found is not None:
-            good = moved & (found.status == SUCCESS)
-            after = replace(state, **found.fields, t=torch.where(good, state.t + dt, state.t))
-            return Made(after if concrete(good).all() else after.where(good, state), found.status, found.iterations)
     now, good, reaction = state, moving, 0.0
     status = iterations = None
     for share, at in zip(composition.shares, composition.instants(instant), strict=True):
@@ -87,18 +92,17 @@ def _composed(composition: Composition, solver: StepSolver, model: Model, state:
     return Made(after if concrete(good).all() else after.where(good, state), status, iterations)
 
 
-def natively(composition: Composition, solver: StepSolver, state: State, dt: Tensor, t: Tensor, inputs: Inputs,
+def natively(scheme: Scheme, solver: StepSolver, state: State, dt: Tensor, t: Tensor, inputs: Inputs,
              moving: Tensor | None, last: bool, K: int | None = None, repeat: int = 1, every: int = 1) -> Steps | None:
-    """A step of dt (...) from t (...) on, or K of dt (K) from t (K) on, by one call of native code; None where they are to be
-    made eagerly. The reaction is the mean over the step, the stress that of the last solve.
+    """A step of dt (...) from t (...) on, or K of dt (K, ...) from t (K, ...) on, by native code; None where they are to be
+    made eagerly. The reaction is the mean over the step, the stress that of the last solve of the first composition.
 
     inputs  by name, held over all, or one for each solve, see `together`
     moving  (...) bool, of the whole batch's shape; None = all, of one step
     repeat  in place of K, see `CompiledStep`;  every: likewise
     """
-    instant, n = solver.method.INSTANT, len(composition.shares)
-    if n == 1:
-        middle = t + instant * dt if solver.compiled.takes_time else None
+    if scheme.solves == 1:
+        middle = t + solver.method.INSTANT * dt if solver.compiled.takes_time else None
         dt = dt[0] if K is not None and dt.stride() == (0,) else dt  # the same of all
         return solver.natively(state, dt, middle, inputs, moving, last, K, repeat, every)
     if repeat > 1:
@@ -106,18 +110,72 @@ def natively(composition: Composition, solver: StepSolver, state: State, dt: Ten
     if moving is None:
         shape = broadcast_shapes(solver.compiled.batch, state.batch_shape, *(x.shape[:-1] for x in inputs.values()))
         moving = (state.status == SUCCESS).expand(shape)
-    share = dt.new_tensor(composition.shares)
-    first = 0 if K is None else 1  # axes before that of the solves
+    if len(scheme.compositions) == 1:
+        return _in_a_row(*scheme.compositions, solver, state, dt, t, inputs, moving, last, K)
+    if K is None:
+        return _extrapolated(scheme, solver, state, dt, t, inputs, moving, last)
+    steps: list[Steps] = []
+    for k in range(K):
+        rows = slice(k * scheme.solves, (k + 1) * scheme.solves)
+        given = {name: x[rows] if x.ndim > moving.ndim + 1 else x for name, x in inputs.items()}
+        found = _extrapolated(scheme, solver, state, dt[k], t[k], given, moving, last)
+        if found is None:
+            return None
+        state = with_values(state, **found.fields)
+        if not found.well:
+            moving = moving & (found.status == SUCCESS)
+        steps.append(found)
+    return _stacked(steps)
+
+
+def _stacked(steps: list[Steps]) -> Steps:
+    """Steps one after the other as one of K; a sample that has failed has its status from then on."""
+    fields = {name: torch.stack([one.fields[name] for one in steps]) for name in steps[0].fields}
+    status, well = torch.stack([one.status for one in steps]), all(one.well for one in steps)
+    for k in range(1, 1 if well else len(steps)):
+        status[k] = torch.where(status[k - 1] == SUCCESS, status[k], status[k - 1])
+    return Steps(fields, status, torch.stack([one.iterations for one in steps]), well)
+
+
+def _extrapolated(scheme: Scheme, solver: StepSolver, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor,
+                  last: bool) -> Steps | None:
+    """One step by the mean of compositions."""
+    ends, status, iterations, good, done = [], None, 0, moving, 0
+    for one in scheme.compositions:
+        rows = slice(done, done := done + len(one.shares))
+        given = {name: x[rows] if x.ndim > moving.ndim + 1 else x for name, x in inputs.items()}
+        found = _in_a_row(one, solver, state, dt, t, given, good, last, None)
+        if found is None:
+            return None
+        ends.append(found)
+        status = found.status if status is None else torch.where(good, found.status, status)
+        iterations = iterations + found.iterations
+        good = good if found.well else good & (found.status == SUCCESS)
+    fields = ends[0].fields | _weighted(scheme, solver.model, [one.fields for one in ends])
+    well = all(one.well for one in ends)
+    if not well:
+        axes = {name: x.ndim - good.ndim for name, x in fields.items()}
+        fields = {name: torch.where(good[(..., *(None,) * axes[name])], x, getattr(state, name)) for name, x in fields.items()}
+    return Steps(fields, status, iterations, well)
+
+
+def _in_a_row(composition: Composition, solver: StepSolver, state: State, dt: Tensor, t: Tensor, inputs: Inputs,
+              moving: Tensor, last: bool, K: int | None) -> Steps | None:
+    """A step, or K, of a composition, by one call of native code."""
+    n, first = len(composition.shares), 0 if K is None else 1  # first: axes before that of the solves
     middle = None
     if solver.compiled.takes_time:
         t, length = torch.broadcast_tensors(t, dt)
-        middle = (t.unsqueeze(first) + _times(composition.instants(instant), length, first)).flatten(0, first)
-    found = solver.natively(state, _times(composition.shares, dt, first).flatten(0, first), middle, inputs, moving, last,
-                            (K or 1) * n)
+        instants = composition.instants(solver.method.INSTANT)
+        middle = (t.unsqueeze(first) + _times(instants, length, first)).flatten(0, first)
+    alike = dt.ndim == 0 and K is None and len({*composition.shares}) == 1  # then one length, and one tangent, is that of all
+    length = dt * composition.shares[0] if alike else _times(composition.shares, dt, first).flatten(0, first)
+    found = solver.natively(state, length, middle, inputs, moving, last, (K or 1) * n)
     if found is None:
         return None
     series = {name: x.unflatten(0, (-1, n)) for name, x in found.fields.items()}
     fields = {name: x[:, -1] for name, x in series.items()}
+    share = dt.new_tensor(composition.shares)
     fields["reaction"] = (share.view(n, *(1,) * (series["reaction"].ndim - 2)) * series["reaction"]).sum(1)
     status, iterations = found.status.unflatten(0, (-1, n))[:, -1], found.iterations.unflatten(0, (-1, n)).sum(1)
     if K is None:

@@ -39,6 +39,14 @@ class Scheme(NamedTuple):
     compositions: tuple[Composition, ...] = (WHOLE,)
     weights: tuple[float, ...] = (1.0,)
 
+    @property
+    def solves(self) -> int:
+        return sum(len(one.shares) for one in self.compositions)
+
+    def instants(self, part: float) -> tuple[float, ...]:
+        """Of all solves, one composition after the other."""
+        return tuple(at for one in self.compositions for at in one.instants(part))
+
 
 class Method:
     """An implicit method, with its options: one solve of `problem` a step, unless it says otherwise.
@@ -84,10 +92,10 @@ class Method:
         """Length (...) s of the longest step that the method takes of a model; None = any."""
         return None
 
-    def alone(self, model: Model, dt: Tensor) -> Composition | None:
-        """The one composition that a step of dt, or steps of dt (K), are made by, of all samples; None where there are more."""
+    def alone(self, model: Model, dt: Tensor) -> Scheme | None:
+        """The one scheme that a step of dt, or steps of dt (K, ...), are made by, of all samples; None where there are more."""
         found = self.schemes(model, dt)
-        return found[0][0].compositions[0] if len(found) == 1 and len(found[0][0].compositions) == 1 else None
+        return found[0][0] if len(found) == 1 else None
 
     def stress_at(self, model: Model, dt: Tensor) -> Tensor | float:
         """Share (...) of a step of dt (...) at which its stress is: the middle of the last solve, whose mean it is."""

@@ -54,7 +54,7 @@ def _natively(stepper: Stepper, state: State, dt: Tensor, t: Tensor, inputs: Inp
     alone = stepper.method.alone(stepper.model, dt)
     if alone is None:
         return None
-    n = len(alone.shares)
+    n = alone.solves
     if n > 1:
         inputs = {name: x.repeat_interleave(n, 0) if x.ndim == dt.ndim + 1 else x for name, x in inputs.items()}
     found = natively(alone, stepper.solver, start, dt, t, inputs, moving, last=not stepper.halvings, K=K)

@@ -16,6 +16,7 @@ from ..core.functions_of_time import past_hooks
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import concrete
 from ..math.shapes import broadcast_shapes
+from ..nodal.discretise import in_double
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..solvers.compiled.trace import NotTraceable
@@ -24,7 +25,7 @@ from ..solvers.newton import TOLERANCE, newton
 from ..state.state import State
 from .compiled.coverage import VALUES, automatic_step, compiled_step, given_up, meaning
 from .compiled.native import NotCompiled
-from .compiled.step import CompiledStep, Steps
+from .compiled.step import RIGID, CompiledStep, Steps
 from .engine_use import EngineUse
 from .method import Method, Midpoint
 
@@ -47,6 +48,7 @@ class StepSolver:
         self.model, self.method, self.tolerance, self.limit = model, method, tolerance, limit
         self.engine = engine if engine != "auto" else "compiled" if meaning() == "compiled" else "auto"
         self._compiled, self._decided, self.use = None, self.engine == "eager", EngineUse()
+        self._double: StepSolver | None = None
         if self.engine == "compiled":
             _ = self.compiled  # is refused here, if at all
 
@@ -68,13 +70,13 @@ class StepSolver:
     def __getstate__(self) -> dict[str, Any]:
         """Copies decide for themselves, where "auto" does: they may be in another process."""
         held = dict(vars(self))
-        return held if self.engine != "auto" else {**held, "_compiled": None, "_decided": False}
+        return held if self.engine != "auto" else {**held, "_compiled": None, "_double": None, "_decided": False}
 
     def of(self, model: Model) -> StepSolver:
         """The same for another model, of the same structure."""
         other = copy(self)
         other.model = model
-        other._compiled = None
+        other._compiled = other._double = None
         other._decided = self.engine != "compiled" and self._decided and self._compiled is None
         return other
 
@@ -131,11 +133,32 @@ class StepSolver:
             given_up(error)
             self._compiled = None
             return None
-        if found is None:
-            self.use.reason = compiled.eager_because
-        else:
+        if found is not None:
             self.use.native += K or repeat
-        return found
+            return found
+        self.use.reason = compiled.eager_because
+        if compiled.eager_because is RIGID and state.position.dtype is torch.float32 and not self.model.law.rigid:
+            return self._in_double(state, dt, t, inputs, moving, last, K, repeat, every)
+        return None
+
+    def _in_double(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, *options: Any
+                   ) -> Steps | None:
+        """The same in float64, whose tangents are the law's own where float32 makes ordinary strips of metal softer."""
+        def wide(x: Tensor) -> Tensor:
+            return x.to(torch.float64)
+
+        if self._double is None:
+            with lasting(), past_hooks():
+                self._double = self.of(in_double(self.model))
+                self._double.engine = "auto"  # where a user's function takes float32 alone, this gradient is made eagerly
+        if self._double.compiled is None:
+            return None
+        found = self._double.natively(state.map(lambda x: wide(x) if x.is_floating_point() else x), wide(dt),
+                                      None if t is None else wide(t), {name: wide(x) for name, x in inputs.items()}, moving,
+                                      *options)
+        if found is None:
+            return None
+        return found._replace(fields={name: x.to(state.position) for name, x in found.fields.items()})
 
     def _limit(self, last: bool) -> int:
         """Iterations of a solve; fewer where the step can still be made in parts."""

@@ -227,10 +227,9 @@ class Stepper:
         the state after a step is asked for.
         """
         length = dt.detach()
-        alone = None if self.compiled is None else self.method.alone(self.model, length.amin())  # what is strong damping to any
-        if alone is None:
+        alone = None if self.compiled is None else self.method.alone(self.model, length.amin())
+        if alone is None or self.method.alone(self.model, length.amax()) is not alone:
             return None
-        self.method.schemes(self.model, length.amax())  # refuses what is too long
         varying = isinstance(inputs, list)
         steps = [HeldInputs(one).map(self.scene.tensors) for one in inputs] if varying else []
         given = steps[0](self.method.INSTANT) if varying else self.scene.tensors(first_of(inputs))
@@ -238,7 +237,7 @@ class Stepper:
         start = self.reduced(self._begin(state, dt[0], inputs=given))
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                           *(value.shape[:-1] for value in given.values()))
-        n, size = len(alone.shares), shape.numel() * (self.scene.beam.count + 1)
+        n, size = alone.solves, shape.numel() * (self.scene.beam.count + 1)
         every = _spacing(wanted) if n == 1 else 1
         count = min(len(dt), every * max(1, ROOM // max(1, size * n)))
         every, count = (every, count - count % every) if count >= every else (1, count)

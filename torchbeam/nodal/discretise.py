@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, instance
-from ..core.leaves import constant, own_leaves
+from ..core.leaves import constant, own_leaves, sent
 from ..core.validation import concrete
 from ..scene.effects import PerElement
 from ..scene.scene import Scene
@@ -56,6 +56,12 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     if space.plane is not None:
         check_plane(model, discretise(replace(scene, plane=None), lumped, topology))
     return model
+
+
+def in_double(model: Model) -> Model:
+    """The model in float64, with the law's inverse as float64 has it; differentiable."""
+    wide = sent(model, torch.float64)
+    return replace(wide, law=law_of(wide.scene, wide.space))
 
 
 def _in_a_plane(scene: Scene, lumped: bool, topology: Topology | None) -> Model:

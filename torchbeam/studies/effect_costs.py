@@ -93,9 +93,9 @@ def table(elements: int) -> Iterator[tuple[str, str, Any]]:
     yield "Spring", "1 N/m on the tip", has(lambda: fx.Spring(-1, 1.0, to=(1.0, 0, 0)))
     yield "RootSpring", "100 N m/rad, 1e4 N/m", has(lambda: fx.RootSpring((1e4, 100.0)))
     yield "Actuation", "curvature 0.1 1/m", has(lambda: fx.Actuation(curvature=(0, 0, 0.1)))
-    yield "Load, on the tip", "-0.05 v", has(lambda: fx.CustomLoad(_user, of=("velocity",)))
-    yield "Load, along the beam", "-0.05 v", has(lambda: fx.CustomLoad(_user, node=None, of=("velocity",)))
-    yield "Load with a lag", "-x after 20 ms", has(lambda: fx.CustomLoad(_lagged, internal=3, rate=_lag, of=("position",)))
+    yield "Load, on the tip", "-0.05 v", has(lambda: fx.Load(_user, of=("velocity",)))
+    yield "Load, along the beam", "-0.05 v", has(lambda: fx.Load(_user, node=None, of=("velocity",)))
+    yield "Load with a lag", "-x after 20 ms", has(lambda: fx.Load(_lagged, internal=3, rate=_lag, of=("position",)))
     yield "Frame", "turns at 1 rad/s about z", lambda: scene(elements, frame=Frame(angular_velocity=(0.0, 0, 1)))
     yield "RootMotion", "1 cm along z, 1 Hz", lambda: scene(elements, root=RootMotion(
         displacement=lambda t: torch.stack((0 * t, 0 * t, 0.01 * torch.sin(6.283 * t)))))

@@ -44,7 +44,7 @@ class Topology(Protocol):
         ...
 
     def diagonal(self, blocks: Tensor) -> Matrix:
-        """The matrix of what each node does by itself (..., nodes, w, w)."""
+        """The matrix of what each node does by itself (..., nodes, w, w); of some nodes alone too."""
         ...
 
     def matrix(self, blocks: Blocks) -> Matrix:

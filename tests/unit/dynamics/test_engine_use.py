@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from torchbeam.dynamics import engine_use
 from torchbeam.dynamics.engine_use import SOLVES
 
 pytest.importorskip("llvmlite")
@@ -64,6 +65,15 @@ def test_what_is_meant_or_few_is_not_warned_of():
     assert few == meant == explicit == forward == said(run) == []
 
 
+def test_many_short_runs_are_warned_of(monkeypatch):
+    """Steppers of 2 solves each: said when all of them have made 10, and again after as many more."""
+    monkeypatch.setattr(engine_use, "SHORT_RUNS", 10)
+    engine_use._of_short_runs.clear()
+    load = tb.Load(unsteady)
+    assert [len(said(lambda: run(load, 2))) for _ in range(10)] == [0, 0, 0, 0, 1] * 2
+    assert all(said(lambda: run(load, 2, engine="eager")) == [] for _ in range(6))
+
+
 def test_a_gradient_that_native_code_has_not_is_warned_of():
     factor = torch.tensor(0.5, requires_grad=True)
     flow = tb.Load(lambda r, R, v, w, t, c: (-c * v, None), values={"c": factor})
@@ -72,6 +82,26 @@ def test_a_gradient_that_native_code_has_not_is_warned_of():
     force = torch.tensor([0.0, 0.0, 0.1], requires_grad=True)
     with pytest.warns(tb.SlowPathWarning, match="strains are impossible"):
         tb.simulate(rigid, torch.linspace(0, 0.2, 2), step=0.01, inputs={"u": force})
+
+
+def test_gradients_of_metal_in_float32_are_native():
+    """A steel strip, whose stretching float32's tangents make softer: gradients by its height and the force, through two calls,
+    are those of float64 to what float32 resolves, for a graph that goes on in float32.
+    """
+    def by(dtype, engine):
+        height, force = (torch.tensor(x, dtype=dtype, requires_grad=True) for x in (1e-3, [0.0, 0, 0.01]))
+        section = tb.Section.rectangle(0.02, height, E=2.1e11, nu=0.3, rho=7800.0)
+        scene = tb.Scene(tb.Beam.straight(torch.tensor(0.5, dtype=dtype), 2, section), [tb.TipLoad(force=force)], plane="xz")
+        stepper = tb.Stepper(scene, 0.002, engine=engine)
+        state = tb.rollout(stepper, tb.rollout(stepper, stepper.rest(), 12)[-1], 12)[-1]
+        assert state.position.dtype == dtype
+        return stepper.engine, state.tip.position[2], torch.autograd.grad(state.tip.position[2], (height, force))
+
+    assert said(lambda: by(torch.float32, "auto")) == []
+    (engine, tip, grads), (_, exact, right) = by(torch.float32, "auto"), by(torch.float64, "auto")
+    assert engine == "native" and torch.allclose(tip.double(), exact, rtol=1e-4)
+    for a, b in zip(grads, right, strict=True):
+        assert a.dtype == torch.float32 and torch.allclose(a.double(), b, rtol=1e-3)
 
 
 def test_what_a_function_reads_and_changes_is_warned_of(monkeypatch):

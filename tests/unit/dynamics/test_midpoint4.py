@@ -130,6 +130,29 @@ def test_engines_agree_and_differentiate():
     assert_close(grads[2], (up - down) / 2e-6, rtol=1e-6, atol=0)
 
 
+def test_extrapolated_steps_are_native():
+    """Both samples extrapolated, one of which a kick stops in the third step: by native code alone, states, statuses and
+    gradients by tau and the inputs as eager.
+    """
+    kick = torch.tensor([[[0, 0, 1.0]] * 4] * 2)
+    kick[1, 2] = 1e6
+    found = {}
+    for engine in ("eager", "compiled"):
+        tau, values = torch.tensor([0.05, 0.02]).requires_grad_(), kick.clone().requires_grad_()
+        stepper = tb.Stepper(pulled(tb.Input("force", 3), tau, 1), 0.02, "midpoint4", engine=engine, halvings=0)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            states = tb.rollout(stepper, stepper.rest(), 4, force=tb.PerInterval(values))
+        grads = torch.autograd.grad(states.position.sum() + 0.1 * states.reaction.sum(), (tau, values))
+        assert stepper.engine == ("native" if engine == "compiled" else engine)
+        found[engine] = states.detach(), grads
+    (eager, grads), (native, native_grads) = found["eager"], found["compiled"]
+    assert (eager.status > 0).tolist() == [[False, False], [False, False], [False, True], [False, True]]
+    same(eager, native)
+    for a, b in zip(grads, native_grads, strict=True):
+        assert_close(a, b, rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize("engine", ["eager", "compiled"])
 def test_failed_steps_are_made_in_parts(engine):
     """Too violent for one step of 50 ms: made in parts, which are steps of the same method; too violent for any: a status, and

@@ -22,12 +22,12 @@ from torchbeam.scene.beam import Beam
 from torchbeam.scene.effects import (
     Actuation,
     Along,
-    CustomLoad,
     Damping,
     Drag,
     Gravity,
     Input,
     LineLoad,
+    Load,
     MassDamping,
     PointMass,
     RootSpring,
@@ -42,7 +42,7 @@ DEAD = (TipLoad(force=wave(4), moment=wave(4)), LineLoad(force=wave(), follower=
 MOVED = (Drag(2.0, torch.rand(4), tangential=0.1, flow=lambda x, t: torch.sin(x + t)), MassDamping(0.3),
          Spring(1, 2.0, to=wave(4), length=0.1), Spring(-1, torch.rand(4), to=(0.1, 0.2, 0.3)),
          LineLoad(force=Along(lambda s, t: torch.stack((s * t, s, t * s * s), -1)), follower=True),
-         CustomLoad(lambda x, R, v, w, t: (t * R[..., 0] * (v * w).sum(-1, keepdim=True), torch.linalg.cross(x, v)), node=None))
+         Load(lambda x, R, v, w, t: (t * R[..., 0] * (v * w).sum(-1, keepdim=True), torch.linalg.cross(x, v)), node=None))
 
 
 def vector(x):
@@ -237,8 +237,8 @@ def test_load_that_leaves_torch_is_refused():
 
 @pytest.mark.parametrize("name, load, matches", [
     ("Drag", lambda sin: Drag(1.0, 0.5, flow=lambda r, t: (0 * r[..., 0], 0.5, sin(t))), "Drag"),
-    ("CustomLoad", lambda sin: CustomLoad(lambda r, R, v, w, t: ((0.0, 0.0, sin(t)), None), node=None), "Load"),
-    ("at a node", lambda sin: CustomLoad(lambda r, R, v, w, t: ((0.0, 0.0, sin(t)), None), of=()), "Load"),
+    ("Load", lambda sin: Load(lambda r, R, v, w, t: ((0.0, 0.0, sin(t)), None), node=None), "Load"),
+    ("at a node", lambda sin: Load(lambda r, R, v, w, t: ((0.0, 0.0, sin(t)), None), of=()), "Load"),
     ("Along", lambda sin: LineLoad(force=Along(lambda s, t: (0 * s, 0.0, sin(t)))), "LineLoad"),
 ])
 def test_functions_of_more_than_time_are_looked_at(name, load, matches):

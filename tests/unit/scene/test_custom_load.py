@@ -11,7 +11,7 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.analysis.trials import Counter
 from torchbeam.nodal.rates import Rates
-from torchbeam.scene.effects import Load
+from torchbeam.scene.effects import LoadEffect
 from torchbeam.studies.verification.wing import goland
 
 torch.set_default_dtype(torch.float64)
@@ -474,7 +474,7 @@ def test_rates_of_time_alone_along_the_beam():
 
 def test_a_load_of_another_class_has_internal_states():
     """A user's own class says how many by its attribute."""
-    class Own(Load):
+    class Own(LoadEffect):
         node, internal = -1, 2
 
     scene = tb.Scene(BEAM, [lagging(), Own()])

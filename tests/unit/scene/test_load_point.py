@@ -60,9 +60,9 @@ def effects():
         "Spring to a point that moves, damped": fx.Spring(-1, 2.0, to=lambda t: (t, t**2, 0.3), length=0.5, damping=0.1),
         "RootSpring": fx.RootSpring(six),
         "RootSpring damped": fx.RootSpring((2.0, torch.rand(3)), damping=six),
-        "Load": fx.CustomLoad(user, inputs={"u": 3}),
-        "Load along": fx.CustomLoad(user, node=None, inputs=[tb.Input("u", 3)]),
-        "Load with a lag": fx.CustomLoad(lagged, internal=2, rate=lag, of=("position", "rotation", "velocity")),
+        "Load": fx.Load(user, inputs={"u": 3}),
+        "Load along": fx.Load(user, node=None, inputs=[tb.Input("u", 3)]),
+        "Load with a lag": fx.Load(lagged, internal=2, rate=lag, of=("position", "rotation", "velocity")),
     }
     return {name: bind(effect) for name, effect in found.items()}
 
@@ -107,7 +107,7 @@ def test_tangent(name):
     lead = site.R.shape[:-2]
     tangent = effect.tangent(site, ZERO, INPUTS)
     assert set(tangent) == effect.depends
-    automatic = fx.Load.tangent(effect, site, ZERO, INPUTS)
+    automatic = fx.LoadEffect.tangent(effect, site, ZERO, INPUTS)
     for what in fx.load_point.READS:
         columns = []
         for i in range(3):
@@ -173,7 +173,7 @@ def test_drag_at_rest():
     drag = bind(fx.Drag(2.0, 0.5, normal=1.2, tangential=0.1))
     site = replace(a_site(drag), velocity=torch.zeros(B, SITES, 3))
     assert (drag.wrench(site, ZERO, {})[0] == 0).all()
-    for way in (drag.tangent, lambda *a: fx.Load.tangent(drag, *a)):
+    for way in (drag.tangent, lambda *a: fx.LoadEffect.tangent(drag, *a)):
         assert all((d == 0).all() for d in way(site, ZERO, {}).values())
     site = a_site(drag)
     once, thrice = (drag.wrench(replace(site, velocity=k * site.velocity), ZERO, {})[0] for k in (1, 3))
@@ -255,7 +255,7 @@ def test_moved_root_spring_at_rest():
 def test_linear_lag_is_the_midpoint_rule():
     """z' = (u - z)/T: z_mid of the step solves z_mid = z + dt/2 (u - z_mid)/T exactly, also for dt = 1000 T."""
     T, u = 0.01, 2.0
-    load = fx.CustomLoad(lambda x, R, v, w, t, z: (z, None), internal=3, rate=lambda z, x, R, v, w, t: (u - z) / T, of=())
+    load = fx.Load(lambda x, R, v, w, t, z: (z, None), internal=3, rate=lambda z, x, R, v, w, t: (u - z) / T, of=())
     for dt in (0.001, 10.0):
         z = torch.tensor([0.0, 1, 5])
         middle = load.advance(fx.LoadPoint(torch.eye(3)), z, ZERO, {}, torch.tensor(dt))
@@ -363,11 +363,11 @@ REFUSED = {
     "only what acts along the beam": lambda: tb.TipLoad(force=fx.Along(lambda s, t: s)),
     "one of each element": lambda: tb.LineLoad(force=fx.PerElement(torch.zeros(7, 3))).wrench(
         fx.LoadPoint(torch.eye(3), s=torch.linspace(0, 1, 4), elements=3), ZERO, {}),
-    "Load's function = 1.0 was given; a function is wanted": lambda: fx.CustomLoad(1.0),
-    "internal states without a rate": lambda: fx.CustomLoad(user, internal=2),
-    "a rate without internal states": lambda: fx.CustomLoad(user, rate=lag),
-    "of = 'speed'": lambda: fx.CustomLoad(user, of=("speed",)),
-    "Load's inputs": lambda: fx.CustomLoad(user, inputs=("u",)),
+    "Load's function = 1.0 was given; a function is wanted": lambda: fx.Load(1.0),
+    "internal states without a rate": lambda: fx.Load(user, internal=2),
+    "a rate without internal states": lambda: fx.Load(user, rate=lag),
+    "of = 'speed'": lambda: fx.Load(user, of=("speed",)),
+    "Load's inputs": lambda: fx.Load(user, inputs=("u",)),
 }
 
 
@@ -384,7 +384,7 @@ PARAMETERS = {
     "Spring": (lambda p: fx.Spring(-1, p[0], to=p[1:4], length=p[4], damping=p[5]), 6),
     "RootSpring": (lambda p: fx.RootSpring(p[:6], damping=(p[6], p[7:])), 10),
     "LineLoad of elements": (lambda p: tb.LineLoad(force=fx.PerElement(p.reshape(SITES - 1, 3)), follower=True), 3 * SITES - 3),
-    "Load with a lag": (lambda p: fx.CustomLoad(lagged, internal=2, rate=lambda z, *m: lag(z, *m) * p), 2),
+    "Load with a lag": (lambda p: fx.Load(lagged, internal=2, rate=lambda z, *m: lag(z, *m) * p), 2),
 }
 
 

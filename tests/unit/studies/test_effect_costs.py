@@ -57,7 +57,7 @@ def test_every_row_is_taken():
     assert not refused
 
 
-@pytest.mark.long  # properties/test_batch_subset.py has the effects in batches
+@pytest.mark.long  # unit/core/test_batch_subset.py has the effects in batches
 def test_every_row_in_a_batch():
     """Three copies of a state step as the one, with every effect, to the rounding of sums (1e-13 of velocities near 1)."""
     with torch.no_grad():

@@ -10,7 +10,7 @@ nodes or elements, by the form of the beam.
 """
 
 from .actuation import Actuation
-from .custom_load import CustomLoad
+from .custom_load import Load
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
 from .effect import Effect
@@ -18,12 +18,13 @@ from .gravity import Gravity
 from .histories import Accelerogram, History
 from .load_point import (
     ACCELERATION,
+    ANGULAR_ACCELERATION,
     INERTIAL,
     POSITION,
     ROTATION,
     SPIN,
     VELOCITY,
-    Load,
+    LoadEffect,
     LoadPoint,
     Pose,
     Wrench,
@@ -52,6 +53,7 @@ from .values import (
 
 __all__ = [
     "ACCELERATION",
+    "ANGULAR_ACCELERATION",
     "INERTIAL",
     "POSITION",
     "ROTATION",
@@ -60,7 +62,6 @@ __all__ = [
     "Accelerogram",
     "Actuation",
     "Along",
-    "CustomLoad",
     "Damping",
     "Drag",
     "Effect",
@@ -70,6 +71,7 @@ __all__ = [
     "Inputs",
     "LineLoad",
     "Load",
+    "LoadEffect",
     "LoadPoint",
     "LoadValue",
     "MassDamping",

@@ -1,4 +1,4 @@
-"""Load defined by a user's function of the motion, with optional internal states."""
+"""`Load`: defined by a user's function of the motion, with optional internal states."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ...core.leaves import leaf, with_values
 from ...core.validation import Value, broadcast, finite, shown
 from ...math.shapes import broadcast_shapes
 from ..beam import Beam
-from .load_point import INERTIAL, INTERNAL, MOTION, READS, Load, LoadPoint, Wrench, derivatives, jacobians
+from .load_point import INERTIAL, INTERNAL, MOTION, READS, LoadEffect, LoadPoint, Wrench, derivatives, jacobians
 from .loads import whole_node
 from .values import Input, Inputs, plain, to_sites, value_at
 
@@ -24,7 +24,7 @@ PLACE = "s"  # may be asked for in `of`, and is no motion
 
 
 @dataclass(frozen=True)
-class CustomLoad(Load):
+class Load(LoadEffect):
     """A load by a function of the motion: `function(position, rotation, velocity, spin, t, **named)` -> (force, moment).
 
     function  position (..., 3) m, rotation (..., 3, 3) section axes -> frame a, velocity (..., 3) m/s absolute, spin (..., 3)
@@ -56,8 +56,6 @@ class CustomLoad(Load):
     Raises ValueError for internal states without a rate, a rate without them, unknown names in `of`, "s" at a node, or two
     arguments of one name; when it acts, for a function that returns anything but force and moment of the right shape.
     """
-
-    called = "Load"  # torchbeam.Load
 
     function: Callable[..., tuple[Tensor | None, Tensor | None]] = leaf(None)
     node: int | None = -1
@@ -127,7 +125,7 @@ class CustomLoad(Load):
 
         return at_time(wrench, t, own=1 if self.node is not None else 2)
 
-    def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> CustomLoad | None:
+    def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Load | None:
         along = self.node is None and self.values
         return with_values(self, values=self._values_at(s, elements)) if along else None
 

@@ -13,7 +13,7 @@ from ...core.leaves import leaf
 from ...core.validation import Value, as_tensor, common_dtype, finite, has_dtype, numbers, positive
 from ...math.quaternions import skew
 from .effect import Effect
-from .load_point import ROTATION, SPIN, VELOCITY, Load, LoadPoint, Wrench
+from .load_point import ROTATION, SPIN, VELOCITY, LoadEffect, LoadPoint, Wrench
 from .values import Inputs, parameter, plain
 
 
@@ -46,7 +46,7 @@ class Damping(Effect):
 
 
 @dataclass(frozen=True)
-class MassDamping(Load):
+class MassDamping(LoadEffect):
     """Mass-proportional damping: force and moment -alpha R Mass R^T [velocity; spin], against the absolute motion, of all that
     has mass: per length of the beam, and of each `PointMass` at its node.
 

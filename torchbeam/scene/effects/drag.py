@@ -15,12 +15,12 @@ from ...core.leaves import leaf
 from ...core.validation import Value
 from ...math.quaternions import skew
 from ...math.shapes import broadcast_shapes
-from .load_point import ACCELERATION, POSITION, ROTATION, VELOCITY, Load, LoadPoint, Wrench, jacobians
+from .load_point import ACCELERATION, POSITION, ROTATION, VELOCITY, LoadEffect, LoadPoint, Wrench, jacobians
 from .values import Input, Inputs, load_value, optional, parameter
 
 
 @dataclass(frozen=True)
-class Drag(Load):
+class Drag(LoadEffect):
     """Quadratic drag per unit length (Morison et al. 1950; across and along the axis after Taylor 1952):
 
         f = -1/2 rho d (C_n |v_n| v_n + pi C_t |v_t| v_t) - C_a rho pi d^2/4 a_n,    v = velocity - flow
@@ -73,7 +73,7 @@ class Drag(Load):
         """(..., 1, 1) kg/m, mass of fluid that moves with the beam across its axis."""
         return (self.added_mass * self.density * self.diameter**2 * (math.pi / 4))[..., None, None]
 
-    def in_free_vibration(self) -> Load | None:
+    def in_free_vibration(self) -> LoadEffect | None:
         return replace(self, flow=None) if self.carries else None
 
     @property

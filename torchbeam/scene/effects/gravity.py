@@ -10,12 +10,12 @@ from torch import Tensor
 from ...core.leaves import leaf
 from ...core.validation import Value
 from ...math.quaternions import skew
-from .load_point import ROTATION, Load, LoadPoint
+from .load_point import ROTATION, LoadEffect, LoadPoint
 from .values import Inputs, load_value, value_at
 
 
 @dataclass(frozen=True)
-class Gravity(Load):
+class Gravity(LoadEffect):
     """Uniform acceleration g (..., 3) m/s^2, in inertial axes that coincide with frame a at t = 0."""
 
     g: Value = leaf(1)

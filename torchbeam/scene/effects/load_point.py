@@ -81,7 +81,7 @@ MOTION = (*READS, *INERTIAL)
 INTERNAL = "internal"
 
 
-class Load(Effect):
+class LoadEffect(Effect):
     """Base of all loads. A load declares what its wrench depends on (`depends`); its tangent comes by automatic differentiation
     unless it writes its own.
     """
@@ -120,13 +120,13 @@ class Load(Effect):
         """How many numbers it remembers."""
         return self.internal
 
-    def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Load | None:
+    def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LoadEffect | None:
         """Of a load along the beam: the same with numbers for each of the sites with the arclengths s (..., sites), or for all
         (..., 1), in each of its leaves, at time t; None where all that it holds is the same everywhere.
         """
         return None
 
-    def in_free_vibration(self) -> Load | None:
+    def in_free_vibration(self) -> LoadEffect | None:
         """What of it is left in a free vibration about the beam at rest: the load itself where it is a stiffness, the mass of a
         fluid that moves along; None = nothing.
         """
@@ -134,7 +134,9 @@ class Load(Effect):
 
 
 def derivatives(function: Callable[[LoadPoint], Tensor], site: LoadPoint, names: Sequence[str]) -> dict[str, Tensor]:
-    """Derivative (..., m, n) of a function (..., m) of the site by each name of it, see `Load.tangent`; sites do not mix."""
+    """Derivative (..., m, n) of a function (..., m) of the site by each name of it, see `LoadEffect.tangent`; sites do not
+    mix.
+    """
     at = [getattr(site, n, None) for n in names]  # nothing is known of a turn, or of an acceleration: 0
     at = [site.R.new_zeros(*site.R.shape[:-2], 3) if x is None else x for x in at]
 

@@ -11,12 +11,12 @@ from ...core.arguments import boolean, whole
 from ...core.leaves import leaf, with_values
 from ...core.validation import Value
 from ...math.quaternions import skew
-from .load_point import ROTATION, Load, LoadPoint, Wrench, together
+from .load_point import ROTATION, LoadEffect, LoadPoint, Wrench, together
 from .values import AtSites, ByPlace, Inputs, LoadValue, load_value, value_along, value_at
 
 
 @dataclass(frozen=True, kw_only=True)
-class GivenLoad(Load):
+class GivenLoad(LoadEffect):
     """Force and moment with a value each: a tensor (..., 3), a function t -> (..., 3), an `Input`, or None = absent.
 
     A dead load keeps its direction in frame a; a follower load is given in section axes and turns with the section.

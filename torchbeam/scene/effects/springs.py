@@ -18,7 +18,7 @@ from ...math import quaternions as quat
 from ...math.quaternions import skew
 from ...math.shapes import broadcast_shapes
 from .drag import norm, outer
-from .load_point import POSITION, ROTATION, SPIN, VELOCITY, Load, LoadPoint, Pose, Wrench
+from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadEffect, LoadPoint, Pose, Wrench
 from .loads import whole_node
 from .values import Inputs, load_value, optional, parameter, plain, value_at
 
@@ -34,7 +34,7 @@ class Rate(FunctionOfTime):
 
 
 @dataclass(frozen=True)
-class Spring(Load):
+class Spring(LoadEffect):
     """Spring between a node and a point: force -(k (|d| - length) + c d|d|/dt) d/|d|, d from the point to the node.
 
     node       counts from the root, -1 is the tip
@@ -82,7 +82,7 @@ class Spring(Load):
     def wants_frame(self) -> bool:
         return self.damped
 
-    def in_free_vibration(self) -> Load:
+    def in_free_vibration(self) -> LoadEffect:
         return self
 
     @property
@@ -133,7 +133,7 @@ def _direction(d: Tensor) -> tuple[Tensor, Tensor]:
 
 
 @dataclass(frozen=True)
-class RootSpring(Load):
+class RootSpring(LoadEffect):
     """An elastic, damped clamp: node 0 hangs in its support by six springs, from the energy 1/2 d^T k d + 1/2 phi^T k phi.
 
     stiffness  (..., 6) N/m and N m/rad along and about the support's axes, or a pair (forces, moments) of numbers,
@@ -162,7 +162,7 @@ class RootSpring(Load):
     def conservative(self) -> bool:
         return self.damping is None
 
-    def in_free_vibration(self) -> Load:
+    def in_free_vibration(self) -> LoadEffect:
         return self
 
     @property

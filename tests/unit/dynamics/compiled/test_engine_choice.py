@@ -18,7 +18,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 import torchbeam as tb
 from torchbeam.dynamics.compiled import call
-from torchbeam.scene.effects import Load
+from torchbeam.scene.effects import LoadEffect
 
 pytest.importorskip("llvmlite")
 FIELDS = ("position", "rotation", "velocity", "spin", "stress", "reaction", "work", "t", "status")
@@ -45,7 +45,7 @@ def own_load(position, rotation, velocity, spin, t):
     return -drag * velocity, None
 
 
-class Brake(Load):
+class Brake(LoadEffect):
     """A user's own class, whose functions read the class and a number around them."""
 
     node, depends, share = -1, frozenset({"velocity"}), 0.5
@@ -217,7 +217,7 @@ def test_compiled_takes_what_a_class_reads_once_for_each_stepper(monkeypatch):
         assert_close(found.velocity, wanted.velocity, rtol=1e-10, atol=1e-10)
 
 
-class Tether(Load):
+class Tether(LoadEffect):
     """Pulls the tip towards z = `height`."""
 
     node, depends = -1, frozenset({"position"})

@@ -8,7 +8,7 @@ from nodal_cases import spd
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.math import quaternions as quat
+from torchbeam.extend import quaternions as quat
 from torchbeam.nodal.constitutive_law import times
 from torchbeam.nodal.loads import external
 from torchbeam.nodal.rates import Rates

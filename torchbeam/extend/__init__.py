@@ -1,0 +1,51 @@
+"""torchbeam.extend: for those who write effects, sensors, environments and commands of their own.
+
+Trees of tensors  `Tree`, a dataclass whose tensors are declared by `leaf`, from which batches,
+                  gradients, devices, save and load follow; `Value` annotates what may be a tensor or
+                  numbers; `leaves`, `own_leaves`, `map_leaves`, `with_values`, `detached`;
+                  `BatchSubset`: samples taken from a batch and put back
+Effects           `LoadEffect`, the base of a load that `torchbeam.Load` cannot say; `LoadPoint`, where
+                  it acts; what it may depend on: `POSITION`, `ROTATION`, `VELOCITY`, `SPIN`,
+                  `ACCELERATION`, `ANGULAR_ACCELERATION`; `parameter`, a number that may not be
+                  negative; `inputs_of`, the inputs that a tree waits for; `trace` tries whether a function
+                  is one for native code, `NotTraceable` says why not
+Arguments         `choice` and `count` refuse what is none; `shown` writes a value into a sentence;
+                  `METHODS`, `ODE_METHODS`, `FORMS`, `ENGINES`: what `torchbeam.simulate` takes
+Rotations         `quaternions`, functions of unit quaternions (..., 4), real part first
+Public names      `entry_points`: what users call, left alone by torch.autocast and torch.compile
+
+A sensor is derived from `torchbeam.sensors.Sensor`; commands are in `torchbeam.extend.commands`.
+How each is used: docs/architecture.md.
+"""
+
+from ..core.arguments import choice, count
+from ..core.batch_subset import BatchSubset
+from ..core.entry_point import entry_point, entry_points
+from ..core.leaves import Tree, detached, leaf, leaves, map_leaves, own_leaves, with_values
+from ..core.validation import Value, shown
+from ..dynamics.compiled.coverage import ENGINES
+from ..dynamics.methods import METHODS
+from ..dynamics.simulate import FORMS
+from ..dynamics.torchdiffeq_bridge import METHODS as ODE_METHODS
+from ..math import quaternions
+from ..scene.effects import (
+    ACCELERATION,
+    ANGULAR_ACCELERATION,
+    POSITION,
+    ROTATION,
+    SPIN,
+    VELOCITY,
+    LoadEffect,
+    LoadPoint,
+    inputs_of,
+)
+from ..scene.effects.values import parameter
+from ..solvers.compiled.trace import NotTraceable, trace
+
+__all__ = [
+    "ACCELERATION", "ANGULAR_ACCELERATION", "ENGINES", "FORMS", "METHODS", "ODE_METHODS", "POSITION",
+    "ROTATION", "SPIN", "VELOCITY", "BatchSubset", "LoadEffect", "LoadPoint", "NotTraceable", "Tree",
+    "Value", "choice", "count", "detached", "entry_point", "entry_points", "inputs_of", "leaf",
+    "leaves", "map_leaves",
+    "own_leaves", "parameter", "quaternions", "shown", "trace", "with_values",
+]
