@@ -4,6 +4,7 @@ It is written against `topology.protocols` alone; whatever runs with it knows of
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -143,7 +144,7 @@ class System:
         for e, (i, j) in enumerate(star.ends):
             between |= {pair: A[..., e, :, :] for pair, A in zip(((i, j), (j, i)), self.matrix.couplings, strict=True)}
         pivot, right = list(self.matrix.diagonal.unbind(-3)), list(b[..., None].unbind(-3))
-        back, steps = {}, [(k, to) for leg in star.legs for k, to in zip(leg, leg[1:], strict=False)]
+        back, steps = {}, [(k, to) for leg in star.legs for k, to in pairwise(leg)]
         for k, to in steps:
             shape = torch.broadcast_shapes(*(x.shape[:-2] for x in (pivot[k], between[k, to], right[k])))
             both = torch.cat([x.expand(*shape, *x.shape[-2:]) for x in (between[k, to], right[k])], -1)

@@ -309,6 +309,41 @@ LOADS = {
     "network, float32": lambda: network(Single()),
 }
 
+THREE = torch.tensor([[3.0], [1.0], [2.0]])
+
+
+def springs(k):
+    """Of three beams, k (3, 1), beside numbers that all have in common: as many as there are beams."""
+    return lambda x, R, v, w, t: (-k * (x - EDGE) - 0.1 * v, None)
+
+
+def picking(k):
+    """k (3): the same row of it by a place, and by its shape."""
+    return lambda x, R, v, w, t: (-k[:, None] * v, k.reshape(k.shape[0], 1) * torch.sin(w) * STIFFNESS[0])
+
+
+def lagging(k):
+    def pull(x, R, v, w, t, z):
+        return along_z(-k[..., 0] * z[..., 0]), None
+
+    def rate(z, x, R, v, w, t):
+        return 20.0 * k * (x[..., 2:3] - z)
+    return tb.Load(pull, internal=1, rate=rate)
+
+
+def mixing(k):
+    """Each beam feels the mean of all."""
+    return tb.Load(lambda x, R, v, w, t: (-k.mean() * k * v, None))
+
+
+BATCHES = {  # of a tensor (3, 1), in loads that close over it
+    "closed-over batch": lambda k: tb.Load(springs(k)), "batch by places": lambda k: tb.Load(picking(k[:, 0])),
+    "batch of a partial": lambda k: tb.Load(functools.partial(scaled, k, torch.tensor([1.0, 0.0, 0.1]))),
+    "batch of an object": lambda k: tb.Load(Motor([k, 0.2]).torque), "batch of lags": lagging,
+    "batch along the beam": lambda k: tb.Load(lambda x, R, v, w, t: (-k[:, None] * v, None), node=None),
+    "batch of a flow": lambda k: tb.Drag(100.0, 0.02, flow=lambda x, t: k[..., None] * shear(x, t)),
+}
+
 
 def branching(x, R, v, w, t):
     return (-v if v[..., 2].sum() > 0 else -2 * v), None

@@ -10,6 +10,7 @@ import sys
 import types
 from collections import namedtuple
 from collections.abc import Callable, Hashable, Iterable, Iterator
+from copy import copy
 from dataclasses import fields, is_dataclass, make_dataclass
 from typing import Any, NamedTuple
 
@@ -69,12 +70,14 @@ class Surroundings:
 
     inputs  tensors that a program takes as inputs, whatever their numbers: parameters and buffers of modules, and what carries
             gradient
+    batched  by id, of those of them that hold a row for each sample: how many of their axes are the batch's
     """
 
     def __init__(self, reads: Iterable[Read] = ()) -> None:
         """reads: names, and what gives a function, or what it uses."""
         self.variables: list[Variable] = []
         self.inputs: list[Tensor] = []
+        self.batched: dict[int, int] = {}
         self._met: dict[int, tuple[int, Any]] = {}  # by id: what was looked at, and as which
         self._named: set[str] = set()  # attributes, by code
         self._holders: list[tuple[str, Any, set[str]]] = []  # objects and modules, with what of theirs was looked at
@@ -88,6 +91,20 @@ class Surroundings:
         return all(one.unchanged() for one in self.variables)
 
     @property
+    def tensors(self) -> list[Tensor]:
+        """Floating ones on the CPU."""
+        return [x for _, x in self._met.values()
+                if isinstance(x, Tensor) and x.is_floating_point() and x.device.type == "cpu"]
+
+    def by_sample(self, tensors: list[Tensor], axes: int) -> Surroundings:
+        """The same with these of its tensors as inputs, whose first `axes` axes are those of a batch."""
+        other = copy(self)
+        other.batched = {id(x): axes for x in tensors}
+        other.inputs = [*self.inputs, *(x for x in tensors if all(x is not y for y in self.inputs))]
+        other.variables = [one._replace(version=None) if id(one.value) in other.batched else one for one in self.variables]
+        return other
+
+    @property
     def key(self) -> tuple[Any, ...]:
         """Equal for equal surroundings, as long as these exist: users' functions count by their code, tuples, objects and
         dataclasses by their kind, with all that is in them, small tensors by their numbers, `inputs` by their shape.
@@ -99,7 +116,8 @@ class Surroundings:
         if _steady(value):
             return type(value), value
         if any(value is x for x in self.inputs):
-            return value.dtype, value.shape, self._met[id(value)][0]
+            axes = self.batched.get(id(value), 0)
+            return value.dtype, value.shape[axes:], axes, self._met[id(value)][0]
         if type(value) is Tensor and value.numel() <= SMALL and value.device.type == "cpu" and not value.requires_grad:
             return value.dtype, value.shape, value.contiguous().numpy().tobytes()
         what = None

@@ -23,7 +23,7 @@ def check_balance(problem: SteadyProblem, x: Configuration) -> None:
         residual = problem.residual(x)[0]
         size, p = residual.measure(), problem.model.space.position
         free, gap = (residual.nodes * problem.model.constraints.moving).abs(), residual.strain.abs()
-        length, soft = problem.model.length.sum((-1, -2)), _softest(problem.model)
+        length, soft = problem.model.length.sum((-1, -2)), softest(problem.model)
         force, moment = (v.sum((-1, -2)) for v in (free[..., :p], free[..., p:]))
         stretch, bent = (v.amax((-1, -2)) for v in (gap[..., :p], gap[..., p:]))
         off = force * length**2 / soft, moment * length / soft, stretch, bent * length
@@ -43,14 +43,14 @@ def check_rest(problem: SteadyProblem, state: State) -> None:
         velocity, spin = problem.velocity(x)
         velocity, spin = state.velocity - velocity, state.spin - space.to_section(x.rotation, spin)
         energy = model.kinetic_energy(x.rotation, velocity, spin)
-        still = energy <= OFF**2 * _softest(model) / model.length.sum((-1, -2))
+        still = energy <= OFF**2 * softest(model) / model.length.sum((-1, -2))
         fast, turning = (torch.linalg.vector_norm(v, dim=-1).amax(-1) for v in (velocity, spin))
         _refuse(~still, "{} that moves was given, by up to {:.3g} m/s and {:.3g} rad/s beside frame a; one at rest there, as "
                 "of `equilibrium`, is wanted (steady rotation is that of a `Frame`)", fast, turning)
     check_balance(problem, x)
 
 
-def _softest(model: Model) -> Tensor:
+def softest(model: Model) -> Tensor:
     """(...) N m^2, the smallest stiffness of bending or torsion."""
     C = model.law.C
     return (C[..., 0] if C.shape[-1] == 1 else C.diagonal(dim1=-2, dim2=-1))[..., model.space.position:].amin((-1, -2))

@@ -14,7 +14,7 @@ from ..core.arguments import tolerance as check_tolerance
 from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
-from ..core.status import DIVERGED, STATUS
+from ..core.status import DIVERGED
 from ..core.validation import concrete
 from ..core.warning import warn
 from ..dynamics.compiled.coverage import ENGINES
@@ -29,16 +29,13 @@ from .compiled import climb as compiled
 from .continuation import NEUTRAL
 from .internal_states import resting
 from .load_steps import climb
-from .mechanism import braced, stressed, unheld
+from .mechanism import braced, stressed
+from .no_equilibrium import reason
 from .path import stable_branch
 from .steady import Configuration, SteadyProblem
 
 SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}  # of the softest pivot at no load
 LARGE = 1e4  # times the move that the loads bring about at first
-REASON = {**STATUS, DIVERGED: "Newton's method found none; the load may be past a limit point, or the beam slack: "
-                             "relax=True starts from a damped run"}
-SWING = "relax=True lets it swing to where its loads hold it"
-UNRELAXED = "the damped run came to no rest; its loads may drive it on"
 
 
 def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, tolerance: float | None = None,
@@ -137,12 +134,8 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
         alike = failed is not concrete(failed)  # one of many that torch.func.vmap has
         failed, status = concrete(failed), concrete(status)
         which = f"sample {_first(failed)} of {tuple(failed.shape)}" if failed.ndim else "the scene"
-        code = int(status[failed][0])
-        loose = "" if alike or code != DIVERGED else unheld(model, time, given, tuple(failed.nonzero()[0].tolist()))[1]
-        reason = REASON[code] if code != DIVERGED or not relax else UNRELAXED
-        if loose:
-            reason = f"nothing holds {loose}; a support or a spring would ({UNRELAXED if relax else SWING})"
-        raise RuntimeError(f"{which} has no equilibrium: {reason}")
+        first = None if alike else tuple(failed.nonzero()[0].tolist())
+        raise RuntimeError(f"{which} has no equilibrium: {reason(problem, x, int(status[failed][0]), first, relax)}")
     if model.conservative:
         found = ~failed
         unstable = found & _unstable(problem, x, start, None if doubtful is None else doubtful & found)

@@ -87,9 +87,9 @@ def unheld(model: Model, t: Tensor, inputs: dict[str, Tensor], sample: tuple[int
         start = model.space.start(rest(model.scene))
         start = Configuration(start.position, start.rotation, torch.zeros_like(start.stress))
         nodes, at, hold = _hold(SteadyProblem(model, t, inputs, t.new_ones(())), start)
-    _, s, V = torch.linalg.svd(_of_sample(hold, 2, sample), full_matrices=True)
+    _, s, V = torch.linalg.svd(sample_of(hold, 2, sample), full_matrices=True)
     motions = V[int((s > NONE).sum()):].to(nodes)
-    return len(motions), _words(motions, _of_sample(nodes, 2, sample)[at], at)
+    return len(motions), _words(motions, sample_of(nodes, 2, sample)[at], at)
 
 
 def clamped(model: Model) -> bool:
@@ -129,7 +129,7 @@ def _base(model: Model) -> int:
     return supports[0].node if supports else 0
 
 
-def _of_sample(x: Tensor, own: int, sample: tuple[int, ...]) -> Tensor:
+def sample_of(x: Tensor, own: int, sample: tuple[int, ...]) -> Tensor:
     """One sample of x (..., `own` axes), whose leading axes may be fewer than the batch's, or one long."""
     lead = x.shape[:x.ndim - own]
     return concrete(x)[tuple(i if n > 1 else 0 for n, i in zip(lead, sample[len(sample) - len(lead):], strict=True))]

@@ -5,6 +5,10 @@
 by backward Euler, in steps dtau that grow as the beam calms down: with conservative loads each lowers the energy (the
 proximal point method; pseudo-transient continuation, Kelley and Keyes 1998). The loads grow from none to all until tau = 1.
 Once a step turns no node by much, Newton's method without the fluid takes over.
+
+Impossible stretch and shear are possible at first, and less and less so until tau = 1: a straight beam without stretch whose
+ends come nearer to each other has no shape nearby to begin with. What is in balance and no minimum, as an arch that would fall
+out of its plane under loads within it, is left by a trace of another shape.
 """
 
 from __future__ import annotations
@@ -22,6 +26,7 @@ from ..nodal.balance import Residual
 from ..nodal.model import Model
 from ..solvers.newton import newton
 from ..topology.protocols import Matrix, total
+from .balance_check import softest
 from .mechanism import braced
 from .steady import Configuration, SteadyProblem
 
@@ -29,6 +34,8 @@ FIRST, LEAST, STEPS = 1 / 16, 1e-9, 500  # step: the first, and the smallest; ho
 TURN, CALM = 1.0, 0.2  # rad a node may turn in a step; after which Newton's method is tried
 EASY, GROWTH = 0.4, (1.1, 4.0)  # rad: after a step with that turn the next is as long again
 LIMIT = 12  # iterations
+SOFT = 1e-2, 1e-3  # strain by a force like all loads together, or like EI/L^2: of a softened stretch or shear
+TRACE = 1e-6  # rad
 
 
 @dataclass(frozen=True)
@@ -60,17 +67,20 @@ def relax(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tu
         shape = probe.measure().shape
         whole = replace(whole, load_factor=t.new_ones(shape))
         x = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in x))
-        viscosity = _viscosity(model, probe)
+        force = _force(model, probe)
+        viscosity, flexibility = _viscosity(model, force), _flexibility(model, force)
         reached, step = t.new_zeros(shape), t.new_full(shape, FIRST)
         reaction = probe.nodes.new_zeros(*shape, *model.constraints.fixed.shape)
         going = torch.ones(shape, dtype=torch.bool, device=t.device)
         for _ in range(STEPS):
             share = (reached + step).clamp(max=1)
-            fluid = Viscous(model, t, inputs, share, x, viscosity / step[..., None, None])
+            fluid = Viscous(_softened(model, (1 - share) * flexibility), t, inputs, share, x, viscosity / step[..., None, None])
             outcome = newton(fluid, fluid.apply_supports(x), going, tolerance, LIMIT)
             turned = _turned(model, x, outcome.x)
             good = going & (outcome.status == 0) & (turned < TURN)
-            good = good & _minimum(fluid, outcome.x) if downhill else good
+            if downhill:
+                saddle = good & ~_minimum(fluid, outcome.x)
+                x, good = _where(saddle, _disturbed(fluid, x), x), good & ~saddle
             x, reached = _where(good, outcome.x, x), torch.where(good, reached + step, reached)
             step = torch.where(good, (EASY / turned).clamp(*GROWTH) * step, step / 4)
             calm = good & (reached >= 1) & (turned < CALM)
@@ -92,15 +102,46 @@ def _minimum(problem: SteadyProblem, x: Configuration) -> Tensor:
     return tangent.system.positive_definite()
 
 
-def _viscosity(model: Model, unbalanced: Residual) -> Tensor:
-    """(..., N+1, w): with which what is out of balance at the start would move the beam by its length in tau = 1."""
+def _force(model: Model, unbalanced: Residual) -> Tensor:
+    """(...) N, of all that is out of balance at the start."""
+    p, length = model.space.position, model.tributary_length.detach().sum((-1, -2))
+    return unbalanced.nodes[..., :p].abs().sum((-1, -2)) + unbalanced.nodes[..., p:].abs().sum((-1, -2)) / length
+
+
+def _viscosity(model: Model, force: Tensor) -> Tensor:
+    """(..., N+1, w): with which that force would move the beam by its length in tau = 1."""
     p, share = model.space.position, model.tributary_length.detach()
     length = share.sum((-1, -2))
-    force = unbalanced.nodes[..., :p].abs().sum((-1, -2)) + unbalanced.nodes[..., p:].abs().sum((-1, -2)) / length
     force = torch.where(force > 0, force, torch.ones_like(force))
     along = (force / length**2)[..., None, None] * share
     about = along * share**2 / 12
     return torch.cat((along.expand(*along.shape[:-1], p), about.expand(*about.shape[:-1], model.space.spin)), -1)
+
+
+def _flexibility(model: Model, force: Tensor) -> Tensor:
+    """(...) 1/N, at tau = 0, of stretch and shear that are impossible."""
+    by_load, by_bending = SOFT
+    return 1 / (force / by_load + softest(model) / model.length.detach().sum((-1, -2)) ** 2 / by_bending)
+
+
+def _softened(model: Model, flexibility: Tensor) -> Model:
+    """The model with that flexibility (...) of stretch and shear that are impossible."""
+    if not model.law.rigid:
+        return model
+    S = model.law.S
+    slim = S.shape[-1] == 1
+    diagonal = S if slim else S.diagonal(dim1=-2, dim2=-1)[..., None]
+    by_force = torch.arange(S.shape[-2], device=S.device)[:, None] < model.space.position
+    more = torch.where(by_force & (diagonal == 0), flexibility[..., None, None, None], 0.0)
+    return replace(model, law=replace(model.law, S=S + (more if slim else torch.diag_embed(more[..., 0]))))
+
+
+def _disturbed(problem: SteadyProblem, x: Configuration) -> Configuration:
+    """x with every node turned by about `TRACE`, none like another."""
+    space, (nodes, _) = problem.model.space, x.position.shape[-2:]
+    angle = torch.cos(1.7 * torch.arange(nodes * space.spin, dtype=x.position.dtype, device=x.position.device) + 0.3)
+    move = torch.nn.functional.pad(TRACE * angle.unflatten(0, (nodes, space.spin)), (space.position, 0))
+    return problem.update(x, move.expand(*x.position.shape[:-1], space.unknowns), torch.zeros_like(x.stress))
 
 
 def _turned(model: Model, before: Configuration, after: Configuration) -> Tensor:

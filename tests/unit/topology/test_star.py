@@ -1,4 +1,4 @@
-"""Another topology than a chain: what a structure will be. Nodal form, equations and solvers run with one that a test defines."""
+"""Another topology than a chain, as a structure will be: nodal form, equations and solvers run with one that a test has."""
 
 from dataclasses import replace
 
@@ -58,6 +58,12 @@ def in_the_stars_order(x):
     return x[..., NODES if x.shape[-2] == N + 1 else ELEMENTS, :]
 
 
+def stars(state):
+    """The same state of the star."""
+    names = ("position", "rotation", "velocity", "spin", "stress")
+    return replace(state, **{name: in_the_stars_order(getattr(state, name)) for name in names})
+
+
 def equilibrium(model):
     still = tb.rest(model.scene)
     problem = SteadyProblem(model, torch.tensor(0.0), {}, torch.ones(2))
@@ -97,8 +103,7 @@ def test_two_chains_that_share_a_node_are_one_chain(what):
         (expected, reaction), (found, other) = map(equilibrium, models)
     else:
         start = moved(models[0].scene)
-        rows = {name: in_the_stars_order(getattr(start, name)) for name in ("position", "rotation", "velocity", "spin", "stress")}
-        (expected, reaction), (found, other) = step(models[0], start), step(models[1], replace(start, **rows))
+        (expected, reaction), (found, other) = step(models[0], start), step(models[1], stars(start))
     for a, b in zip(expected, found, strict=True):
         assert_close(in_the_stars_order(a), b, **ROUNDING)
     assert_close(reaction, other, rtol=0, atol=1e-11)
@@ -123,10 +128,8 @@ def test_small_motions_and_rates_of_two_chains():
     start = moved(models[0].scene)
     accelerations = []
     for model, own in zip(both(force, lumped=True), (False, True), strict=True):
-        here = replace(start, **{name: in_the_stars_order(getattr(start, name)) for name in (
-            "position", "rotation", "velocity", "spin", "stress")}) if own else start
         rates = Rates(model, {})
-        nodes, spin, _ = rates.unpack(torch.tensor(0.2), rates.pack(here))
+        nodes, spin, _ = rates.unpack(torch.tensor(0.2), rates.pack(stars(start) if own else start))
         net, _ = rates.balance(torch.tensor(0.2), nodes)
         a, alpha = rates.accelerations(torch.tensor(0.2), nodes, spin, net)
         accelerations.append(rates.joined(torch.cat((a, alpha), -1), torch.zeros(2, 1, w)))
@@ -138,8 +141,8 @@ LENGTHS, PARTS = (1.0, 0.7, 0.5), 3
 
 
 def junction(load, **options):
-    """Three legs, clamped at their feet, from the joint at the origin towards -x, +x and -z: nodes from each foot on, the joint
-    last. All axes are those of frame a; the sections turn with their legs.
+    """Three legs, clamped at their feet, from the joint at the origin to -x, +x and -z: nodes from each foot on, then the
+    joint.    All axes are those of frame a; the sections turn with their legs.
     """
     directions = torch.tensor([[-1.0, 0, 0], [1.0, 0, 0], [0.0, 0, -1.0]])
     nodes, ends, legs, compliance, length = [], [], [], [], []
@@ -170,7 +173,7 @@ def axes_of(along):
 
 def stiffness(along, L):
     """(6, 6) of the joint, frame a, by a leg of equal elements: the inverse of what a force and a moment at the end of a
-    cantilever bring about. Elements of constant curvature bend by L h^2/(12 EI) less than the beam (Gauss's rule for (L - s)^2).
+    cantilever bring about. Elements of constant curvature bend by L h^2/(12 EI) less (Gauss's rule for (L - s)^2).
     """
     h = L / PARTS
     bend = {"z": (EI_Z, 1.0), "y": (EI_Y, -1.0)}  # a force along y turns about z, one along z about -y
@@ -194,14 +197,14 @@ def test_a_junction_of_three_legs_is_as_stiff_as_they_are_together():
         model = junction(load, small=small)
         start = model.space.start(tb.rest(model.scene))
         problem = SteadyProblem(model, torch.tensor(0.0), {}, torch.tensor(1.0))
-        x, reaction, status = climb(problem, Configuration(start.position, start.rotation, torch.zeros_like(start.stress)), None)
+        start = Configuration(start.position, start.rotation, torch.zeros_like(start.stress))
+        x, reaction, status = climb(problem, start, None)
         assert not status.any()
-        feet = x.position[list(model.constraints.nodes)]
-        moment = torch.linalg.cross(feet, reaction[:, :3]).sum(0) + torch.linalg.cross(
-            (x.position[-1] if not small else torch.zeros(3)), load[:3])
-        assert_close(reaction[:, :3].sum(0) + load[:3], torch.zeros(3), rtol=0, atol=1e-9)  # Newton's tolerance, 1e-8 of a force
+        assert_close(reaction[:, :3].sum(0) + load[:3], torch.zeros(3), rtol=0, atol=1e-9)  # Newton's: 1e-8 of a force
         if small:
             moved = torch.cat((x.position[-1], x.rotation[-1]))
             assert_close(moved, torch.linalg.solve(whole, load), rtol=1e-9, atol=0)
         else:
+            feet = x.position[list(model.constraints.nodes)]
+            moment = torch.linalg.cross(feet, reaction[:, :3]).sum(0) + torch.linalg.cross(x.position[-1], load[:3])
             assert_close(moment + reaction[:, 3:].sum(0) + load[3:], torch.zeros(3), rtol=0, atol=1e-9)

@@ -83,10 +83,13 @@ class CommonLoads(Tree):
 
 @dataclass(frozen=True)
 class Captured(Tree):
-    """A tensor that users' functions read beside their arguments, as an input of the program, with its number of own axes."""
+    """A tensor that users' functions read beside their arguments, as an input of the program, with its number of own axes, and
+    of those before them, which are a batch's.
+    """
 
     value: Tensor = leaf(lambda one: one.axes)
     axes: int
+    batch: int = 0
 
 
 @dataclass(frozen=True)

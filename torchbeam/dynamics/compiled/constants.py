@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +12,7 @@ from torch.nn.functional import pad
 
 from ...core.derivatives import lasting
 from ...core.leaves import constant, detached, functions, own_leaves, with_values
+from ...core.surroundings import Surroundings
 from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
@@ -41,7 +42,7 @@ from .chain_constants import (
 class Constants:
     """Of a model's steps (or, without `steps`, of what stands still in it), in two parts: trees of what holds for all of them,
     and values by name of what changes. instant: of a step, when it takes its loads; 1 = those of its start are asked for too;
-    captured: tensors that users' functions read, which are inputs of the program.
+    around: what users' functions read, some of it inputs of the program.
 
     loads  those that are evaluated natively: of the motion, with internal states, and the library's own whose values are inputs
     asks   whether anything is evaluated at t in torch
@@ -49,7 +50,7 @@ class Constants:
     sources  tensors that values are made from
     """
 
-    def __init__(self, model: Model, steps: bool = True, instant: float = 0.5, captured: Iterable[Tensor] = ()) -> None:
+    def __init__(self, model: Model, steps: bool = True, instant: float = 0.5, around: Surroundings | None = None) -> None:
         space, inertia, constraints, small = model.space, model.inertia, model.constraints, isinstance(model.space, Small)
         self.model, self.prescribes = model, steps and model.scene.has_prescribed_motion
         beam = model.scene.beam
@@ -84,7 +85,9 @@ class Constants:
         held = (self.given, by_place, prescribed, scene.eigenstrains, scene.beam, scene.supports, model.law, inertia)
         self.sources = [x for x, _ in flattened(held)]
         self.sources += [model.length, model.section_mass, model.tributary_length]
-        self.captured = tuple(Captured(x, x.ndim) for x in captured)
+        batched = {} if around is None else around.batched
+        self.captured = tuple(Captured(x, x.ndim - (axes := batched.get(id(x), 0)), axes)
+                              for x in (() if around is None else around.inputs))
         self._kept: dict[Any, Any] = {}
 
     def forget(self) -> None:

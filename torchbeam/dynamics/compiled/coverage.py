@@ -15,7 +15,7 @@ from ...solvers.compiled.trace import NotTraceable
 from ..engine_use import slow_path
 from .constants import of_library
 from .step import FUNCTIONS, CompiledStep
-from .user_functions import by_function, known, surroundings
+from .user_functions import by_function, by_sample, known, surroundings
 
 ENGINES = ("auto", "eager", "compiled")
 VARIABLE = "TORCHBEAM_ENGINE"  # of the environment: what "auto" means
@@ -62,7 +62,7 @@ def why_not_traced(model: Model, method: str, **options: Any) -> str | None:
     own = by_function(model)
     try:
         if own:
-            CompiledStep(model, method, around=known(own), **options)
+            _made(model, method, own, **options)
     except Exception as error:
         return untraceable(own[0], error)
     return None
@@ -93,7 +93,7 @@ def compiled_step(model: Model, method: str, **options: Any) -> CompiledStep:
         reason = MISSING
     try:
         if reason is None:
-            return CompiledStep(model, method, around=known(by_function(model)), **options)
+            return _made(model, method, by_function(model), **options)
     except NotTraceable as error:
         reason = str(error)
     raise ValueError(f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does")
@@ -111,12 +111,16 @@ def automatic_step(model: Model, method: str, **options: Any) -> tuple[CompiledS
     if reason is not None:
         return None, reason + VALUES
     try:
-        return CompiledStep(model, method, around=known(own), **options), None
+        return _made(model, method, own, **options), None
     except Exception as error:
         if own:
             return None, untraceable(own[0], error)
         given_up(error)
         return None, None
+
+
+def _made(model: Model, method: str, own: list[Any], **options: Any) -> CompiledStep:
+    return by_sample(lambda around: CompiledStep(model, method, around=around, **options), model, known(own))
 
 
 def given_up(error: Exception, what: str = "steps are made") -> None:

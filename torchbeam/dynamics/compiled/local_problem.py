@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ...core.derivatives import cached
-from ...core.leaves import leaf, with_values
+from ...core.leaves import leaf, own_leaves, with_values
 from ...nodal.assembly import Assembly
 from ...nodal.constraints import Constraints
 from ...nodal.coordinates.linearised import Small
@@ -190,6 +190,8 @@ class LocalProblems:
         rows = filled(self.nodes, lambda k: fields[f"node.{k}"][None])
         common = self._common(fields)
         loads = acting_loads(kind, rows.loads, common.loads)
+        if any(one.batch for one in common.captured):
+            loads = tuple(map(_of_one_sample, loads))
         given = {name: fields[name][None] for name in (*self.NODE, "u", "m") if name in fields}
         if INTERNAL in self.state:
             parts = fields[INTERNAL].split(self.internal)
@@ -260,11 +262,34 @@ class LocalProblems:
         return LocalProblem(model, start, common.dt, common.t, common.inputs)
 
 
+class OwnBatch(NotTraceable):
+    """A function that closes over a batch, of this shape."""
+
+    def __init__(self, batch: torch.Size) -> None:
+        super().__init__(f"a function has a batch {tuple(batch)} of its own; values= of a tb.Load take one")
+        self.batch = batch
+
+
 def unbatched(found: Tensor, axes: int) -> Tensor:
-    """What loads give one node, which has so many axes. Raises NotTraceable for more: a function that closes over a batch."""
+    """What loads give one node, which has so many axes. Raises OwnBatch for more."""
     if found.ndim > axes:
-        raise NotTraceable(f"a function has a batch {tuple(found.shape[:-axes])} of its own; values= of a tb.Load take one")
+        raise OwnBatch(found.shape[:-axes])
     return found
+
+
+def _of_one_sample(load: Any) -> Any:
+    """A load whose functions read tensors by sample, each a batch of one: without that batch's axes in what they return."""
+    axes = 2 if vars(load).get("node") is None else 1
+
+    def one(x: Any) -> Any:
+        if isinstance(x, (tuple, list)):
+            return tuple(map(one, x))
+        while isinstance(x, Tensor) and x.ndim > axes and len(x) == 1:
+            x = x[0]
+        return x
+
+    return with_values(load, **{own.name: lambda *args, f=own.value, **named: one(f(*args, **named))
+                                for own in own_leaves(load) if own.axes is None and callable(own.value)})
 
 
 DEAD = TipLoad(force=torch.zeros(3), moment=torch.zeros(3))

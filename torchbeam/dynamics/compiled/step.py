@@ -27,7 +27,7 @@ from .kinds import Kinds, node_kinds
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .program import NOTHING, adjoint_of, program_of
-from .user_functions import by_function, known
+from .user_functions import by_function, by_sample, known
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
 FUNCTIONS = {("midpoint", False): LocalFunctions, ("midpoint", True): ConservingFunctions,
@@ -76,8 +76,7 @@ class CompiledStep:
         functions_of = FUNCTIONS[method, conserve]
         self.model, self.batch = model, model.scene.batch_shape
         self._options = {"method": method, "conserve": conserve, **options}
-        captured = () if around is None else around.inputs
-        self.constants = Constants(model, instant=functions_of.INSTANT, captured=captured)
+        self.constants = Constants(model, instant=functions_of.INSTANT, around=around)
         length = model.length
         nothing = {name: length.new_zeros(size) for name, size in model.scene.inputs.items()}
         dt = length.new_full((), TRIED)
@@ -249,4 +248,4 @@ class CompiledStep:
 
 
 def _again(model: Model, **options: Any) -> CompiledStep:
-    return CompiledStep(model, around=known(by_function(model)), **options)
+    return by_sample(lambda around: CompiledStep(model, around=around, **options), model, known(by_function(model)))

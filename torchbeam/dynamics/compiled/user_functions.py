@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import fields
-from typing import Any
+from typing import Any, TypeVar
+
+import torch
+from torch import Tensor
 
 from ...core.leaves import AXES, own_leaves
 from ...core.surroundings import Read, Surroundings, Unsteady, of_class
+from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
-from .constants import of_library
+from ...solvers.compiled.readings import Readings
+from .constants import Constants, of_library
+from .local_problem import OwnBatch
+
+Made = TypeVar("Made")
 
 
 def by_function(model: Model) -> list[Any]:
@@ -35,3 +45,68 @@ def known(loads: list[Any]) -> Surroundings | None:
         return surroundings(loads)
     except Unsteady:
         return None
+
+
+def by_sample(make: Callable[[Surroundings | None], Made], model: Model, around: Surroundings | None) -> Made:
+    """make(around); where functions close over a batch, with the tensors that hold it as inputs, each sample its row of them,
+    as `values=` of a load are. Raises OwnBatch where no tensors are found of which each sample reads its own row alone.
+    """
+    try:
+        return make(around)
+    except OwnBatch as error:
+        rows: list[Tensor] = []
+        with torch.no_grad(), suppress(Exception):  # of a function that takes no batch of one
+            rows = [] if around is None else _rows(model, around, error.batch)
+        if not rows:
+            raise
+        return make(around.by_sample(rows, len(error.batch)))
+
+
+def _rows(model: Model, around: Surroundings, batch: torch.Size) -> list[Tensor]:
+    """Tensors with the batch's axes whose rows are each read by their sample alone, as if it were one of one: with random
+    numbers in their place, a change in the first row changes what functions give the first sample, and that alone; and the
+    first and the last are in the batch what they are alone. None where it is not so.
+    """
+    generator, still, axes = torch.Generator().manual_seed(0), Constants(model).still, len(batch)
+    shift = torch.rand(*batch, *still.position.shape[-2:], dtype=model.length.dtype, generator=generator)
+    numbers = {id(x): (x, torch.rand(x.shape, dtype=x.dtype, generator=generator)) for x in around.tensors
+               if x.shape[:axes].numel() > 1 and x.ndim >= axes
+               and all(n in (1, size) for n, size in zip(x.shape, batch, strict=False))}
+
+    def given(stand: dict[int, Tensor], shift: Tensor) -> Tensor:
+        """What functions give (..., numbers), with the axes of the batch."""
+        lead = shift.shape[:axes]
+        with Readings(lambda x: False, stand):
+            load, internal = _in_motion(model, still, shift)
+        found = [x.expand(*lead, *x.shape[x.ndim - own:]).flatten(axes) for x, own in ((load, 2), (internal, 1))
+                 if isinstance(x, Tensor)]
+        return torch.cat(found, -1)
+
+    def row(x: Tensor, k: int) -> Tensor:
+        return x[tuple(slice(None) if n == 1 else slice(k, k + 1 or None) for n in x.shape[:axes])]
+
+    stand = {name: x for name, (_, x) in numbers.items()}
+    whole, found = given(stand, shift), {}
+    for name, x in stand.items():
+        other, own = x.clone(), torch.zeros(*(1 if n == 1 else size for n, size in zip(x.shape, batch, strict=False)))
+        row(other, 0).add_(1.0)
+        row(own, 0).add_(1.0)
+        changed = (given({**stand, name: other}, shift) != whole).any(-1)
+        if changed.any() and not (changed & (own == 0)).any():
+            found[name] = x
+    stand = {name: x for name, x in stand.items() if name not in found}
+    for k in (0, -1):
+        alone = given(stand | {name: row(x, k) for name, x in found.items()}, row(shift, k))
+        if not torch.allclose(row(whole, k), alone, rtol=1e-6, equal_nan=True):
+            return []
+    return [numbers[name][0] for name in found]
+
+
+def _in_motion(model: Model, still: Nodes, shift: Tensor) -> tuple[Tensor | float, Tensor | float]:
+    """Users' loads, (..., N+1, w), and internal states after a step, of a beam in some motion by `shift` (..., N+1, p)."""
+    turn = shift[..., :1].expand(*shift.shape[:-1], model.space.spin)
+    internal = shift[..., 0, :1].expand(*shift.shape[:-2], model.internal_states)
+    t, inputs = shift.new_zeros(()), {name: shift.new_zeros(size) for name, size in model.scene.inputs.items()}
+    rotation = model.space.normalize(model.space.multiply(model.space.cayley(turn), still.rotation))
+    nodes = Nodes(still.position + shift, rotation, shift, turn, still.frame, internal, t + 0.01, shift, turn)
+    return external(model, nodes, t, inputs, tuple(by_function(model))), advanced(model, nodes, t, inputs)

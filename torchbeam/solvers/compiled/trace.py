@@ -34,13 +34,16 @@ def trace(function: Callable[..., Any], inputs: dict[str, Tensor], captured: dic
     reading of, traced values, and for a constant that carries gradient, which would be lost. The graph is the same beside hooks
     on saved tensors (torch.utils.checkpoint), which the function does not see.
 
-    captured: by the names of inputs, tensors that the function reads beside its arguments: it reads these inputs instead.
+    captured: by the names of inputs, tensors that the function reads beside its arguments: it reads these inputs instead. An
+    input of fewer axes stands for one of its samples: it is read with axes of 1 in the place of those that it has not.
     """
     captured = captured or {}
-    own, inputs = set(inputs), inputs | captured
+    own = set(inputs)
+    read = {name: x[(0,) * (x.ndim - inputs.get(name, x).ndim)] for name, x in captured.items()}
+    inputs = inputs | read
     given = {name: value.detach().clone(memory_format=torch.contiguous_format) for name, value in inputs.items()}
     tracer = _Tracer({memory(x) for x in captured.values()})
-    stand = {id(x): given[name] for name, x in captured.items()}
+    stand = {id(x): given[name][(None,) * (x.ndim - given[name].ndim)] for name, x in captured.items()}
     for name, value in given.items():
         nodes = [tracer.graph.input(name, k) for k in range(value.numel())]
         tracer.hold(value, torch.tensor(nodes, dtype=torch.long).reshape(value.shape))

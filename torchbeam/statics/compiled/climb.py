@@ -20,7 +20,7 @@ from ...dynamics.compiled.coverage import MISSING, given_up, meaning, unsteady, 
 from ...dynamics.compiled.kinds import Kinds, node_kinds
 from ...dynamics.compiled.native import NotCompiled
 from ...dynamics.compiled.program import NOTHING, program_of
-from ...dynamics.compiled.user_functions import by_function, known, surroundings
+from ...dynamics.compiled.user_functions import by_function, by_sample, known, surroundings
 from ...dynamics.engine_use import slow_path
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
@@ -108,7 +108,12 @@ def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, toleranc
         return None
     if around is None:
         around = known(by_function(model)) if by_function(model) else NOTHING
-    constants = Constants(model, steps=False, captured=() if around is None else around.inputs)
+    return by_sample(lambda own: _called(model, t, inputs, x, tolerance, judged, lanes, own), model, around)
+
+
+def _called(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool,
+            lanes: int | None, around: Surroundings | None) -> Climbed:
+    constants = Constants(model, steps=False, around=around)
     nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
     trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
     kinds = _kinds(model, constants)

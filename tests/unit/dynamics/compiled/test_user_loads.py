@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch.autograd import forward_ad
 from torch.testing import assert_close
-from user_loads import LOADS, REFUSED, Contact
+from user_loads import BATCHES, LOADS, REFUSED, THREE, Contact, mixing
 
 import torchbeam as tb
 from torchbeam.dynamics.compiled.coverage import why_eager, why_not_traced
@@ -107,6 +107,44 @@ def test_forward_mode_through_what_a_function_closes_over():
             found.append(forward_ad.unpack_dual(state.velocity).tangent)
     assert_close(*found, rtol=1e-10, atol=1e-12)
     assert found[0].abs().max() > 1e-3
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name in (
+    "batch by places", "batch of an object", "batch of lags", "batch of a flow") else [pytest.mark.long]) for name in BATCHES])
+def test_a_batch_that_a_function_closes_over_is_a_row_for_each_sample(name):
+    """Natively as eagerly: two steps, iterations, the gradient by the batch. Three samples, as vectors have components."""
+    found = []
+    for engine in ("auto", "eager"):
+        k = THREE.clone().requires_grad_()
+        stepper, state = stepped(BATCHES[name](k), engine)
+        assert stepper.engine == ("native" if engine == "auto" else engine) and state.batch_shape == (3,)
+        value = state.tip.position + 0.1 * state.tip.velocity
+        found.append((value.detach(), stepper.iterations, torch.autograd.grad(value.square().sum(), k)[0]))
+    (value, iterations, slope), (expected, counted, gradient) = found
+    assert_close(value, expected, rtol=0, atol=1e-12)
+    assert (iterations == counted).all()
+    assert_close(slope, gradient, rtol=1e-9, atol=1e-9 * float(gradient.abs().max()))
+
+
+def test_a_closed_over_batch_that_changes_is_read_anew():
+    """Written to in place, and another of other numbers: by the program that there is; equilibria too."""
+    k = THREE.clone()
+    load = BATCHES["closed-over batch"](k)
+    stepper, _ = stepped(load)
+    k *= 2
+    state = stepper(stepper(stepper.rest()))
+    assert stepper.engine == "native"
+    assert_close(state.velocity, stepped(load, "eager")[1].velocity, rtol=0, atol=1e-12)
+    other = stepped(BATCHES["closed-over batch"](3 * THREE))[0]
+    assert other.compiled.program is stepper.compiled.program
+    shapes = [tb.equilibrium(scene(load), engine=engine).position for engine in ("compiled", "eager")]
+    assert shapes[0].shape[0] == 3
+    assert_close(*shapes, rtol=0, atol=1e-9)
+
+
+def test_samples_that_a_function_mixes_are_stepped_eagerly():
+    assert re.search(r"a batch \(3,\) of its own", why_eager(discretise(scene(mixing(THREE))), "midpoint"))
+    assert stepped(mixing(THREE))[0].engine == "eager"
 
 
 @pytest.mark.parametrize("name", REFUSED)

@@ -1,0 +1,69 @@
+"""Why a sample has no equilibrium."""
+
+from __future__ import annotations
+
+import itertools
+
+import torch
+from torch import Tensor
+
+from ..core.derivatives import no_derivatives
+from ..core.status import DIVERGED, STATUS
+from ..core.validation import concrete
+from ..nodal.model import Model
+from .mechanism import sample_of, unheld
+from .steady import Configuration, SteadyProblem
+
+CLOSE = 1e-6  # of a length
+BENT = 2.0  # rad, of an element, which takes less than half a turn
+NOT_FOUND = ("Newton's method found none; the load may be past a limit point, or the beam slack: relax=True starts from a "
+             "damped run")
+SWING = "relax=True lets it swing to where its loads hold it"
+NO_REST = "the damped run came to no rest"
+DRIVEN = f"{NO_REST}; its loads may drive it on"
+
+
+def reason(problem: SteadyProblem, x: Configuration, code: int, sample: tuple[int, ...] | None, relaxed: bool) -> str:
+    """In words, of a sample with a status `code` whose last shape is in x; sample: None = one of many that are alike."""
+    if code != DIVERGED:
+        return STATUS[code]
+    if sample is None:
+        return DRIVEN if relaxed else NOT_FOUND
+    model = problem.model
+    with no_derivatives():
+        apart = _apart(problem, x, sample)
+        loose = unheld(model, problem.t, problem.inputs, sample)[1]
+        if apart:
+            return apart
+        if loose:
+            return f"nothing holds {loose}; a support or a spring would ({DRIVEN if relaxed else SWING})"
+        most = float(_bent(model, x, sample).max())
+        if relaxed and most > BENT:
+            return f"{NO_REST}; an element bends by {most:.2g} rad there, which a finer mesh shares out"
+        return DRIVEN if relaxed else NOT_FOUND
+
+
+def _apart(problem: SteadyProblem, x: Configuration, sample: tuple[int, ...]) -> str:
+    """That supports are further from each other than a beam without stretch and shear reaches; "" where none are."""
+    model, p = problem.model, problem.model.space.position
+    if not (model.law.rigid and model.space.turns):
+        return ""
+    S = model.law.S if model.law.S.shape[-1] == 1 else model.law.S.diagonal(dim1=-2, dim2=-1)[..., None]
+    rigid = sample_of((S[..., :p, 0] == 0).all(-1), 1, sample)
+    tangent = (model.reference + problem.eigenstrain)[..., :p]  # of a beam without stretch and shear, section axes
+    along = model.length * torch.linalg.vector_norm(tangent, dim=-1, keepdim=True)
+    way, place = sample_of(along[..., 0], 1, sample), sample_of(problem.apply_supports(x).position, 2, sample)
+    rigid, fixed = rigid.expand(way.shape), model.constraints.fixed[:, :p]
+    ends = sorted(zip(model.constraints.nodes, fixed, strict=True), key=lambda end: end[0])
+    for (i, held), (j, also) in itertools.pairwise(ends):
+        gap, reach = torch.linalg.vector_norm((place[j] - place[i]) * held * also), way[i:j].sum()
+        if rigid[i:j].all() and gap > (1 + CLOSE) * reach:
+            return (f"its supports hold nodes {i} and {j} {float(gap):.6g} m apart, and the beam between them, which cannot "
+                    f"stretch, is {float(reach):.6g} m long")
+    return ""
+
+
+def _bent(model: Model, x: Configuration, sample: tuple[int, ...]) -> Tensor:
+    """(N,) rad by which elements are bent and twisted."""
+    total = (model.strain(model.kinematics(x.position, x.rotation)) + model.reference)[..., model.space.position:]
+    return torch.linalg.vector_norm(sample_of(concrete(model.length * total), 2, sample), dim=-1)
