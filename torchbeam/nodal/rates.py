@@ -55,9 +55,9 @@ class Rates:
 
     @cached
     def clamps(self) -> tuple[Support, ...]:
-        """Supports that leave their nodes no unknowns."""
+        """Supports that leave their nodes no unknowns, by node."""
         pairs = zip(self.model.scene.supports, self.model.constraints.fixed, strict=True)
-        return tuple(support for support, fixed in pairs if bool(fixed.all()))
+        return tuple(sorted((one for one, fixed in pairs if bool(fixed.all())), key=lambda one: one.node))
 
     @cached
     def carried(self) -> bool:

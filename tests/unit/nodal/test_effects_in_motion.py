@@ -129,7 +129,12 @@ def moved(scene):
     return state
 
 
-@pytest.mark.parametrize("name", CASES)
+HELD = {  # the random scenes of test_metamorphic.py, which it turns, have these; or another case here has them, and more
+    "dead load", "line load of s", "gravity", "mass damping", "drag", "added mass", "spring", "point mass", "user load",
+    "frame", "free", "damping"}
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in HELD)) for name in CASES])
 def test_everything_turned_is_the_motion_turned(name):
     """Implicit steps, the accelerations of the explicit form at their end, and, where it takes the scene, the minimal form's
     motion. 1e-9: rounding, times the condition of a step.
