@@ -22,7 +22,7 @@ class Chain:
         constants = Constants(model)
         trees = constants.at(problem.dt, problem.t, problem.inputs)
         self.local, w = LocalFunctions(model, *trees), model.space.unknowns
-        self.order, self.N, nodes = self.local.order, model.scene.beam.element_count, model.count + 1
+        self.order, self.N, nodes = self.local.order, model.scene.beam.element_count, model.node_count
         of_nodes, of_elements, common, _ = map(flattened, trees)
         self.common = {f"common.{k}": x for k, (x, _) in enumerate(common)}
         self.node = [{f"node.{k}": rows(x, axes, j)[0] for k, (x, axes) in enumerate(of_nodes)} | self.common

@@ -18,6 +18,7 @@ from torchbeam.nodal.rotary import RotaryInertia
 from torchbeam.solvers.compiled.library import Library
 from torchbeam.solvers.compiled.llvm import Module
 from torchbeam.state.state import State
+from torchbeam.topology.chain import Chain
 
 torch.set_default_dtype(torch.float64)
 
@@ -55,7 +56,7 @@ def node_of(space):
     def node(mass, inertia, offset, position, rotation, velocity, spin, v, omega, h, u, m):
         state = State(position, rotation, velocity, spin, position, position, h, h, h, h)
         frame = TurningFrame(space, TranslatingFrame(space, v), omega)
-        local = Inertia(space, LumpedMass(mass), RotaryInertia(space, inertia), Lever(space, offset))
+        local = Inertia(space, LumpedMass(Chain(1, 0), mass), RotaryInertia(space, inertia), Lever(space, offset))
         motion = MidpointMotion(local, state, h, frame, ())
         way = motion.kinematics(u, m)
         forces = motion.balance(way)

@@ -1,6 +1,6 @@
 """Nodal kinematics and inertia forces of one generalized-alpha step; the equations are those of `generalized_alpha`.
 
-Local: a node needs no other, but for the half-consistent mass.
+Local: a node needs no other, but for the mass that neighbours share.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from ..core.derivatives import cached
 from ..nodal.inertia import Inertia, InertiaForces
 from ..nodal.lever import NoLever
 from ..nodal.loads import Nodes
-from ..nodal.mass import Blocks
 from ..scene.effects import INERTIAL
 from ..state.state import State
+from ..topology.protocols import Matrix
 
 
 class GeneralizedAlpha(NamedTuple):
@@ -88,9 +88,9 @@ class EndMotion:
         return self.by_a * torch.eye(self.inertia.space.position, dtype=self.h.dtype, device=self.h.device)
 
     @cached
-    def masses(self) -> Blocks:
+    def masses(self) -> Matrix:
         """M Z, with a turn's rows and columns: no mass lies off its node here."""
-        return NoLever().prepared(self.inertia.translational.blocks(self.Z), self.inertia.space.spin)
+        return NoLever().prepared(self.inertia.translational.matrix(self.Z), self.inertia.space.spin)
 
     def kinematics(self, u: Tensor, m: Tensor) -> EndKinematics:
         """Over u (..., N+1, p) m and the rotation m, both to the end."""
@@ -151,7 +151,7 @@ class EndTangent:
         """R d(psi)."""
         return self.R @ self.psi @ self.R.mT
 
-    def inertia(self, forces: InertiaForces) -> Blocks:
+    def inertia(self, forces: InertiaForces) -> Matrix:
         """Of `EndMotion.balance`."""
         motion, space, rotary = self.motion, self.motion.inertia.space, self.motion.inertia.rotary
         p = space.position
@@ -161,7 +161,7 @@ class EndTangent:
             by = motion.by_spin * gyroscopic + motion.by_a * rotary.J
             return self.R @ by @ self.psi @ self.R.mT - space.spin_skew(forces.wrench[..., p:])
 
-        return rotary.blocks(motion.masses, angular)
+        return rotary.matrix(motion.masses, angular)
 
     @property
     def velocity(self) -> Tensor:

@@ -28,15 +28,15 @@ from torch import Tensor
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
 from ..nodal import loads as external
-from ..nodal.balance import ChainTangent, Linearisation, Residual, largest, restrained_forces, size_of_strain
+from ..nodal.balance import CondensedTangent, Linearisation, Residual, largest, restrained_forces, size_of_strain
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import InertiaForces
 from ..nodal.loads import Nodes
-from ..nodal.mass import Blocks
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..state.state import State
 from ..state.supported_nodes import set_node
+from ..topology.protocols import Matrix
 from .energy_projection import conserved
 from .step_element import ElementBalance, MidpointElement
 from .step_kinematics import MidpointMotion, MidpointTangent, StepKinematics
@@ -110,7 +110,7 @@ class MidpointProblem(Tree):
     @cached
     def _elements(self) -> tuple[Any, ...]:
         """Fields of `StepElement`."""
-        model, start = self.model, self.model.space.chain.poses(self.start.position, self.start.rotation)
+        model, start = self.model, self.model.assembly.poses(self.start.position, self.start.rotation)
         return model.space, model.law, model.length, self.h, model.reference, start, self.eigenstrain
 
     def apply_supports(self, x: MidpointUnknowns) -> MidpointUnknowns:
@@ -182,17 +182,15 @@ class MidpointProblem(Tree):
         way = self.motion.kinematics(x.u, x.m)
         return way, self.motion.balance(way), self.external(way)
 
-    def node_tangent(self, way: StepKinematics, inertia: InertiaForces) -> tuple[MidpointTangent, Blocks]:
-        """Derivatives of the motion, and those of inertia less loads, see `mass`, by the nodes' moves."""
+    def node_tangent(self, way: StepKinematics, inertia: InertiaForces) -> tuple[MidpointTangent, Matrix]:
+        """Derivatives of the motion, and those of inertia less loads, by the nodes' moves."""
         nodes = self.TANGENT(self.motion, way)
-        D, *between = nodes.inertia(inertia)
-        if self.model.loads[0]:
-            D = D - self.load_tangent(nodes)
-        return nodes, (D, *between)
+        matrix = nodes.inertia(inertia)
+        return nodes, matrix.minus(self.load_tangent(nodes)) if self.model.loads[0] else matrix
 
     def element_balance(self, x: MidpointUnknowns, way: StepKinematics) -> ElementBalance:
         """The elements, whose nodes move so."""
-        return self.element.balance(x.stress, *(self.model.space.chain.poses(*pose) for pose in way.poses))
+        return self.element.balance(x.stress, *(self.model.assembly.poses(*pose) for pose in way.poses))
 
     def residual(self, x: MidpointUnknowns) -> tuple[Residual, StepKinematics, ElementBalance, InertiaForces]:
         """The balance at x; with it what the nodes and the elements do there."""
@@ -200,18 +198,18 @@ class MidpointProblem(Tree):
         x = self.apply_supports(x)
         way, inertia, load = self.node_balance(x)
         element = self.element_balance(x, way)
-        nodes = inertia.wrench + model.space.to_nodes(element.forces) - load
+        nodes = inertia.wrench + model.assembly.to_nodes(element.forces) - load
         restrained = restrained_forces(model, element.acting, self.eigenstrain, h)
         sizes = largest(model.space.position, h, element.forces, load, inertia.wrench, restrained)
         sizes = *sizes, size_of_strain(element.felt, self.eigenstrain)
         return Residual(model.constraints, nodes, element.gap, *sizes), way, element, inertia
 
     def tangent(self, x: MidpointUnknowns, way: StepKinematics, element: ElementBalance, inertia: InertiaForces
-                ) -> ChainTangent:
+                ) -> CondensedTangent:
         """By the nodes' moves, see `TANGENT`."""
-        nodes, blocks = self.node_tangent(way, inertia)
-        tangent = self.element.tangent(element, x.stress, lambda: self.model.space.chain.ends(nodes.half, 2))
-        return ChainTangent.condense(self.model.space, tangent.stiffness, blocks, tangent.hB, self.C, tangent.E)
+        nodes, matrix = self.node_tangent(way, inertia)
+        tangent = self.element.tangent(element, x.stress, lambda: self.model.assembly.ends(nodes.half, 2))
+        return CondensedTangent.of(self.model.assembly, tangent.stiffness, matrix, tangent.hB, self.C, tangent.E)
 
     def linearise(self, x: MidpointUnknowns, way: StepKinematics, element: ElementBalance, inertia: InertiaForces
                   ) -> Linearisation:

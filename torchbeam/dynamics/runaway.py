@@ -29,12 +29,12 @@ def stopped(model: Model, states: State, energies: Callable[[], Energy]) -> tupl
     """States (time, ...) of which samples that run away keep the last one before, with the status FAILED; which these are
     (...).
 
-    Samples are not judged where energy comes from elsewhere than work: from an eigenstrain that changes, or from supports,
-    but for a clamp at the root, in a frame that moves.
+    Samples are not judged where energy comes from elsewhere than work: from an eigenstrain that changes, or from supports
+    that move, but for clamps.
     """
     scene = model.scene
     none = torch.zeros(states.status.shape[1:], dtype=torch.bool, device=states.status.device)
-    carried = scene.has_prescribed_motion and len(scene.supports) > model.constraints.first
+    carried = scene.has_prescribed_motion and not bool(model.constraints.fixed.all())
     if carried or not all(map(constant, scene.eigenstrains)):
         return states, none
     with no_derivatives():

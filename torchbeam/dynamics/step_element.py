@@ -15,9 +15,9 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
-from ..nodal.assembly import Ends
 from ..nodal.constitutive_law import ElasticLaw
 from ..nodal.coordinates.spatial import Space
+from ..nodal.linear_interpolation import Ends
 from .alpha_kinematics import GeneralizedAlpha
 
 
@@ -93,9 +93,9 @@ class MidpointElement(StepElement):
     def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
         """half() (..., N, s, s) of an element's nodes: half the spin of a rotation at the end by its spin at mid step."""
         space = self.space
-        by_r, *by_spin = space.chain.by_spins(space.strain_operator(found.end, self.length), space.position)
+        by_r, *by_spin = space.interpolation.by_spins(space.strain_operator(found.end, self.length), space.position)
         turned = (by @ own for by, own in zip(by_spin, half(), strict=True))
-        E = self.law.felt_by(space.chain.by_numbers(by_r, *turned), self.rate)
+        E = self.law.felt_by(space.interpolation.by_numbers(by_r, *turned), self.rate)
         return self._tangent(found.acting, stress, space.strain_operator(found.acting, self.length), E)
 
 

@@ -1,6 +1,6 @@
 """Nodal kinematics and inertia forces of one midpoint step; the equations are those of `midpoint` and `inertia`.
 
-Local: a node needs no other, but for the half-consistent mass (`mass.exchange`).
+Local: a node needs no other, but for the mass that neighbours share.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from ..nodal.frame import FixedFrame
 from ..nodal.inertia import Inertia, InertiaForces, Momenta
 from ..nodal.lever import NoLever
 from ..nodal.loads import Nodes
-from ..nodal.mass import Blocks
 from ..scene.effects import INERTIAL
 from ..state.state import State
 from ..state.supported_nodes import set_node
+from ..topology.protocols import Matrix
 from .support_motion import ClampMotion
 
 
@@ -101,9 +101,9 @@ class MidpointMotion:
         return self.frame.rate_by(self.rate * self.V, lambda: self.V)
 
     @cached
-    def masses(self) -> Blocks:
+    def masses(self) -> Matrix:
         """M Z."""
-        return self.inertia.blocks(self.Z)
+        return self.inertia.masses(self.Z)
 
     def kinematics(self, u: Tensor, m: Tensor) -> StepKinematics:
         """Over u (..., N+1, p) m and the rotation m, both to mid step."""
@@ -202,7 +202,7 @@ class MidpointTangent:
     def _spin_end(self) -> Tensor:
         return self.motion.inertia.space.to_frame(self.way.q_end, self.way.spin_end)
 
-    def inertia(self, forces: InertiaForces) -> Blocks:
+    def inertia(self, forces: InertiaForces) -> Matrix:
         """Of `MidpointMotion.balance`."""
         motion, rotary = self.motion, self.motion.inertia.rotary
 
@@ -211,7 +211,7 @@ class MidpointTangent:
             return self._rate(motion.frame.spin_rate_by, by)
 
         masses = self.way.lever.tangent(motion.masses, lambda: self.lever_end, lambda: forces.wrench)
-        return rotary.blocks(masses, angular)
+        return rotary.matrix(masses, angular)
 
     @cached
     def velocity(self) -> Tensor:

@@ -12,6 +12,7 @@ from torch.nn.functional import pad
 from ..core.validation import concrete
 from ..math.dense import inverse_unchecked, solve_unchecked
 from ..math.shapes import broadcast_shapes
+from ..nodal.assembly import Assembly
 from ..nodal.coordinates.spatial import Space
 from ..nodal.model import Model
 from ..state.state import State
@@ -31,6 +32,7 @@ class Chart:
     free   (n,) places of the moves that supports leave free among the nodes' w (N+1)
     """
 
+    assembly: Assembly
     space: Space
     own: State
     length: Tensor
@@ -45,7 +47,7 @@ class Chart:
         base = min(model.constraints.nodes, default=0)
         kinematics = model.kinematics(own.position, own.rotation)
         strain, none = space.strains(kinematics, model.length), torch.empty(0)
-        chart = cls(space, own, model.length, base, strain, none,
+        chart = cls(model.assembly, space, own, model.length, base, strain, none,
                     model.constraints.moving.flatten().nonzero()[:, 0])
         return replace(chart, solve=inverse_unchecked(chart._rows(kinematics)))
 
@@ -119,7 +121,7 @@ class Chart:
         """
         space, length, base = self.space, self.length, self.base
         kinematics = self._kinematics(state.position, state.rotation)
-        own, eye = space.to_elements(u), torch.eye(space.strain, dtype=u.dtype, device=u.device)
+        own, eye = self.assembly.to_elements(u), torch.eye(space.strain, dtype=u.dtype, device=u.device)
         lead = broadcast_shapes(own.shape[:-1], kinematics[0].shape[:u.ndim - 1])
         unit = eye.view(-1, *(1,) * len(lead), space.strain).expand(-1, *lead, -1)
         K = space.geometric_stiffness(kinematics, unit, length)
@@ -161,7 +163,7 @@ class Chart:
         return own.new_zeros(*own.shape[:-1], change.shape[-1]).index_copy(-1, free, own)
 
     def _kinematics(self, position: Tensor, rotation: Tensor) -> Any:
-        return self.space.kinematics(*self.space.chain.poses(position, rotation), self.length)
+        return self.space.kinematics(*self.assembly.poses(position, rotation), self.length)
 
     def _rows(self, kinematics: Any) -> Tensor:
         """(..., w (N+1), w (N+1)): displacement and turn of the base and strains by moves of the nodes, frame a."""
@@ -175,7 +177,7 @@ class Chart:
         """(w (N+1), N, numbers) of the elements, by unit moves of the nodes."""
         w = self.space.unknowns
         eye = torch.eye(w * self.own.position.shape[-2], dtype=self.length.dtype, device=self.length.device)
-        return self.space.to_elements(eye.unflatten(-1, (-1, w)))
+        return self.assembly.to_elements(eye.unflatten(-1, (-1, w)))
 
     def _turned(self, rotation: Tensor) -> Tensor:
         """The base's rotation from its own."""

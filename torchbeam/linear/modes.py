@@ -23,7 +23,7 @@ from ..nodal.discretise import discretise
 from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
-from .system_matrices import at_rest, augmented, chained, chains, dense, moves, unknowns
+from .system_matrices import at_rest, augmented, dense, moves, of_nodes
 
 GROWING = 1e-6  # real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts by its root
 NORMS = ("largest", "mass")
@@ -87,7 +87,7 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     without rotary inertia are taken as they are. An infinite stiffness is a very large one here: its own modes, far above
     those of the finite stiffnesses, mean nothing.
 
-    An undamped beam under conservative loads takes a symmetric solver, with more than 96 unknowns
+    An undamped beam under conservative loads takes a symmetric solver, with more than 96 unknowns and elements of order 1
     subspace iteration, O(N); anything else a dense unsymmetric one, O(N^3). Eigenvalues and shapes are differentiable; where
     they are repeated (equal bending in two planes) there is no derivative of one by itself, and asking for it raises a
     RuntimeError.
@@ -106,17 +106,19 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     free = model.constraints.count
     if count > free:
         raise ValueError(f"count = {count} was given; {scene.beam.element_count} elements have at most {free} modes")
-    M, D, K, lags = chains(model, state, time, given)
-    derivatives = wants_gradient(*(x for blocks in (M, D, K, lags or ()) for x in blocks))
-    symmetric = not D and lags is None and model.conservative
+    M, D, K, lags = of_nodes(model, state, time, given)
+    derivatives = wants_gradient(*(x for one in (M, D, K) if one is not None for x in one.tensors), *(lags or ()))
+    symmetric = D is None and lags is None and model.conservative
     pairs = None
     if symmetric and free > max(DENSE, 4 * count):
         with no_derivatives():
-            pairs = slowest_of_chain(chained(model, M, 0.0), chained(model, K, 1.0), count)
+            unknowns = model.constraints.unknowns
+            sparse = M.symmetric(unknowns, 0.0), K.symmetric(unknowns, 1.0)
+            pairs = None if None in sparse else slowest_of_chain(*sparse, count)
             if pairs is not None:
-                pairs = pairs._replace(right=pairs.right[..., unknowns(model)])
+                pairs = pairs._replace(right=pairs.right[..., unknowns.grouped])
     if pairs is None or derivatives or normalize == "mass":
-        M, D, K = augmented(model, *(dense(model, *blocks) if blocks else None for blocks in (M, D, K)), lags)
+        M, D, K = augmented(model, *(None if one is None else dense(model, one) for one in (M, D, K)), lags)
     if pairs is None:
         with no_derivatives():
             pairs = slowest(M, D, K, count, symmetric, derivatives, lags is not None)

@@ -47,25 +47,25 @@ class Perturbation:
         whole = torch.eye(space.unknowns, dtype=eye.dtype, device=eye.device)
         whole = torch.cat((whole[:, :space.position].expand(*R.shape[:-2], -1, -1),
                            pad(R, (0, 0, space.position, 0))), -1)  # (..., N+1, w, w)
-        own, free = torch.eye(model.count + 1, dtype=eye.dtype, device=eye.device), moving.flatten().nonzero()[:, 0]
+        own, free = torch.eye(model.node_count, dtype=eye.dtype, device=eye.device), moving.flatten().nonzero()[:, 0]
         full = (own[:, None, :, None] * whole[..., :, :, None, :]).flatten(-4, -3).flatten(-2)
         return cls(model, state, t, inputs, shape, free, full[..., free, :][..., free])
 
     def nodes(self, q: Tensor) -> Tensor:
         """(..., n) -> (..., N+1, w), frame a."""
-        nodes, w = self.model.count + 1, self.model.space.unknowns
+        nodes, w = self.model.node_count, self.model.space.unknowns
         full = torch.zeros(*q.shape[:-1], w * nodes, dtype=q.dtype, device=q.device)
         return full.index_copy(-1, self.free, (self.axes @ q[..., None])[..., 0]).unflatten(-1, (nodes, w))
 
     def depends_on(self) -> Tensor:
         """(..., n, w (N+1)): q of the nodes' moves, the inverse of `nodes`."""
-        moves = (self.model.count + 1) * self.model.space.unknowns
+        moves = self.model.node_count * self.model.space.unknowns
         full = torch.zeros(*self.axes.shape[:-1], moves, dtype=self.axes.dtype, device=self.axes.device)
         return full.index_copy(-1, self.free, self.axes.mT)
 
     def without_inertia(self, M: Tensor) -> Tensor:
         """(n,) bool; ValueError where samples differ."""
-        nodes, p, w = self.model.count + 1, self.model.space.position, self.model.space.unknowns
+        nodes, p, w = self.model.node_count, self.model.space.position, self.model.space.unknowns
         own = torch.zeros(*M.shape[:-2], w * nodes, dtype=M.dtype, device=M.device)
         own = own.index_copy(-1, self.free, M.detach().diagonal(dim1=-2, dim2=-1)).unflatten(-1, (nodes, w))
         small = torch.cat([x <= NO_INERTIA * x.amax(-1, keepdim=True) for x in own.split((p, w - p), -1)], -1)

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from .block_tridiagonal import positive_definite
 from .dense import inverse_unchecked, solve
 from .first_derivative import first_only
-from .subspace import Chained, subspace
+from .subspace import subspace
+from .symmetric_chain import SymmetricChain
 
 DENSE = 96  # unknowns up to which the dense way is the shorter
 STRAIGHT = 1e-6  # |imaginary part| over |eigenvalue| up to which a motion does not oscillate
@@ -53,17 +53,14 @@ def slowest(M: Tensor, D: Tensor | None, K: Tensor, count: int, symmetric: bool,
     return _dense(M, D, K, count, derivatives, lags) if found is None else found
 
 
-def slowest_of_chain(M: Chained, K: Chained, count: int) -> Pairs | None:
-    """The same of symmetric block tridiagonal matrices, undamped; None where it is unstable beyond what a shift covers."""
-    M, K = (Chained((A[0] + A[0].mT) / 2, A[1], A[1].mT) for A in (Chained(*(x.detach() for x in A)) for A in (M, K)))
-    return _symmetric(M, K, count, lambda K: positive_definite(K.diagonal_blocks, K.lower, K.upper), subspace)
+def slowest_of_chain(M: SymmetricChain, K: SymmetricChain, count: int) -> Pairs | None:
+    """The same of long matrices, undamped; None where it is unstable beyond what a shift covers."""
+    return _symmetric(M, K, count, lambda K: K.positive_definite(), subspace)
 
 
-def _size(A: Any) -> Tensor:
+def _size(A: Tensor | SymmetricChain) -> Tensor:
     """(...) the largest on the diagonal."""
-    if isinstance(A, Chained):
-        return A.diagonal_blocks.diagonal(dim1=-2, dim2=-1).amax((-1, -2))
-    return A.diagonal(dim1=-2, dim2=-1).amax(-1)
+    return A.diagonal(dim1=-2, dim2=-1).amax(-1) if isinstance(A, Tensor) else A.largest
 
 
 def _shift(M: Any, K: Any) -> Tensor:
@@ -80,9 +77,7 @@ def rounding(M: Any, K: Any) -> Tensor:
 
 
 def _plus(K: Any, shift: Tensor, M: Any) -> Any:
-    if isinstance(K, Chained):
-        return Chained(*(A + shift[..., None, None, None] * B for A, B in zip(K, M, strict=True)))
-    return K + shift[..., None, None] * M
+    return K + shift[..., None, None] * M if isinstance(K, Tensor) else K.plus(shift, M)
 
 
 def _symmetric(M: Any, K: Any, count: int, definite: Callable[[Any], Tensor], solve: Callable) -> Pairs | None:

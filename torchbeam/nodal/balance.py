@@ -18,15 +18,12 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
-from ..math.block_tridiagonal import ChainSolve, block_tridiagonal, finite_pivots, positive_definite, recorded
 from ..math.shapes import broadcast_shapes
+from ..topology.protocols import Matrix, Rows, System, total
+from .assembly import Assembly
 from .constitutive_law import times
 from .constraints import Constraints
-from .coordinates.spatial import Space
-from .mass import Blocks, add
-from .midside import Midside, condensed
 from .model import Model
 
 
@@ -42,7 +39,7 @@ class Residual(NamedTuple):
 
     def measure(self) -> Tensor:
         """(...) the scaled residual: each equation over the largest term in it; not finite where anything is not."""
-        free = self.constraints.unknown(self.nodes.detach()).abs()
+        free = self.constraints.unknowns.select(self.nodes.detach()).abs()
         p = (free.shape[-1] + 1) // 2  # of 6: 3, of 3: 2
         gap = self.strain.detach().abs().amax((-1, -2))
         return scaled(free[..., :p].amax((-1, -2)), free[..., p:].amax((-1, -2)), gap, *self[3:])
@@ -63,80 +60,49 @@ def scaled(force: Tensor, moment: Tensor, gap: Tensor, largest_force: Tensor, la
 ROUNDING = 1000.0
 
 
-class ChainTangent(NamedTuple):
-    """Derivative of a balance whose stress is condensed, whatever supports hold. blocks: of the chain's matrix, see `mass`;
-    hB, E (..., N, k, p + 2 s): h times the strain operator, and the derivative of the gap by the moves; C (..., N or 1, k, k or
-    1).
+class CondensedTangent(NamedTuple):
+    """Derivative of a balance whose stress is condensed, whatever supports hold. matrix: of the nodes; hB, E (..., N, k,
+    p + 2 s): h times the strain operator, and the derivative of the gap by the moves; C (..., N or 1, k, k or 1).
     """
 
-    blocks: Blocks
+    matrix: Matrix
     hB: Tensor
     C: Tensor
     E: Tensor
 
     @classmethod
-    def condense(cls, space: Space, rest: Tensor, nodes: Blocks, hB: Tensor, C: Tensor, E: Tensor) -> ChainTangent:
+    def of(cls, assembly: Assembly, rest: Tensor, nodes: Matrix | None, hB: Tensor, C: Tensor, E: Tensor) -> CondensedTangent:
         """rest (..., N, p + 2 s, p + 2 s) of elements at fixed stress; nodes: what these, and the mass they share, add."""
-        return cls(add(space.to_blocks(rest + hB.mT @ times(C, E)), nodes), hB, C, E)
+        return cls(total(assembly.to_matrix(rest + hB.mT @ times(C, E)), nodes), hB, C, E)
 
 
 class Linearisation(NamedTuple):
     """The condensed tangent; constants (detached) of one Newton step or of the implicit function theorem."""
 
-    space: Space
+    assembly: Assembly
     constraints: Constraints
-    D: Tensor  # (..., n, w, w) of the nodes with unknowns
-    L: Tensor
-    U: Tensor
-    rows: Tensor  # (..., K, w, 3 w) of the supports' balances
+    system: System  # of the unknowns
+    rows: Rows  # of the supports' balances
     hB: Tensor  # (..., N, k, p + 2 s) h B
     C: Tensor
     E: Tensor  # (..., N, k, p + 2 s)
     law: Tensor  # S^-1 as the law has it, which C may differ from
-    midside: Midside | None = None  # of elements of three nodes: D, L and U are then those of the end nodes
 
     @classmethod
-    def of(cls, model: Model, tangent: ChainTangent) -> Linearisation:
+    def of(cls, model: Model, tangent: CondensedTangent) -> Linearisation:
         """With the supports of a model."""
-        constraints, midside = model.constraints, ()
-        D, U, L, *far = tangent.blocks
-        rows = constraints.rows(D, L, U, *far)
-        D, L, U, *far = constraints.matrix(D, L, U, *far)
-        if far:
-            D, L, U, *midside = condensed(D, L, U, *far)
-        return cls(model.space, constraints, D, L, U, rows, *tangent[1:], model.law.C, *midside)
+        matrix, constraints = tangent.matrix, model.constraints
+        return cls(model.assembly, constraints, matrix.restricted(constraints.unknowns), matrix.rows(constraints.nodes),
+                   *tangent[1:], model.law.C)
 
     def solve(self, g: Tensor, g_strain: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """What a residual asks for: move (..., N+1, w), zero where the beam is held, d[F; M] (..., N, k); and the supports'
         balances after it, the reactions (..., K, w).
         """
-        pushed = g + self.space.to_nodes(pushed_by(self.hB, self.C, g_strain))
-        solve = ChainSolve.apply if recorded() else block_tridiagonal
-        if self.midside is None:
-            free = solve(self.D, self.L, self.U, self.constraints.unknown(-pushed))
-            move = pad(free, (0, 0, self.constraints.first, 0))
-        else:
-            right, own = self.midside.condense(-pushed * self.constraints.moving)
-            move = self.midside.restore(solve(self.D, self.L, self.U, right), own)
-        change = dstress(self.C, self.E, g_strain, self.space.to_elements(move))
+        pushed = g + self.assembly.to_nodes(pushed_by(self.hB, self.C, g_strain))
+        move = self.system.solve(-pushed)
+        change = dstress(self.C, self.E, g_strain, self.assembly.to_elements(move))
         return move, change, self.constraints.reaction(self.rows, pushed, move)
-
-    def pivots(self) -> tuple[Tensor, Tensor]:
-        """`finite_pivots` of the matrix, those of midside nodes first."""
-        blocks, sound = finite_pivots(self.D, self.L, self.U)
-        if self.midside is None:
-            return blocks, sound
-        first = torch.isfinite(self.midside.D)
-        middle = torch.where(first, self.midside.D, 0.0)
-        blocks = torch.cat((middle.expand(*blocks.shape[:-3], *middle.shape[-3:]), blocks), -3)
-        return blocks, sound & first.all(-1).all(-1).all(-1)
-
-    def positive_definite(self) -> Tensor:
-        """(...) bool: whether the matrix, where it is symmetric, is."""
-        found = positive_definite(self.D, self.L, self.U)
-        if self.midside is None:
-            return found
-        return found & (torch.linalg.cholesky_ex(self.midside.D + self.midside.D.mT).info == 0).all(-1)
 
     @property
     def exact(self) -> Tensor:
@@ -144,7 +110,7 @@ class Linearisation(NamedTuple):
         return same_law(self.C, self.law)
 
     def detach(self) -> Linearisation:
-        return Linearisation(self.space, self.constraints, *(None if x is None else x.detach() for x in self[2:]))
+        return Linearisation(self.assembly, self.constraints, *(x.detach() for x in self[2:]))
 
 
 def same_law(C: Tensor, law: Tensor) -> Tensor:
@@ -169,7 +135,7 @@ def restrained_forces(model: Model, kin: Any, own: Tensor | float, h: Tensor) ->
     if isinstance(own, float):
         return own
     stress = model.law.stress(own)
-    return model.space.forces(kin, stress.expand(*broadcast_shapes(stress.shape, (model.count, 1))), h)
+    return model.space.forces(kin, stress.expand(*broadcast_shapes(stress.shape, (model.station_count, 1))), h)
 
 
 def size_of_strain(followed: Tensor, own: Tensor | float) -> Tensor:

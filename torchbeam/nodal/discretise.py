@@ -13,6 +13,8 @@ from ..core.leaves import constant, own_leaves, sent
 from ..core.validation import concrete
 from ..scene.effects import PerElement
 from ..scene.scene import Scene
+from ..topology.protocols import Topology
+from .assembly import Assembly
 from .constitutive_law import law_of
 from .constraints import Constraints
 from .coordinates.planar import PLANES, Plane
@@ -24,8 +26,8 @@ from .model import Model
 ROUNDING = 1e-9  # of a vector, that may lie out of a plane
 
 
-def discretise(scene: Scene, lumped: bool = False) -> Model:
-    """The model of a scene; `lumped`: mass at the nodes alone.
+def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = None) -> Model:
+    """The model of a scene; `lumped`: mass at the nodes alone; topology: None = the beam's own, a chain.
 
     Raises ValueError for what the nodal form does not take: sections whose mass is not that of rigid ones, and loads and
     motions that leave the scene's plane or do not fit small rotations.
@@ -33,23 +35,26 @@ def discretise(scene: Scene, lumped: bool = False) -> Model:
     instance("a scene", scene, Scene)
     boolean("lumped", lumped)
     if scene.plane == "auto":
-        return _in_a_plane(scene, lumped)
-    space = space_of(scene)
+        return _in_a_plane(scene, lumped, topology)
     beam = scene.beam
+    topology = beam.topology if topology is None else topology
+    space = space_of(scene, topology)
     if beam.linked_interpolation and any(isinstance(x.value, PerElement) for load in scene.loads for x in own_leaves(load)):
         raise ValueError("a load PerElement was given for a beam with linked interpolation; one Along the beam is wanted")
     h = beam.length[..., None]
     whole = in_space(beam)
-    rest = whole.strains(whole.kinematics(*whole.chain.poses(beam.nodes, beam.frames), h), h)
-    inertia, section_mass, share = inertia_of(scene, space, lumped)
+    assembly = Assembly(topology, space.interpolation, space.position)
+    rest = whole.strains(whole.kinematics(*assembly.poses(beam.nodes, beam.frames), h), h)
+    inertia, section_mass, share = inertia_of(scene, space, assembly, lumped)
     model = Model(
-        scene=scene, space=space, constraints=Constraints.of(scene, space), inertia=inertia, length=h,
+        scene=scene, space=space, topology=topology, constraints=Constraints.of(scene, space, topology),
+        inertia=inertia, length=h,
         reference=space.project_strain(rest) if space.turns else torch.zeros_like(rest),
         law=law_of(scene, space),
         section_mass=section_mass, tributary_length=share,
     )
     if space.plane is not None:
-        check_plane(model, discretise(replace(scene, plane=None), lumped))
+        check_plane(model, discretise(replace(scene, plane=None), lumped, topology))
     return model
 
 
@@ -59,12 +64,12 @@ def in_double(model: Model) -> Model:
     return replace(wide, law=law_of(wide.scene, wide.space))
 
 
-def _in_a_plane(scene: Scene, lumped: bool) -> Model:
+def _in_a_plane(scene: Scene, lumped: bool, topology: Topology | None) -> Model:
     """In the first plane that everything fits, if there is one and nothing but numbers acts; else in 3D."""
     for name in PLANES if only_numbers(scene) else ():
         with suppress(ValueError):
-            return discretise(replace(scene, plane=name), lumped)
-    return discretise(replace(scene, plane=None), lumped)
+            return discretise(replace(scene, plane=name), lumped, topology)
+    return discretise(replace(scene, plane=None), lumped, topology)
 
 
 def check_plane(model: Model, whole: Model) -> None:

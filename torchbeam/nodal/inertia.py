@@ -30,9 +30,11 @@ from ..math.quadratic import X
 from ..math.quaternions import skew
 from ..scene.beam import Beam
 from ..scene.scene import Scene
+from ..topology.protocols import Matrix
+from .assembly import Assembly
 from .coordinates.spatial import Space
 from .lever import Lever, NoLever
-from .mass import COUPLING, QUADRATIC_COUPLING, Blocks, HalfConsistentMass, LumpedMass, QuadraticMass
+from .mass import COUPLING, LumpedMass, SharedMass
 from .quadrature import gregory, too_uneven, trapezoidal
 from .rotary import NoRotaryInertia, RotaryInertia
 
@@ -77,8 +79,8 @@ class Inertia(Tree):
     def of_nodes(self, nodes: slice) -> Inertia:
         """Of some nodes, by themselves: without what they share with their neighbours."""
         space = self.space.of_nodes(nodes)
-        return Inertia(space, LumpedMass(self.mass[..., nodes, :]), self.rotary.of_nodes(space, nodes),
-                       self.offset.of_nodes(space, nodes))
+        mass = LumpedMass(self.translational.topology, self.mass[..., nodes, :])
+        return Inertia(space, mass, self.rotary.of_nodes(space, nodes), self.offset.of_nodes(space, nodes))
 
     def momenta(self, rotation: Tensor, centre_velocity: Tensor, spin: Tensor) -> Momenta:
         """Of nodes whose centres move with v_c (frame a), and which turn with Omega (section axes)."""
@@ -94,17 +96,17 @@ class Inertia(Tree):
         T = (v * self.translational.momentum(v)).sum((-1, -2)) / 2
         return self.rotary.present_or(T, lambda: T + (spin * self.rotary.section_momentum(spin)).sum((-1, -2)) / 2)
 
-    def blocks(self, Z: Tensor) -> Blocks:
-        """M Z, see `LumpedMass.blocks` and `NoLever.prepared`."""
-        return self.offset.prepared(self.translational.blocks(Z), self.space.spin)
+    def masses(self, Z: Tensor) -> Matrix:
+        """M Z, see `LumpedMass.matrix` and `NoLever.prepared`."""
+        return self.offset.prepared(self.translational.matrix(Z), self.space.spin)
 
-    def matrix(self, rotation: Tensor, lever: NoLever) -> Blocks:
+    def matrix(self, rotation: Tensor, lever: NoLever) -> Matrix:
         """The mass matrix by [acceleration of the node; angular acceleration], frame a, as the levers."""
         eye = torch.eye(self.space.position, dtype=self.mass.dtype, device=self.mass.device)
-        return self.rotary.blocks(lever.blocks(self.blocks(eye), lambda: lever.A), lambda: self.rotary.in_frame(rotation))
+        return self.rotary.matrix(lever.matrix(self.masses(eye), lambda: lever.A), lambda: self.rotary.in_frame(rotation))
 
 
-def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tensor, Tensor]:
+def inertia_of(scene: Scene, space: Space, assembly: Assembly, lumped: bool) -> tuple[Inertia, Tensor, Tensor]:
     """(inertia, section mass about each node per length (..., N+1, 6, 6), length that belongs to each node (..., N+1, 1)).
 
     Raises ValueError for a mass that is not that of rigid sections: M11 = m I and M12 = -m ~e, or that changes too much within
@@ -117,8 +119,8 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
     parts = (part,) * (beam.order + 1)
     if beam.curved:  # the section's mass, seen from the axes of the element's nodes
         parts = tuple(_turned(part, quat.multiply(quat.conjugate(q), own))
-                      for q, own in zip(space.chain.ends(beam.frames), _axes_at_nodes(beam), strict=True))
-    mass, tributary_length = space.chain.shared(parts, 2), space.chain.shared((h,) * (beam.order + 1))
+                      for q, own in zip(assembly.ends(beam.frames), _axes_at_nodes(beam), strict=True))
+    mass, tributary_length = assembly.shared(parts, 2), assembly.shared((h,) * (beam.order + 1))
     if beam.order == 2:
         own = concrete(mass.diagonal(dim1=-2, dim2=-1))
         if (own < -NEGATIVE * own.abs().amax(-2, keepdim=True)).any():
@@ -132,7 +134,7 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
         tributary_length = gregory(beam.length)[..., None]
     beam_mass = mass
     for body in scene.bodies:
-        at, nodes = body.node % (beam.count + 1), beam.count + 1
+        at, nodes = body.node % assembly.topology.node_count, assembly.topology.node_count
         mass = mass + pad(body.about_node[..., None, :, :], (0, 0, 0, 0, at, nodes - 1 - at))
     offset = beam.offset or any(b.offset is not None for b in scene.bodies)
     rotary = beam.rotary or offset or any(b.inertia is not None for b in scene.bodies)
@@ -141,11 +143,11 @@ def inertia_of(scene: Scene, space: Space, lumped: bool) -> tuple[Inertia, Tenso
         e = _vector(mass[..., 3:, :3]) / whole
         J, lever = J - whole[..., None] * skew(e).mT @ skew(e), Lever(space, space.project_offset(e))
     if lumped or beam.linked_interpolation:
-        translational = LumpedMass(whole)
-    elif beam.order == 1:
-        translational = HalfConsistentMass(whole, COUPLING * m * h)
+        translational = LumpedMass(assembly.topology, whole)
     else:
-        translational = QuadraticMass(whole, QUADRATIC_COUPLING * (m * h).unflatten(-2, (-1, 2)).sum(-2))
+        of_elements = (m * h).unflatten(-2, (-1, beam.order)).sum(-2)
+        translational = SharedMass(assembly.topology, whole, COUPLING[beam.order] * of_elements,
+                                   assembly.interpolation.difference)
     if offset and scene.bodies:
         J = J + _swung(translational, e - _vector(beam_mass[..., 3:, :3]) / beam_mass[..., 0, :1])
     inertia = Inertia(space, translational,
@@ -170,7 +172,7 @@ def _swung(mass: LumpedMass, x: Tensor) -> Tensor:
     """Inertia (..., N+1, 3, 3) that nodes lose by the mass that neighbours share, where bodies have moved the centres of mass
     by x (..., N+1, 3) from the beam's: the shared mass is the beam's alone, and does not swing with them.
     """
-    shared = mass.mass - mass.blocks(torch.ones_like(x[..., :1, :1, None]))[0][..., 0]
+    shared = mass.mass - mass.matrix(torch.ones_like(x[..., :1, :1, None])).diagonal[..., 0]
     return shared[..., None] * skew(x).mT @ skew(x)
 
 

@@ -4,7 +4,7 @@ With x the lever and A spin = spin x x:
 
     x_c = r + x      v_c = v + A spin      moment = A^T force      mass matrix [I; A^T] M [I, A]
 
-What only a centre off its node asks for is given as a function. Matrices of the chain are told as in `mass`.
+What only a centre off its node asks for is given as a function.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from torch.nn.functional import pad
 
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
+from ..topology.protocols import Matrix
 from .coordinates.spatial import Space
-from .mass import Blocks
 
 
 @dataclass(frozen=True)
@@ -56,15 +56,15 @@ class NoLever(Tree):
         """[force; moment] (..., N+1, w) on nodes: a force on their centres, and a moment."""
         return torch.cat((force, moment), -1)
 
-    def prepared(self, masses: Blocks, s: int) -> Blocks:
-        """What `blocks` and `tangent` take of p by p blocks: what can be done before the levers are known."""
-        return tuple(pad(M, (0, s, 0, s)) for M in masses)
+    def prepared(self, masses: Matrix, s: int) -> Matrix:
+        """What `matrix` and `tangent` take of p by p blocks: what can be done before the levers are known."""
+        return masses.each(lambda M: pad(M, (0, s, 0, s)))
 
-    def blocks(self, masses: Blocks, moved: Callable[[], Tensor]) -> Blocks:
+    def matrix(self, masses: Matrix, moved: Callable[[], Tensor]) -> Matrix:
         """[I; A^T] M [I, moved], w by w; moved (..., N+1, p, s): the move of the centres by the nodes' spins."""
         return masses
 
-    def tangent(self, masses: Blocks, moved: Callable[[], Tensor], wrench: Callable[[], Tensor]) -> Blocks:
+    def tangent(self, masses: Matrix, moved: Callable[[], Tensor], wrench: Callable[[], Tensor]) -> Matrix:
         """The same, and that the levers turn under the force of the wrench."""
         return masses
 
@@ -108,21 +108,18 @@ class Lever(NoLever):
     def wrench(self, force: Tensor, moment: Tensor) -> Tensor:
         return torch.cat((force, moment + (self.A.mT @ force[..., None])[..., 0]), -1)
 
-    def prepared(self, masses: Blocks, s: int) -> Blocks:
+    def prepared(self, masses: Matrix, s: int) -> Matrix:
         return masses
 
-    def blocks(self, masses: Blocks, moved: Callable[[], Tensor]) -> Blocks:
-        (M, *between), moved = masses, moved()
-        coupled = self.space.chain.coupled
-        pairs = zip(between, coupled(self.A, 2)[0], coupled(moved, 2)[1], strict=True) if between else ()
-        return with_levers(M, self.A, moved), *(with_levers(*pair) for pair in pairs)
+    def matrix(self, masses: Matrix, moved: Callable[[], Tensor]) -> Matrix:
+        return masses.between(with_levers, self.A, moved())
 
-    def tangent(self, masses: Blocks, moved: Callable[[], Tensor], wrench: Callable[[], Tensor]) -> Blocks:
+    def tangent(self, masses: Matrix, moved: Callable[[], Tensor], wrench: Callable[[], Tensor]) -> Matrix:
         p, moved = self.space.position, moved()
-        D, *between = self.blocks(masses, lambda: moved)
+        matrix = self.matrix(masses, lambda: moved)
         if not self.space.turns:
-            return D, *between
-        return D - pad(self.space.lever_matrix(wrench()[..., :p]).mT @ moved, (p, 0, p, 0)), *between
+            return matrix
+        return matrix.minus(pad(self.space.lever_matrix(wrench()[..., :p]).mT @ moved, (p, 0, p, 0)))
 
 
 def with_levers(block: Tensor, A: Tensor, moved: Tensor) -> Tensor:

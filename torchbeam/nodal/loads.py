@@ -207,12 +207,12 @@ def lags(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, still: MotionJac
         H = total(_of_node(load, still))
         H = H, total(_of_node(load, moved)) - H, sum((by[name] for name in INERTIAL if name in by), zero)
         if load.node is None:
-            eye = torch.eye(model.count + 1, dtype=G.dtype, device=G.device)[:, None, :, None]
+            eye = torch.eye(model.node_count, dtype=G.dtype, device=G.device)[:, None, :, None]
             L, G, *H = ((x[..., None, :] * eye).flatten(-4, -3).flatten(-2)
                         for x in (model.tributary_length[..., None] * L, G, *H))
         else:
-            at, w = load.node % (model.count + 1), space.unknowns
-            around = at * w, (model.count - at) * w
+            at, w = load.node % model.node_count, space.unknowns
+            around = at * w, (model.node_count - 1 - at) * w
             L, *H = pad(L, (0, 0, *around)), *(pad(x, around) for x in H)
         rows.append((L, G, *H))
     if not rows:
@@ -279,5 +279,5 @@ def _spread(model: Model, load: Any, x: Tensor, axes: int) -> Tensor:
     """What a load brings, per length or on its node (..., *), on all nodes (..., N+1, *)."""
     if load.node is None:
         return model.tributary_length[(..., *(None,) * (axes - 1))] * x
-    at, last = load.node % (model.count + 1), model.count
+    at, last = load.node % model.node_count, model.node_count - 1
     return pad(x.unsqueeze(-1 - axes), (0, 0) * axes + (at, last - at))

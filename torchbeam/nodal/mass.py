@@ -1,85 +1,67 @@
-"""Translational mass of the nodes: lumped, or half consistent, which couples neighbours.
+"""Translational mass of the nodes: lumped, or shared by the nodes of an element.
 
-    p_i = m_i v_i + sum over its elements of c (v_neighbour - v_i)
+    p = m v - sum over elements of c b (b^T v),     b = (-1, 1) of an element of two nodes, (1, -2, 1) of one of three
 
-A matrix of the chain is told as its blocks: (diagonal,) (..., N+1, w, w), or, with what neighbours share, (diagonal, upper,
-lower), the latter (..., N, w, w) from a node to the next and back; with elements of three nodes five parts, see
-`quadratic_assembly`.
+With c = m/12 of the element's mass m, two nodes have half of the consistent mass and half of the lumped one; the translational
+error of the implicit form is then fourth order. A mass m at three nodes as 1/6, 2/3, 1/6 (Simpson's rule) becomes the
+consistent one with c = m/30. The frequencies of bending are too high by either, by twice as much with the consistent one, so
+that c = -m/30 takes the error's fourth order out (measured: tests/unit/nodal/test_quadratic.py); axial and torsional ones stay
+fourth order.
 """
 
 from __future__ import annotations
 
-import operator
 from dataclasses import dataclass
 
 from torch import Tensor
 
 from ..core.leaves import Tree, leaf
-from ..math.quadratic import threes
-from .assembly import at_i, at_j, ends
-from .quadratic_assembly import interleaved, spread
+from ..topology.protocols import Matrix, Topology
 
-Blocks = tuple[Tensor, ...]
-QUADRATIC_COUPLING = -1 / 30  # twice Simpson's mass less the consistent one: the error of bending is then sixth order
-COUPLING = 1 / 12  # half consistent, half lumped: the translational error of the implicit form is then fourth order
+COUPLING = {1: 1 / 12, 2: -1 / 30}  # c of an element's mass, by its order
 
 
 @dataclass(frozen=True)
 class LumpedMass(Tree):
-    """mass (..., N+1, 1) kg."""
+    """mass (..., nodes, 1) kg."""
 
+    topology: Topology
     mass: Tensor = leaf(2)
 
     def momentum(self, velocity: Tensor) -> Tensor:
-        """M v (..., N+1, p) kg m/s."""
+        """M v (..., nodes, p) kg m/s."""
         return self.mass * velocity
 
-    def blocks(self, Z: Tensor) -> Blocks:
+    def matrix(self, Z: Tensor) -> Matrix:
         """M Z, p by p; Z (..., p, p) is the derivative of a force per mass by a displacement."""
-        return (self.mass[..., None] * Z,)
+        return self.topology.diagonal(self.mass[..., None] * Z)
 
 
 @dataclass(frozen=True)
-class HalfConsistentMass(LumpedMass):
-    """coupling (..., N, 1) kg: c of each element."""
+class SharedMass(LumpedMass):
+    """coupling (..., elements, 1) kg: c of each element; difference: b."""
 
     coupling: Tensor = leaf(2)
+    difference: tuple[float, ...]
 
     def momentum(self, velocity: Tensor) -> Tensor:
-        shared = exchange(self.coupling, *ends(velocity))
-        return self.mass * velocity + at_i(shared) - at_j(shared)
+        bent = self.coupling * self._difference(self.topology.gather(velocity))
+        return self.mass * velocity - self.topology.scatter(tuple(_times(b, bent) for b in self.difference))
 
-    def blocks(self, Z: Tensor) -> Blocks:
-        between = self.coupling[..., None] * Z
-        return self.mass[..., None] * Z - at_i(between, 2) - at_j(between, 2), between, between
+    def _difference(self, parts: tuple[Tensor, ...]) -> Tensor:
+        """b^T v, what adds first: -v by itself would be an operation more."""
+        pairs = sorted(zip(self.difference, parts, strict=True), key=lambda pair: pair[0] < 0)
+        total = _times(*pairs[0])
+        for b, v in pairs[1:]:
+            total = total + _times(b, v) if b > 0 else total - _times(-b, v)
+        return total
 
-
-@dataclass(frozen=True)
-class QuadraticMass(LumpedMass):
-    """Of elements of three nodes: coupling (..., N, 1) kg, c of each element, gives its nodes the momentum -c b (1, -2, 1),
-    b = v_1 - 2 v_2 + v_3. A mass m at them as 1/6, 2/3, 1/6 (Simpson's rule) becomes the consistent one with c = m/30. The
-    frequencies of bending are too high by either, by twice as much with the consistent one, so that c = -m/30 takes the error's
-    fourth order out (measured: tests/unit/nodal/test_quadratic.py); axial and torsional ones stay fourth order.
-    """
-
-    coupling: Tensor = leaf(2)
-
-    def momentum(self, velocity: Tensor) -> Tensor:
-        v_1, v_2, v_3 = threes(velocity)
-        bent = self.coupling * (v_1 - 2 * v_2 + v_3)
-        return self.mass * velocity - spread(bent, -2 * bent, bent)
-
-    def blocks(self, Z: Tensor) -> Blocks:
+    def matrix(self, Z: Tensor) -> Matrix:
         bent = self.coupling[..., None] * Z
-        between = interleaved(2 * bent, 2 * bent, 2)
-        return self.mass[..., None] * Z - spread(bent, 4 * bent, bent, 2), between, between, -bent, -bent
+        made = {product: _times(-product, bent) for product in {a * b for a in self.difference for b in self.difference}}
+        shared = self.topology.matrix(tuple(tuple(made[a * b] for b in self.difference) for a in self.difference))
+        return shared.plus(self.mass[..., None] * Z)
 
 
-def exchange(coupling: Tensor, v_i: Tensor, v_j: Tensor) -> Tensor:
-    """Momentum c (v_j - v_i) (..., p) that an element's half-consistent mass gives its node i, and takes from its node j."""
-    return coupling * (v_j - v_i)
-
-
-def add(a: Blocks, b: Blocks) -> Blocks:
-    """a + b, of which either may hold fewer blocks, or none."""
-    return (*map(operator.add, a, b), *a[len(b):], *b[len(a):])
+def _times(factor: float, x: Tensor) -> Tensor:
+    return x if factor == 1 else -x if factor == -1 else factor * x

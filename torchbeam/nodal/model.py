@@ -13,7 +13,8 @@ from ..core.leaves import Tree, leaf
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
-from ..scene.stations import arclength
+from ..topology.protocols import Topology
+from .assembly import Assembly
 from .constitutive_law import ElasticLaw
 from .constraints import Constraints
 from .coordinates.spatial import Space
@@ -34,6 +35,7 @@ class Model(Tree):
 
     scene: Scene
     space: Space
+    topology: Topology
     constraints: Constraints
     inertia: Inertia
     length: Tensor = leaf(2)
@@ -43,15 +45,24 @@ class Model(Tree):
     tributary_length: Tensor = leaf(2)
 
     @property
-    def count(self) -> int:
-        """N, the number of elements, or of stations, where each has more than one: see `Beam.count`."""
-        return self.scene.beam.count
+    def node_count(self) -> int:
+        return self.topology.node_count
+
+    @property
+    def station_count(self) -> int:
+        """Of stress: of elements of order 1 one each, of order 2 two."""
+        return self.length.shape[-2]
+
+    @cached
+    def assembly(self) -> Assembly:
+        """From nodes to elements and back."""
+        return Assembly(self.topology, self.space.interpolation, self.space.position)
 
     @cached
     def s(self) -> Tensor:
         """(..., N+1) m, arclength of the nodes."""
         with past_hooks():
-            return arclength(self.length[..., 0], self.scene.beam.order)
+            return self.topology.arclength(self.length[..., 0])
 
     @property
     def turning(self) -> bool:
@@ -115,7 +126,7 @@ class Model(Tree):
 
     def kinematics(self, position: Tensor, rotation: Tensor) -> Any:
         """Of all elements, from nodes in the space's coordinates: see `element.Kinematics`."""
-        return self.space.kinematics(*self.space.chain.poses(position, rotation), self.length)
+        return self.space.kinematics(*self.assembly.poses(position, rotation), self.length)
 
     def strain(self, kin: Any) -> Tensor:
         """(..., N, k), less that of the undeformed beam."""

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
-from ..core.functions_of_time import with_rate
 from ..math.block_tridiagonal import broadcast_matrices
 from ..math.shapes import broadcast_shapes
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.scene import Scene
 from ..scene.supports import Support
 from ..state.state import State
-from ..state.supported_nodes import set_node
 from .discretise import discretise
 from .inertia import Inertia
 from .loads import Nodes, added_mass, advanced_rates, external
@@ -39,7 +38,7 @@ class Rates:
     @classmethod
     def of(cls, scene: Scene, inputs: Inputs) -> Rates:
         """Raises ValueError where a block of the mass is singular or a stiffness infinite (both need the implicit form), and
-        for supports that move, by themselves or with frame a, other than a clamp at node 0.
+        for supports that move, by themselves or with frame a, other than clamps.
         """
         model = discretise(scene, lumped=True)
         rotary = cls(model, inputs).free.rotary
@@ -49,27 +48,61 @@ class Rates:
         if any(scene.beam.rigid):
             raise ValueError("an infinite stiffness was given; an explicit method wants finite ones (the implicit method "
                              "'midpoint' takes it)")
-        if any((s.moves or scene.frame is not None) and not (s.clamp and s.node == 0) for s in scene.supports):
-            raise ValueError("a support that moves, or whose frame does, other than a clamp at node 0, was given; the implicit "
-                             "method 'midpoint' takes it")
+        if any((s.moves or scene.frame is not None) and not s.clamp for s in scene.supports):
+            raise ValueError("a support that moves, or whose frame does, other than a clamp, was given; the implicit method "
+                             "'midpoint' takes it")
         return cls(model, inputs)
+
+    @cached
+    def clamps(self) -> tuple[Support, ...]:
+        """Supports that leave their nodes no unknowns, by node."""
+        pairs = zip(self.model.scene.supports, self.model.constraints.fixed, strict=True)
+        return tuple(sorted((one for one, fixed in pairs if bool(fixed.all())), key=lambda one: one.node))
+
+    @cached
+    def carried(self) -> bool:
+        """Whether there are clamps that move, with frame a or in it."""
+        return bool(self.clamps) and self.model.scene.has_prescribed_motion
+
+    @cached
+    def places(self) -> tuple[Tensor, Tensor]:
+        """Of the nodes with unknowns, and of those that are clamped."""
+        moving = self.model.constraints.moving.any(-1)
+        return moving.nonzero()[:, 0], (~moving).nonzero()[:, 0]
+
+    @cached
+    def partly_held(self) -> Tensor | None:
+        """(n, w) 1 where the nodes with unknowns are free, 0 where they are held; None = they are free."""
+        moving = self.model.constraints.moving[self.places[0]]
+        return None if bool(moving.all()) else moving.to(self.model.length)
 
     @cached
     def free(self) -> Inertia:
         """Of the nodes with unknowns."""
-        return self.model.inertia.of_nodes(slice(self.model.constraints.first, None))
+        return self.model.inertia.of_nodes(self.places[0])
 
     @cached
     def clamped(self) -> Inertia:
-        """Of node 0."""
-        return self.model.inertia.of_nodes(slice(0, 1))
+        """Of those that are clamped."""
+        return self.model.inertia.of_nodes(self.places[1])
+
+    def unknown(self, x: Tensor, axes: int = 1) -> Tensor:
+        """Nodes (..., N+1, *) -> those with unknowns."""
+        return x.index_select(-1 - axes, self.places[0]) if self.clamps else x
+
+    def joined(self, x: Tensor, clamped: Tensor) -> Tensor:
+        """Nodes with unknowns (..., n, *), and clamps -> all."""
+        if not self.clamps:
+            return x
+        shape = broadcast_shapes(x.shape[:-2], clamped.shape[:-2])
+        both = torch.cat([part.expand(*shape, *part.shape[-2:]) for part in (x, clamped)], -2)
+        return both.index_select(-2, torch.cat(self.places).argsort())
 
     @property
     def sizes(self) -> list[int]:
         """Of position, rotation, velocity, spin of the nodes with unknowns."""
-        space, beam = self.model.space, self.model.scene.beam
-        n = beam.count + 1 - self.model.constraints.first
-        rotation = space.to_reduced_rotation(beam.frames).shape[-1]
+        space, n = self.model.space, len(self.places[0])
+        rotation = space.to_reduced_rotation(self.model.scene.beam.frames).shape[-1]
         return [n * space.position, n * rotation, n * space.position, n * space.spin]
 
     def pack(self, state: State) -> Tensor:
@@ -78,7 +111,7 @@ class Rates:
         shape = broadcast_shapes(state.batch_shape, model.scene.batch_shape)
         state = model.space.to_reduced(state)
         motion = state.position, state.rotation, state.velocity, state.spin
-        parts = [x[..., model.constraints.first:, :].flatten(-2) for x in motion]
+        parts = [self.unknown(x).flatten(-2) for x in motion]
         parts += [x for x in (state.frame, state.internal) if x is not None]
         return torch.cat([x.expand(*shape, x.shape[-1]) for x in (*parts, state.work[..., None])], -1)
 
@@ -86,28 +119,21 @@ class Rates:
         """(nodes, supports included; spins in section axes; the rotations of nodes with unknowns as they are in y)."""
         model, space = self.model, self.model.space
         *parts, rest = y.split([*self.sizes, y.shape[-1] - sum(self.sizes)], -1)
-        n = model.count + 1 - model.constraints.first
-        r, raw, v, spin = (x.unflatten(-1, (n, -1)) for x in parts)
+        r, raw, v, spin = (x.unflatten(-1, (len(self.places[0]), -1)) for x in parts)
         q = space.normalize(raw)
         z, frame = model.internal_states, None
         if model.turning:
             width = rest.shape[-1] - 1 - z
             frame = space.normalize(rest[..., :width])
         internal = rest[..., rest.shape[-1] - 1 - z:-1] if z else None
-        if model.constraints.first:
-            support = self._root
-            pose = space.of_nodes(0).pose(*model.prescribed_motion.pose(support, t))
-            if model.scene.has_prescribed_motion:
-                motion = space.motion(*model.prescribed_motion.absolute(support, t))
-            else:
-                motion = torch.zeros_like(pose[0]), torch.zeros_like(pose[0][..., :space.spin])
-            r, q, v, spin = (torch.cat((first[..., None, :].expand(*x.shape[:-2], 1, x.shape[-1]), x), -2)
-                             for first, x in zip((pose[0], pose[1], *motion), (r, q, v, spin), strict=True))
+        if self.clamps:
+            r, q, v, spin = map(self.joined, (r, q, v, spin), self._of_clamps(self._held, t))
         accelerations = ()
         if model.adds_mass:  # of a clamp that moves; of what is free they are to be found
             accelerations = torch.zeros_like(v), torch.zeros_like(spin)
-            if model.scene.has_prescribed_motion and model.constraints.first:
-                accelerations = tuple(map(set_node, accelerations, (0, 0), self._clamp_accelerations(t)))
+            if self.carried:
+                known = self._of_clamps(self._accelerations, t)
+                accelerations = tuple(self.joined(self.unknown(x), own) for x, own in zip(accelerations, known, strict=True))
         return Nodes(r, q, v, space.to_frame(q, spin), frame, internal, None, *accelerations), spin, raw
 
     def stress(self, nodes: Nodes, t: Tensor) -> Tensor:
@@ -116,7 +142,7 @@ class Rates:
         kin = model.kinematics(nodes.position, nodes.rotation)
 
         def rate() -> Tensor:
-            moving = space.to_elements(torch.cat((nodes.velocity, nodes.spin), -1))
+            moving = model.assembly.to_elements(torch.cat((nodes.velocity, nodes.spin), -1))
             return (space.strain_operator(kin, model.length) @ moving[..., None])[..., 0]
 
         strain = model.strain(kin) - model.eigenstrain(t, self.inputs)
@@ -126,18 +152,18 @@ class Rates:
         """(loads less internal forces (..., N+1, w) in frame a, loads)"""
         model, space = self.model, self.model.space
         kin = model.kinematics(nodes.position, nodes.rotation)
-        internal = space.to_nodes(space.forces(kin, self.stress(nodes, t), model.length))
+        internal = model.assembly.to_nodes(space.forces(kin, self.stress(nodes, t), model.length))
         loads = external(model, nodes, t, self.inputs) + torch.zeros_like(internal)
         return loads - internal, loads
 
     def accelerations(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
         """v' (frame a) and Omega' (section axes) of the nodes with unknowns."""
-        model, inertia, space, first = self.model, self.free, self.free.space, self.model.constraints.first
-        p, q = space.position, nodes.rotation[..., first:, :]
-        if inertia.offset.present or model.constraints.free is not None or model.adds_mass:
+        model, inertia, space = self.model, self.free, self.free.space
+        p, q = space.position, self.unknown(nodes.rotation)
+        if inertia.offset.present or self.partly_held is not None or model.adds_mass:
             found, _ = self._solved(t, nodes, spin, net)
             return found[..., :p], space.to_section(q, found[..., p:])
-        v, spin, net = (x[..., first:, :] for x in (nodes.velocity, spin, net))
+        v, spin, net = map(self.unknown, (nodes.velocity, spin, net))
         torque = space.to_section(q, net[..., p:]) - inertia.rotary.gyroscopic(spin)
         return (model.frame(t).rate(net[..., :p] / inertia.mass, lambda: -v),
                 torch.linalg.solve(inertia.rotary.J, torque[..., None])[..., 0])
@@ -146,15 +172,12 @@ class Rates:
         """[v'; R Omega'] (..., n, w) of the nodes with unknowns, frame a, and what their balance lacks: zero, but where
         supports hold them.
         """
-        model, inertia, space, first = self.model, self.free, self.free.space, self.model.constraints.first
-        frame, p, free = model.frame(t), space.position, model.constraints.free
-        q, v, spin, net = (x[..., first:, :] for x in (nodes.rotation, nodes.velocity, spin, net))
-        lever, transport = inertia.offset.turned(q), frame.rate(torch.zeros_like(v), lambda: v)
-        bias = lever.acceleration(transport, lambda: space.to_frame(q, spin))
-        known = lever.wrench(inertia.mass * bias, space.to_frame(q, inertia.rotary.gyroscopic(spin)))
-        block, = inertia.matrix(q, lever)
+        model, free = self.model, self.partly_held
+        q, v, spin, net = map(self.unknown, (nodes.rotation, nodes.velocity, spin, net))
+        block, known = self._asked(self.free, t, q, v, spin)
         if model.adds_mass:
-            fluid = added_mass(model, nodes, t, self.inputs)[..., first:, :, :]
+            p, transport = model.space.position, model.frame(t).rate(torch.zeros_like(v), lambda: v)
+            fluid = self.unknown(added_mass(model, nodes, t, self.inputs), 2)
             block, known = block + fluid, known + (fluid[..., :p] @ transport[..., None])[..., 0]
         right, whole = net - known, block
         if free is not None:
@@ -162,78 +185,76 @@ class Rates:
         found = torch.linalg.solve(block, (right if free is None else right * free)[..., None])[..., 0]
         return found, (whole @ found[..., None])[..., 0] - right
 
+    def _asked(self, inertia: Inertia, t: Tensor, q: Tensor, v: Tensor, spin: Tensor) -> tuple[Tensor, Tensor]:
+        """Mass (..., n, w, w) by [v'; R Omega'] of nodes with this inertia, and what else their motion asks for (..., n, w)."""
+        frame, space, lever = self.model.frame(t), inertia.space, inertia.offset.turned(q)
+        bias = lever.acceleration(frame.rate(torch.zeros_like(v), lambda: v), lambda: space.to_frame(q, spin))
+        known = lever.wrench(inertia.mass * bias, space.to_frame(q, inertia.rotary.gyroscopic(spin)))
+        return inertia.matrix(q, lever).diagonal, known
+
     def __call__(self, t: Tensor, y: Tensor) -> Tensor:
-        model, space, first = self.model, self.free.space, self.model.constraints.first
+        model, space = self.model, self.free.space
         nodes, spin, raw = self.unpack(t, y)
         net, loads = self.balance(t, nodes)
         acceleration, spin_rate = self.accelerations(t, nodes, spin, net)
         frame = model.frame(t)
-        known = nodes.position, nodes.rotation, nodes.velocity, spin
-        position, rotation, moving, turning = (x[..., first:, :] for x in known)
+        position, rotation, moving, turning = map(self.unknown, (nodes.position, nodes.rotation, nodes.velocity, spin))
         velocity, turn = frame.relative_velocity(moving, position), frame.relative_spin(turning, rotation)
         parts = [x.flatten(-2) for x in (velocity, space.rotation_rate(raw, turn), acceleration, spin_rate)]
         if frame.turns:
             parts.append(space.rotation_rate(nodes.frame, frame.omega[..., 0, :]))
         power = (loads * torch.cat((nodes.velocity, nodes.spin), -1)).sum((-1, -2))
         if model.adds_mass:
-            a, alpha = frame.rate(acceleration, lambda: moving), space.to_frame(rotation, spin_rate)
-            fluid = added_mass(model, nodes, t, self.inputs)[..., first:, :, :] @ torch.cat((a, alpha), -1)[..., None]
-            power = power - (fluid[..., 0] * torch.cat((moving, nodes.spin[..., first:, :]), -1)).sum((-1, -2))
-            found = (torch.cat((known[..., :first, :], free), -2)
-                     for known, free in ((nodes.acceleration, a), (nodes.angular_acceleration, alpha)))
-            nodes = nodes._replace(**dict(zip(INERTIAL, found, strict=True)))
+            rates = frame.rate(acceleration, lambda: moving), space.to_frame(rotation, spin_rate)
+            fluid = self.unknown(added_mass(model, nodes, t, self.inputs), 2) @ torch.cat(rates, -1)[..., None]
+            power = power - (fluid[..., 0] * torch.cat((moving, self.unknown(nodes.spin)), -1)).sum((-1, -2))
+            known = (x.index_select(-2, self.places[1]) for x in (nodes.acceleration, nodes.angular_acceleration))
+            nodes = nodes._replace(**dict(zip(INERTIAL, map(self.joined, rates, known), strict=True)))
         if nodes.internal is not None:
             parts.append(advanced_rates(model, nodes, t, self.inputs))
-        if model.scene.has_prescribed_motion and model.constraints.first:
-            moving = torch.cat((nodes.velocity, nodes.spin), -1)[..., 0, :]
-            power = power + (self._clamp_reaction(t, nodes, net) * moving).sum(-1)
+        if self.carried:
+            motion = torch.cat((nodes.velocity, nodes.spin), -1).index_select(-2, self.places[1])
+            power = power + (self._clamp_reaction(t, nodes, spin, net) * motion).sum((-1, -2))
         return torch.cat([x.expand(*y.shape[:-1], x.shape[-1]) for x in (*parts, power[..., None])], -1)
 
     def reaction(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> Tensor:
-        """(..., K, w): what the balance lacks at the supports, inertia included: of a clamp that moves, and of a mass that
+        """(..., K, w): what the balance lacks at the supports, inertia included: of clamps that move, and of a mass that
         moves though its node is held in part.
         """
-        model, first, lacks = self.model, self.model.constraints.first, -net
-        if model.constraints.free is not None:
-            _, own = self._solved(t, nodes, spin, net)
-            lacks = torch.cat((lacks[..., :first, :].expand(*own.shape[:-2], first, -1), own), -2)
-        found = [model.constraints.fixed[k] * lacks[..., node, :] for k, node in enumerate(model.constraints.nodes)]
-        if not found:
+        constraints, clamped = self.model.constraints, -net.index_select(-2, self.places[1])
+        if not constraints.nodes:
             return net[..., :0, :]
-        if model.scene.has_prescribed_motion and first:
-            found[model.constraints.nodes.index(0)] = self._clamp_reaction(t, nodes, net)
-        return torch.stack(torch.broadcast_tensors(*found), -2)
+        free = self._solved(t, nodes, spin, net)[1] if self.partly_held is not None else -self.unknown(net)
+        lacks = self.joined(free, self._clamp_reaction(t, nodes, spin, net) if self.carried else clamped)
+        return constraints.fixed * lacks[..., list(constraints.nodes), :]
 
-    @property
-    def _root(self) -> Support:
-        """The clamp at node 0."""
-        return self.model.scene.supports[self.model.constraints.nodes.index(0)]
+    # Clamps: each by its support, (..., n), then side by side, (..., K, n)
 
-    def _clamp_reaction(self, t: Tensor, nodes: Nodes, net: Tensor) -> Tensor:
-        """(..., w) of a clamp at node 0 that moves: the rate of its node's momentum, less what else acts there."""
-        frame, sizes = self.model.frame(t), (self.model.space.position, self.model.space.spin)
-        (P, H), (P_rate, H_rate) = (x.split(sizes, -1) for x in with_rate(self._momentum, t))
-        lever = self.clamped.offset.turned(nodes.rotation[..., :1, :])
-        rate = lever.wrench(frame.rate(P_rate, lambda: P), frame.spin_rate(H_rate, lambda: H))
-        return rate[..., 0, :] - net[..., 0, :]
+    def _of_clamps(self, motion: Callable[[Support, Tensor], tuple[Tensor, ...]], t: Tensor) -> tuple[Tensor, ...]:
+        of_each = (motion(support, t) for support in self.clamps)
+        return tuple(torch.stack(torch.broadcast_tensors(*parts), -2) for parts in zip(*of_each, strict=True))
 
-    def _momentum(self, t: Tensor) -> Tensor:
-        """[m v_c; R J Omega] (..., 1, w) of a clamp at node 0."""
-        q, v, spin = self._clamp(t)
-        return torch.cat(broadcast_matrices(*self.clamped.momenta(q, self.clamped.centre_velocity(q, v, spin), spin)), -1)
+    def _held(self, support: Support, t: Tensor) -> tuple[Tensor, ...]:
+        """Position, rotation, velocity and spin (section axes)."""
+        model, space = self.model, self.model.space.of_nodes(support.node)
+        r, q = space.pose(*model.prescribed_motion.pose(support, t))
+        if self.carried:
+            return r, q, *space.motion(*model.prescribed_motion.absolute(support, t))
+        return r, q, torch.zeros_like(r), torch.zeros_like(r[..., :space.spin])
 
-    def _clamp_accelerations(self, t: Tensor) -> tuple[Tensor, Tensor]:
-        """Acceleration (..., p) and angular acceleration (..., s) of a clamp at node 0, absolute, frame a."""
-        model = self.model
-        a, alpha = model.prescribed_motion.acceleration(self._root, t).unbind(-2)
-        return model.space.project_vector(a), model.space.project_spin(alpha)
+    def _accelerations(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
+        """Acceleration and angular acceleration, absolute, frame a."""
+        space = self.model.space
+        a, alpha = self.model.prescribed_motion.acceleration(support, t).unbind(-2)
+        return space.project_vector(a), space.project_spin(alpha)
 
-    def _clamp(self, t: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Of a clamp at node 0, (..., 1, ...): rotation, velocity, spin (section axes)."""
-        model, space = self.model, self.model.space
-        support = self._root
-        _, q = space.of_nodes(0).pose(*model.prescribed_motion.pose(support, t))
-        return tuple(x[..., None, :] for x in (q, *space.motion(*model.prescribed_motion.absolute(support, t))))
+    def _clamp_reaction(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> Tensor:
+        """(..., K, w): what the clamps' motion asks for, less what else acts there."""
+        q, v, spin, net = (x.index_select(-2, self.places[1]) for x in (nodes.rotation, nodes.velocity, spin, net))
+        a, alpha = self._of_clamps(self._accelerations, t)
+        block, known = self._asked(self.clamped, t, q, v, spin)
+        rates = torch.cat(broadcast_matrices(self.model.frame(t).rate(a, lambda: -v), alpha), -1)
+        return (block @ rates[..., None])[..., 0] + known - net
 
     def state(self, t: Tensor, y: Tensor, status: Tensor) -> State:
         """The state at time t; stress and reaction are those of the instant."""
@@ -242,5 +263,4 @@ class Rates:
         work = y[..., -1]
         return self.model.space.to_public(State(
             *nodes[:3], spin, self.stress(nodes, t), self.reaction(t, nodes, spin, net), work, torch.zeros_like(work),
-            t.expand(work.shape), status, frame=nodes.frame, internal=nodes.internal,
-            supports=self.model.constraints.nodes))
+            t.expand(work.shape), status, frame=nodes.frame, internal=nodes.internal))

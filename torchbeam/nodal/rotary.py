@@ -13,8 +13,8 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.leaves import Tree, leaf
+from ..topology.protocols import Matrix
 from .coordinates.spatial import Space
-from .mass import Blocks
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class NoRotaryInertia(Tree):
         """What it is with rotary inertia, or `none` without."""
         return none
 
-    def blocks(self, masses: Blocks, by_spin: Callable[[], Tensor]) -> Blocks:
-        """`masses`, see `mass`, with a moment's derivative by the spin (..., N+1, s, s)."""
+    def matrix(self, masses: Matrix, by_spin: Callable[[], Tensor]) -> Matrix:
+        """`masses` with a moment's derivative by the spin (..., N+1, s, s)."""
         return masses
 
 
@@ -66,9 +66,9 @@ class RotaryInertia(NoRotaryInertia):
     def present_or(self, none: Tensor, value: Callable[[], Tensor]) -> Tensor:
         return value()
 
-    def blocks(self, masses: Blocks, by_spin: Callable[[], Tensor]) -> Blocks:
+    def matrix(self, masses: Matrix, by_spin: Callable[[], Tensor]) -> Matrix:
         p = self.space.position
-        return masses[0] + pad(by_spin(), (p, 0, p, 0)), *masses[1:]
+        return masses.plus(pad(by_spin(), (p, 0, p, 0)))
 
     def in_frame(self, rotation: Tensor) -> Tensor:
         """R J R^T (..., N+1, s, s), frame a."""

@@ -16,6 +16,7 @@ from ..core.summary import counted, kind, lines, point, span
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive
 from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
+from ..topology.chain import Chain
 from .axes import axes_between, axes_of_nodes, carried_along, orthonormal, parabolas
 from .beam_arguments import Sections, check_order, dtype_with, intervals, placed
 from .curve import curve, places, screws
@@ -70,6 +71,11 @@ class Beam(Tree):
     def element_count(self) -> int:
         """N, the number of elements."""
         return self.count // self.order
+
+    @property
+    def topology(self) -> Chain:
+        """Which nodes the elements lie between."""
+        return Chain(self.order, self.element_count)
 
     def at_stations(self, x: Tensor, axes: int) -> Tensor:
         """Values of the elements, (..., N or 1, *) with `axes` axes of their own, at their stations."""

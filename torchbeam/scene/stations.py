@@ -15,6 +15,7 @@ from ..core.arguments import function as check_function
 from ..core.leaves import Tree, leaf
 from ..core.validation import as_tensor, broadcast, common_dtype, finite
 from ..math.quadratic import X
+from ..topology.chain import within_elements
 from .section import STRUCTURE, Section
 
 # Gauss-Legendre points and weights on [0, 1], exact to the seventh power
@@ -118,26 +119,7 @@ def stacked(sections: Sequence[Section]) -> Section:
 
 def stations_of(length: Tensor) -> Tensor:
     """Arc length (..., 2 N) m of the stations of elements of order 2, which stand for a length each."""
-    return _within_elements(length, (-X, X)).flatten(-2)
-
-
-def arclength(length: Tensor, order: int = 1) -> Tensor:
-    """Arc length (..., N+1) m of the nodes of elements of that length (..., N) m; of order 2 (..., 2 N + 1), of lengths as in
-    `stations_of`.
-    """
-    if order == 1:
-        return pad(length.cumsum(-1), (1, 0))
-    return pad(_within_elements(length, (0.0, 1.0)).flatten(-2), (1, 0))
-
-
-def _within_elements(length: Tensor, x: tuple[float, float]) -> Tensor:
-    """Arc length (..., N, 2) m at two places x in [-1, 1] of elements of order 2. With ds/dx = J + J' x, which is the length
-    that a station stands for, s = s_0 + J (1 + x) + J' (x^2 - 1)/2: a midside node need not be in the middle.
-    """
-    first, second = length.unflatten(-1, (-1, 2))[..., None].unbind(-2)
-    mean, slope, x = (first + second) / 2, (second - first) / (2 * X), length.new_tensor(x)
-    whole = first + second
-    return whole.cumsum(-2) - whole + mean * (1 + x) + slope * (x * x - 1) / 2
+    return within_elements(length, (-X, X)).flatten(-2)
 
 
 def of_elements(section: Sequence[Section] | Callable[[Tensor], Section], length: Tensor, order: int = 1) -> Section:
@@ -173,7 +155,7 @@ def _quadrature(length: Tensor, corners: Tensor | None) -> tuple[Tensor, Tensor,
     """Places (..., m) m along elements of length (..., N) m, the share of its element that each stands for, and that element's
     number (..., m): four Gauss points between neighbours among the elements' ends and `corners` (..., n) m.
     """
-    ends = arclength(length)
+    ends = pad(length.cumsum(-1), (1, 0))
     if corners is not None:
         inside = torch.maximum(torch.minimum(corners, ends[..., -1:]), ends[..., :1])
         shape = broadcast("stations and elements", inside.shape[:-1], ends.shape[:-1])

@@ -13,13 +13,9 @@ from ..core.arguments import boolean, instance
 from ..core.functions_of_time import shared
 from ..core.validation import as_tensor, axis_last, concrete, finite
 from ..math import quaternions as quat
-from ..math.block_tridiagonal import block_tridiagonal
 from ..math.shapes import broadcast_shapes
-from ..nodal import assembly, quadratic_assembly
-from ..nodal.constraints import masked
 from ..nodal.discretise import discretise
 from ..nodal.loads import Nodes, added_mass
-from ..nodal.midside import condensed
 from ..nodal.rates import Rates
 from ..scene.scene import Scene
 from ..state.state import State
@@ -97,28 +93,21 @@ class NodeAcceleration(_OfNode):
         right, _ = self.rates.balance(t, nodes)
         eye, moving = torch.eye(p, dtype=right.dtype, device=right.device), model.constraints.moving
         lever, rotary = inertia.offset.turned(q), inertia.rotary
-        masses = lever.blocks(inertia.blocks(eye), lambda: lever.A)
+        matrix = lever.matrix(inertia.masses(eye), lambda: lever.A)
         if not lever.present and not (rotary.present and "angular_acceleration" in model.read):
             moving = moving & (torch.arange(moving.shape[-1], device=moving.device) < p)  # spins have no say
         else:
-            masses = rotary.blocks(masses, lambda: rotary.in_frame(q))
+            matrix = rotary.matrix(matrix, lambda: rotary.in_frame(q))
             right = right - pad(space.to_frame(q, rotary.gyroscopic(spin)), (p, 0))
         if lever.present:
             pull = inertia.translational.momentum(lever.acceleration(torch.zeros_like(state.velocity), lambda: nodes.spin))
             right = right - lever.wrench(pull, torch.zeros_like(spin))
-        at, *between = masses
         if model.adds_mass:
-            at = at + added_mass(model, nodes, t, self.rates.inputs)
-        U, L, *far = between or (torch.zeros_like(at[..., 1:, :, :]),) * 2
+            matrix = matrix.plus(added_mass(model, nodes, t, self.rates.inputs))
         free = moving.to(right)
         given = self.given(t, free) if model.scene.has_prescribed_motion else torch.zeros_like(free)
-        right = (right - _times(at, L, U, given, *far)) * free
-        matrix = masked(free, at, L, U, *far)
-        if not far:
-            return space.embed(block_tridiagonal(*matrix, right) + given)[..., :3]
-        *ends, midside = condensed(*matrix)
-        right, own = midside.condense(right)
-        return space.embed(midside.restore(block_tridiagonal(*ends, right), own) + given)[..., :3]
+        system = matrix.restricted(model.topology.unknowns(moving, right))
+        return space.embed(system.solve(right - matrix.times(given), constant=False) + given)[..., :3]
 
     def given(self, t: Tensor, free: Tensor) -> Tensor:
         """Prescribed absolute acceleration (..., N+1, w) of the nodes at supports; 0 elsewhere."""
@@ -136,11 +125,3 @@ def _trajectory(t: Tensor) -> bool:
     """Whether t (time, ...) differs along its first axis alone."""
     rows = t.flatten(1)
     return rows.shape[1] > 0 and bool(concrete(rows == rows[:, :1]).all() and concrete(rows[:, 0] != rows[0, 0]).any())
-
-
-def _times(D: Tensor, L: Tensor, U: Tensor, x: Tensor, *far: Tensor) -> Tensor:
-    """A chain's matrix times x (..., N+1, w), `far` as in `masked`."""
-    _, columns = (quadratic_assembly if far else assembly).coupled(x)
-    ahead, behind, *far = ((A @ column[..., None])[..., 0] for A, column in zip((U, L, *far), columns, strict=True))
-    found = (D @ x[..., None])[..., 0] + assembly.at_i(ahead) + assembly.at_j(behind)
-    return found + quadratic_assembly.spread(far[0], torch.zeros_like(far[0]), far[1]) if far else found

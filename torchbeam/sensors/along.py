@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..core.validation import Value, as_tensor, concrete, finite, shown
 from ..math.shapes import broadcast_shapes
+from ..nodal.assembly import Assembly
 from ..nodal.constitutive_law import without_residual_bending
 from ..nodal.coordinates.selection import in_space, space_of
 from ..nodal.coordinates.spatial import Space
@@ -17,6 +18,7 @@ from ..scene.beam import Beam
 from ..scene.scene import Scene
 from ..scene.stations import stations_of
 from ..state.state import State
+from ..topology.chain import Chain
 from .sensor import Sensor
 
 
@@ -51,7 +53,8 @@ class _Along(Sensor):
             object.__setattr__(self, "beam", scene.beam)
         if not isinstance(self.beam, Beam):
             raise ValueError(f"a beam of type {type(self.beam).__name__} was given; the torchbeam.Beam is wanted")
-        object.__setattr__(self, "space", space_of(scene) if getattr(scene, "small", False) else in_space(self.beam))
+        small = getattr(scene, "small", False)
+        object.__setattr__(self, "space", space_of(scene, self.beam.topology) if small else in_space(self.beam))
         if self.element is not None:
             N = self.beam.element_count
             if isinstance(self.element, bool) or not isinstance(self.element, int) or not -N <= self.element < N:
@@ -143,7 +146,9 @@ class _Strains(_Along):
         if i is not None and space.turns:  # that element alone
             position, rotation, length = position[..., i:i + p + 1, :], rotation[..., i:i + p + 1, :], length[..., i:i + p, :]
         rotation = space.to_reduced_rotation(rotation)
-        found = space.strains(space.kinematics(*space.chain.poses(position, rotation), length), length)
+        topology = self.beam.topology if i is None or not space.turns else Chain(p, 1)
+        assembly = Assembly(topology, space.interpolation, space.position)
+        found = space.strains(space.kinematics(*assembly.poses(position, rotation), length), length)
         return found if i is None or space.turns else found[..., i:i + p, :]
 
     def read(self, state: Any) -> Tensor:

@@ -15,7 +15,6 @@ from ..scene.axes import axes_of_nodes, orthonormal
 from ..scene.curve import carried_axes
 from ..scene.prescribed_motion import PrescribedMotion
 from ..scene.scene import Scene
-from ..scene.stations import arclength
 from .supported_nodes import Placed, at_rest, frame_motion, held_rotation, set_node
 
 
@@ -37,7 +36,7 @@ def bent(still: Placed, scene: Scene, nodes: Value, frames: Value | None, twist:
         frames = quat.from_matrix(orthonormal(as_tensor(frames, scene.dtype, scene.device), beam.count + 1, beam.count))
         rotation = frames if frames.shape[-2] == beam.count + 1 else axes_of_nodes(frames)
     else:
-        s = arclength(beam.length, beam.order)
+        s = beam.topology.arclength(beam.length)
         if callable(twist):
             twist = as_tensor(check_function("twist", twist, "s")(s), scene.dtype, scene.device)
             if twist.shape[-1:] != s.shape[-1:]:

@@ -170,7 +170,7 @@ class Continuation:
         x = PathPoint(*still.apply_supports(x.shape), x.factor, x.way)
         residual, *about = still.residual(x.shape)
         tangent = still.linearise(x.shape, *about)
-        blocks, sound = tangent.pivots()  # where one is not, the point is no place to stop at
+        blocks, sound = tangent.system.pivots()  # where one is not, the point is no place to stop at
         shape = residual.measure().shape
         eigenvalues = torch.linalg.eigvalsh((blocks + blocks.mT) / 2).expand(*shape, *blocks.shape[-3:-1])
         least = eigenvalues.amin((-1, -2)).clamp(min=0) if least is None else least
@@ -214,4 +214,4 @@ def move_weights(model: Model) -> Tensor:
     """(..., 1, w) of the squares of a node's displacement and turn in the square of a step."""
     L = model.length.detach().sum(-2, keepdim=True)
     wide, turn = (L.expand(*L.shape[:-1], size) for size in (model.space.position, model.space.spin))
-    return torch.cat((1 / wide**2, torch.ones_like(turn)), -1) / (model.count + 1)
+    return torch.cat((1 / wide**2, torch.ones_like(turn)), -1) / model.node_count

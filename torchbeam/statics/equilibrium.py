@@ -186,11 +186,11 @@ def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration, do
             return few.put(torch.zeros_like(doubtful), _unstable(few.gather(problem), at, begin, None, symmetric), 0)
     with no_derivatives():
         tangent = _tangent(problem, x)
-        doubtful = ~tangent.positive_definite()
+        doubtful = ~tangent.system.positive_definite()
         if not concrete(doubtful).any():
             return doubtful
         unloaded = _tangent(problem, start)
-        (here, sound), (usual, _) = (k.pivots() for k in (tangent, unloaded))
+        (here, sound), (usual, _) = (k.system.pivots() for k in (tangent, unloaded))
         if not symmetric:
             soft, usual = (torch.linalg.svdvals(p).amin((-1, -2)) for p in (here, usual))
             return doubtful & sound & (torch.linalg.slogdet(here).sign.prod(-1) < 0) & (soft > NEUTRAL * usual)
@@ -215,7 +215,7 @@ def _softness(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, Tensor]
     tangent = problem.linearise(x, *about)
     unloaded = replace(problem, load_factor=torch.zeros_like(problem.load_factor)).residual(x)[0]
     move = tangent.solve(residual.nodes - unloaded.nodes, torch.zeros_like(residual.strain))[0]
-    return torch.linalg.svdvals(tangent.pivots()[0]).amin((-1, -2)), move.abs().amax((-1, -2))
+    return torch.linalg.svdvals(tangent.system.pivots()[0]).amin((-1, -2)), move.abs().amax((-1, -2))
 
 
 def _attached(problem: SteadyProblem, x: Configuration, reaction: Tensor, start: Configuration, good: Tensor

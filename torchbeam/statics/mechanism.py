@@ -19,11 +19,11 @@ from ..core.validation import concrete
 from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
 from ..nodal.coordinates.planar import PLANES
-from ..nodal.mass import Blocks, add
 from ..nodal.model import Model
 from ..scene.scene import Scene
 from ..scene.supports import AXES
 from ..state.state import rest
+from ..topology.protocols import Matrix, total
 from .steady import Configuration, SteadyProblem
 
 NONE = 1e-8  # of the largest: a singular value that is none
@@ -37,8 +37,8 @@ class BracedProblem(SteadyProblem):
 
     braces: Tensor = leaf(3, kw_only=True)
 
-    def load_tangent(self, x: Configuration) -> Blocks:
-        return add((self.braces,), super().load_tangent(x))
+    def load_tangent(self, x: Configuration) -> Matrix:
+        return total(self.model.topology.diagonal(self.braces), super().load_tangent(x))
 
 
 def stressed(problem: SteadyProblem, x: Configuration) -> tuple[Configuration, Tensor | None]:
@@ -109,7 +109,7 @@ def _braced(problem: SteadyProblem, x: Configuration, free: Tensor) -> BracedPro
     """With a brace of the first support's node, or of node 0, against the rigid motions `free`, a projector."""
     model, space = problem.model, problem.model.space
     at, eye = _base(model), torch.eye(3).to(x.position)
-    D = problem.tangent(x, problem.residual(x)[1]).blocks[0]
+    D = problem.tangent(x, problem.residual(x)[1]).matrix.diagonal
     root = D[..., at, :, :].diagonal(dim1=-2, dim2=-1).abs().sqrt()[..., None]
     shift, turn = space.project_vector(eye).mT, space.project_spin(eye).mT
     length = _length(model.scene.beam.nodes.detach())[..., None, None]
@@ -196,7 +196,7 @@ def _stiffness(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple
     """
     model, space = problem.model, problem.model.space
     stress = space.geometric_stiffness(model.kinematics(x.position, x.rotation), x.stress, model.length)
-    ends, size = space.to_elements(moves), _largest(stress)
+    ends, size = model.assembly.to_elements(moves), _largest(stress)
     work = torch.einsum("...anw,...nwv,...bnv->...ab", ends, stress, ends)
     if model.loads[0]:
         by = external.tangent(model, problem.nodes(x), problem.t, problem.inputs, model.loads[0])

@@ -23,9 +23,9 @@ from ..core.leaves import leaf
 from ..core.status import DIVERGED
 from ..core.validation import concrete
 from ..nodal.balance import Residual
-from ..nodal.mass import Blocks, add
 from ..nodal.model import Model
 from ..solvers.newton import newton
+from ..topology.protocols import Matrix, total
 from .balance_check import softest
 from .mechanism import braced
 from .steady import Configuration, SteadyProblem
@@ -52,8 +52,8 @@ class Viscous(SteadyProblem):
         way = torch.cat((x.position - self.before.position, space.to_frame(x.rotation, turn)), -1)
         return residual._replace(nodes=residual.nodes + self.drag * way), kin
 
-    def load_tangent(self, x: Configuration) -> Blocks:
-        return add((torch.diag_embed(self.drag),), super().load_tangent(x))
+    def load_tangent(self, x: Configuration) -> Matrix:
+        return total(self.model.topology.diagonal(torch.diag_embed(self.drag)), super().load_tangent(x))
 
 
 def relax(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tuple[Configuration, Tensor, Tensor]:
@@ -99,7 +99,7 @@ def relax(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tu
 
 def _minimum(problem: SteadyProblem, x: Configuration) -> Tensor:
     tangent = problem.linearise(x, *problem.residual(x)[1:])
-    return tangent.positive_definite()
+    return tangent.system.positive_definite()
 
 
 def _force(model: Model, unbalanced: Residual) -> Tensor:

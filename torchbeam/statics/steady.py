@@ -12,16 +12,16 @@ from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
 from ..dynamics.step_element import ElementBalance
 from ..nodal import loads as external
-from ..nodal.balance import ChainTangent, Linearisation, Residual, largest, restrained_forces, size_of_strain
+from ..nodal.balance import CondensedTangent, Linearisation, Residual, largest, restrained_forces, size_of_strain
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Space
 from ..nodal.frame import FixedFrame
 from ..nodal.loads import STEADY, Nodes
-from ..nodal.mass import Blocks, add
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..state.state import State
 from ..state.supported_nodes import set_node
+from ..topology.protocols import Matrix, total
 from .steady_motion import AtRest, steady_motion
 
 
@@ -114,15 +114,16 @@ class SteadyProblem(Tree):
         load = self.motion.less(load, *x[:2])
         return load if isinstance(load, float) else self.load_factor[..., None, None] * load
 
-    def load_tangent(self, x: Configuration) -> Blocks:
-        """What that adds to the tangent, see `mass`."""
+    def load_tangent(self, x: Configuration) -> Matrix | None:
+        """What that adds to the tangent; None = nothing."""
         model, load_factor = self.model, self.load_factor[..., None, None, None]
-        blocks = tuple(load_factor * block for block in self.motion.tangent(*x[:2]))
+        inertia = self.motion.tangent(*x[:2])
+        inertia = None if inertia is None else inertia.each(lambda block: load_factor * block)
         if not model.loads[0]:
-            return blocks
+            return inertia
         by = self.frame.steady_jacobian()
         tangent = external.tangent(model, self.nodes(x), self.t, self.inputs, model.loads[0], by)
-        return blocks if isinstance(tangent, float) else add((-load_factor * tangent,), blocks)
+        return inertia if isinstance(tangent, float) else total(model.topology.diagonal(-load_factor * tangent), inertia)
 
     def element_balance(self, x: Configuration) -> ElementBalance:
         """The elements, each by itself."""
@@ -137,13 +138,13 @@ class SteadyProblem(Tree):
         load, element = self.load(x), self.element_balance(x)
         sizes = largest(model.space.position, h, element.forces, load, restrained_forces(model, element.acting, own, h),
                         self.rounding)
-        return Residual(model.constraints, model.space.to_nodes(element.forces) - load, element.gap, *sizes,
+        return Residual(model.constraints, model.assembly.to_nodes(element.forces) - load, element.gap, *sizes,
                         size_of_strain(element.felt, own)), element.acting
 
-    def tangent(self, x: Configuration, kin: Any) -> ChainTangent:
+    def tangent(self, x: Configuration, kin: Any) -> CondensedTangent:
         model, space = self.model, self.model.space
         B = space.strain_operator(kin, model.length)
-        return ChainTangent.condense(space, space.geometric_stiffness(kin, x.stress, model.length), self.load_tangent(x),
+        return CondensedTangent.of(model.assembly, space.geometric_stiffness(kin, x.stress, model.length), self.load_tangent(x),
                                      model.length[..., None] * B, model.tangent_stiffness(), B)
 
     def linearise(self, x: Configuration, kin: Any) -> Linearisation:

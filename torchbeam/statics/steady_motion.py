@@ -20,7 +20,7 @@ from torch import Tensor
 
 from ..nodal.frame import FixedFrame, TurningFrame
 from ..nodal.inertia import Inertia
-from ..nodal.mass import Blocks
+from ..topology.protocols import Matrix
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,13 @@ class AtRest:
         """load - [force; moment] (..., N+1, w) of inertia."""
         return load
 
-    def tangent(self, position: Tensor, rotation: Tensor) -> Blocks:
-        """Derivative of force and moment by the nodes' moves, see `mass`."""
-        return ()
+    def tangent(self, position: Tensor, rotation: Tensor) -> Matrix | None:
+        """Derivative of force and moment by the nodes' moves; None = none."""
+        return None
 
-    def gyroscopic(self, position: Tensor, rotation: Tensor) -> Blocks:
+    def gyroscopic(self, position: Tensor, rotation: Tensor) -> Matrix | None:
         """The same by the rates of the moves."""
-        return ()
+        return None
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class SteadyRotation(AtRest):
         space = self.inertia.space
         return space.to_section(rotation, self.frame.spin(torch.zeros_like(position[..., :space.spin])))
 
-    def tangent(self, position: Tensor, rotation: Tensor) -> Blocks:
+    def tangent(self, position: Tensor, rotation: Tensor) -> Matrix:
         inertia, space, turning = self.inertia, self.inertia.space, self.frame.spin_skew
         lever, rotary = inertia.offset.turned(rotation), self.inertia.rotary
 
@@ -73,11 +73,11 @@ class SteadyRotation(AtRest):
             R, H = space.spin_matrix(rotation), rotary.momentum(rotation, self._spin(position, rotation))
             return turning @ rotary.momentum_by(R, R.mT @ turning, H, torch.eye(space.spin, dtype=R.dtype, device=R.device))
 
-        masses = inertia.blocks(self.frame.skew @ self.frame.skew)
+        masses = inertia.masses(self.frame.skew @ self.frame.skew)
         moved = lever.tangent(masses, lambda: lever.A, lambda: self._wrench(position, rotation))
-        return rotary.blocks(moved, angular)
+        return rotary.matrix(moved, angular)
 
-    def gyroscopic(self, position: Tensor, rotation: Tensor) -> Blocks:
+    def gyroscopic(self, position: Tensor, rotation: Tensor) -> Matrix:
         inertia, space, turning = self.inertia, self.inertia.space, self.frame.spin_skew
         lever, rotary = inertia.offset.turned(rotation), self.inertia.rotary
 
@@ -85,7 +85,7 @@ class SteadyRotation(AtRest):
             J, H = rotary.in_frame(rotation), rotary.momentum(rotation, self._spin(position, rotation))
             return J @ turning + turning @ J - space.spin_skew(H)
 
-        return rotary.blocks(lever.blocks(inertia.blocks(2 * self.frame.skew), lambda: lever.A), angular)
+        return rotary.matrix(lever.matrix(inertia.masses(2 * self.frame.skew), lambda: lever.A), angular)
 
 
 def steady_motion(inertia: Inertia, frame: FixedFrame) -> AtRest:

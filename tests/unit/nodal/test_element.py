@@ -8,12 +8,14 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal import element as local
-from torchbeam.nodal.assembly import ends
+from torchbeam.nodal.assembly import Assembly
 from torchbeam.nodal.coordinates.spatial import Space
 from torchbeam.nodal.element import forces, geometric_stiffness, strain_operator, strains
+from torchbeam.topology.chain import Chain
 
 N, BATCH = 3, (5,)
-to_nodes, to_blocks = Space().to_nodes, Space().to_blocks
+ASSEMBLY = Assembly(Chain(1, N), Space().interpolation, 3)
+to_nodes = ASSEMBLY.to_nodes
 # Relative rotations: far, near a half turn, both sides of the series (s2 = 1e-6 is 2e-3 rad), next to and at zero.
 TURNS = [0.6, 2.1e-3, 1.9e-3, 1e-4, 1e-8, 0.0]
 # Sums of a hundred products of size one; next to zero, closed forms divide rounding by |l| down to 1e-3.
@@ -31,7 +33,7 @@ def element(request):
 
 def kinematics(position, rotation, length):
     """Of the elements of a chain."""
-    return local.kinematics(*ends(position), *ends(rotation), length)
+    return local.kinematics(*ASSEMBLY.poses(position, rotation), length)
 
 
 def perturbed(position, rotation, move):
@@ -101,10 +103,7 @@ def test_whole_tangent_is_the_second_derivative_along_a_line(element):
     kin = kinematics(position, rotation, length)
     stress = (K @ strains(kin, length)[..., None])[..., 0]
     B = strain_operator(kin, length)
-    D, U, L = to_blocks(geometric_stiffness(kin, stress, length) + length[..., None] * B.mT @ K @ B)
-    product = (D @ move[..., None])[..., 0]
-    product[..., :-1, :] += (U @ move[..., 1:, :, None])[..., 0]
-    product[..., 1:, :] += (L @ move[..., :-1, :, None])[..., 0]
+    product = ASSEMBLY.to_matrix(geometric_stiffness(kin, stress, length) + length[..., None] * B.mT @ K @ B).times(move)
     assert_close(product, along(force, position, rotation, move), rtol=0, atol=1e-10)  # stresses of size ten here
 
 

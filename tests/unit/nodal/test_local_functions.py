@@ -13,10 +13,11 @@ from torchbeam.dynamics.midpoint import MidpointProblem
 from torchbeam.dynamics.step_element import Ends
 from torchbeam.dynamics.step_kinematics import MidpointMotion
 from torchbeam.nodal import loads as external
-from torchbeam.nodal.assembly import to_blocks, to_nodes
+from torchbeam.nodal.assembly import Assembly
 from torchbeam.nodal.constitutive_law import times
 from torchbeam.nodal.discretise import discretise
-from torchbeam.nodal.mass import exchange
+from torchbeam.nodal.mass import SharedMass
+from torchbeam.topology.chain import Chain
 
 N, BATCH = 3, (2,)
 AXES = {"length": 1, "reference": 1, "eigenstrain": 1, "S": 2, "C": 2, "retardation": 2, "position": 1, "rotation": 1,
@@ -106,7 +107,7 @@ def test_a_step_is_the_sum_of_its_elements_and_nodes(make, kind):
     """
     problem = make(beams(kind))
     model, space = problem.model, problem.model.space
-    p, x = space.position, somewhere(problem)
+    alone, x = Assembly(Chain(1, 1), space.interpolation, space.position), somewhere(problem)
     residual, *about = problem.residual(x)
     tangent = problem.linearise(x, *about)
 
@@ -115,7 +116,7 @@ def test_a_step_is_the_sum_of_its_elements_and_nodes(make, kind):
     forces = [motion.balance(way) for motion, way in zip(motions, ways, strict=True)]
     turns = [problem.TANGENT(*both) for both in zip(motions, ways, strict=True)]
     g = [own.wrench[..., 0, :] for own in forces]
-    D = [turn.inertia(own)[0][..., 0, :, :] for turn, own in zip(turns, forces, strict=True)]
+    D = [turn.inertia(own).diagonal[..., 0, :, :] for turn, own in zip(turns, forces, strict=True)]
     U, L, gaps = [], [], []
     for e in range(N):  # one element
         pair = e, e + 1
@@ -124,44 +125,49 @@ def test_a_step_is_the_sum_of_its_elements_and_nodes(make, kind):
                  for instant in range(len(ways[e].poses))]
         found = local.balance(at(x.stress, e), *poses)
         by = local.tangent(found, at(x.stress, e), lambda pair=pair: tuple(turns[k].half for k in pair))
-        force = to_nodes(found.forces, p)
-        d, up, down = to_blocks(by.stiffness + by.hB.mT @ times(at(problem.C, e, 2), by.E), p)
+        force = alone.to_nodes(found.forces)
+        matrix = alone.to_matrix(by.stiffness + by.hB.mT @ times(at(problem.C, e, 2), by.E))
         gaps.append(found.gap)
-        pushed, (D_i, D_j, mass_up, mass_down) = shared_mass(problem, at(model.inertia.translational.coupling, e), *(
+        pushed, shared = shared_mass(problem, at(model.inertia.translational.coupling, e), *(
             [parts[k] for k in pair] for parts in (motions, ways, turns)))
-        for k, own, block in zip(pair, pushed, (D_i, D_j), strict=True):
-            g[k] = g[k] + force[..., k - e, :] + own[..., 0, :]
-            D[k] = D[k] + d[..., k - e, :, :] + block[..., 0, :, :]
-        U.append((up + mass_up)[..., 0, :, :]), L.append((down + mass_down)[..., 0, :, :])
+        d, up, down = (matrix + shared).tensors
+        for k in pair:
+            g[k] = g[k] + force[..., k - e, :] + pushed[..., k - e, :]
+            D[k] = D[k] + d[..., k - e, :, :]
+        U.append(up[..., 0, :, :]), L.append(down[..., 0, :, :])
 
     nodes = problem.TANGENT(problem.motion, about[0])
     load = problem.external(about[0])
     assert_close(torch.stack(torch.broadcast_tensors(*g), -2) - load, residual.nodes, rtol=0, atol=1e-11)
     assert_close(torch.cat(torch.broadcast_tensors(*gaps), -2), residual.strain, rtol=0, atol=1e-12)
     whole = torch.stack(torch.broadcast_tensors(*D), -3) - problem.load_tangent(nodes)
-    D, L, U = (y[..., model.constraints.first:, :, :] for y in (whole, torch.stack(L, -3), torch.stack(U, -3)))
-    for found, expected in ((D, tangent.D), (L, tangent.L), (U, tangent.U)):
+    D, L, U = (y[..., 1:, :, :] for y in (whole, torch.stack(L, -3), torch.stack(U, -3)))  # node 0 is clamped
+    for found, expected in ((D, tangent.system.D), (L, tangent.system.L), (U, tangent.system.U)):
         assert_close(found.expand_as(expected), expected, rtol=1e-12, atol=1e-10)
 
 
 def shared_mass(problem, coupling, motions, ways, turns):
-    """Of one element: what its half-consistent mass asks of its two nodes (..., 1, w), and the derivatives at i, at j, of i by
-    j and of j by i.
-    """
-    midpoint = isinstance(problem.motion, MidpointMotion)
+    """Of one element: what the mass that its two nodes share asks of them (..., 2, w), and the derivative, a matrix."""
     space, p = problem.model.space, problem.model.space.position
-    if midpoint:
-        before, after = (exchange(coupling, *v) for v in ([m.centre_velocity for m in motions], [w.centre_end for w in ways]))
+    mass = SharedMass(Chain(1, 1), torch.zeros(2, 1), coupling, (-1.0, 1.0))
+
+    def both(parts):
+        return torch.cat(torch.broadcast_tensors(*parts), -2)
+
+    if isinstance(problem.motion, MidpointMotion):
+        before, after = (mass.momentum(both(v)) for v in ([m.centre_velocity for m in motions], [w.centre_end for w in ways]))
         rate = motions[0]._rate(problem.frame.rate, before, after)
-        levers, moved = [w.lever for w in ways], [lambda t=t: t.lever_end for t in turns]
+        levers, by_spin = [w.lever for w in ways], [t.lever_end for t in turns] if ways[0].lever.present else None
     else:
-        rate = exchange(coupling, *(w.true[..., :p] for w in ways))
-        levers, moved = [m.inertia.offset for m in motions], [None, None]
-    still, block = torch.zeros_like(rate[..., :space.spin]), coupling[..., None] * motions[0].Z
-    pushed = [lever.wrench(sign * rate, still) for lever, sign in zip(levers, (1, -1), strict=True)]
-    M = {sign: levers[0].prepared((sign * block,), space.spin) for sign in (1, -1)}
-    here = [levers[k].tangent(M[-1], moved[k], lambda k=k: pushed[k])[0] for k in (0, 1)]
-    return pushed, (*here, *(levers[k].blocks(M[1], moved[1 - k])[0] for k in (0, 1)))
+        rate = mass.momentum(both([w.true[..., :p] for w in ways]))
+        levers, by_spin = [m.inertia.offset for m in motions], None
+    lever = replace(levers[0], x=both([one.x for one in levers])) if levers[0].present else levers[0]
+    if lever.present and not space.turns:
+        lever = replace(lever, space=space)
+    moved = None if by_spin is None else torch.cat(torch.broadcast_tensors(*by_spin), -3)
+    wrench = lever.wrench(rate, torch.zeros_like(rate[..., :space.spin]))
+    masses = lever.prepared(mass.matrix(motions[0].Z), space.spin)
+    return wrench, lever.tangent(masses, lambda: moved, lambda: wrench)
 
 
 def loaded(kind):

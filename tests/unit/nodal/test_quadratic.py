@@ -14,12 +14,14 @@ import torchbeam as tb
 from torchbeam.dynamics.simulate import simulate
 from torchbeam.math import quaternions as quat
 from torchbeam.math.quadratic import at_points, threes
+from torchbeam.nodal.assembly import Assembly
 from torchbeam.nodal.coordinates.planar import Plane
 from torchbeam.nodal.coordinates.quadratic import QuadraticPlane, QuadraticSpace
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.loads import Nodes, external
 from torchbeam.scene.stations import stations_of
 from torchbeam.studies.common_case import Case
+from torchbeam.topology.chain import Chain
 
 N, BATCH = 2, (5,)
 ROUNDING = dict(rtol=0, atol=1e-12)
@@ -28,6 +30,10 @@ SECTION = tb.Section.from_stiffness(EA=100.0, GA=(60.0, 50.0), GJ=0.8, EI=(1.0, 
 
 def straight(**given):
     return tb.Beam.straight(1.0, given.pop("elements", N), given.pop("section", SECTION), order=2, **given)
+
+
+def chain(space):
+    return Assembly(Chain(2, N), space.interpolation, space.position)
 
 
 def element(kind):
@@ -55,21 +61,19 @@ def test_local_functions_are_derivatives_of_each_other(kind):
     def along(function):
         def moved(m):
             q = space.multiply(space.exponential(m[..., p:]), rotation)
-            return function(space.kinematics(*space.chain.poses(position + m[..., :p], q), length))
+            return function(space.kinematics(*chain(space).poses(position + m[..., :p], q), length))
         return torch.func.jvp(moved, (torch.zeros_like(move),), (move,))[1]
 
-    kin, numbers = space.kinematics(*space.chain.poses(position, rotation), length), space.to_elements(move)
+    kin, numbers = space.kinematics(*chain(space).poses(position, rotation), length), chain(space).to_elements(move)
     B, K = space.strain_operator(kin, length), space.geometric_stiffness(kin, stress, length)
     forces = space.forces(kin, stress, length)
     assert_close((B @ numbers[..., None])[..., 0], along(lambda kin: space.strains(kin, length)), **ROUNDING)
     assert_close((K @ numbers[..., None])[..., 0], along(lambda kin: space.forces(kin, stress, length)), **ROUNDING)
     assert_close(forces, (length[..., None] * B.mT @ stress[..., None])[..., 0], **ROUNDING)
-    assert_close((space.to_nodes(forces) * move).sum((-1, -2)), (forces * numbers).sum((-1, -2)), **ROUNDING)
-    D, *parts = space.to_blocks(K)
-    whole, (rows, columns) = D @ move[..., None], space.chain.coupled(torch.arange(2 * N + 1)[:, None])
-    for part, row, column in zip(parts, rows, columns, strict=True):
-        whole = whole.index_add(-3, row[:, 0], part @ move[..., column[:, 0], :, None])
-    assert_close(whole[..., 0], space.to_nodes((K @ numbers[..., None])[..., 0]), **ROUNDING)
+    assert_close((chain(space).to_nodes(forces) * move).sum((-1, -2)), (forces * numbers).sum((-1, -2)), **ROUNDING)
+    matrix = chain(space).to_matrix(K)
+    assert_close(matrix.times(move), (matrix.dense() @ move.flatten(-2)[..., None])[..., 0].view_as(move), **ROUNDING)
+    assert_close(matrix.times(move), chain(space).to_nodes((K @ numbers[..., None])[..., 0]), **ROUNDING)
 
 
 def test_strains_are_objective():
@@ -78,7 +82,7 @@ def test_strains_are_objective():
     turn = quat.normalize(torch.randn(*BATCH, 1, 4))
 
     def strain(r, q):
-        return space.strains(space.kinematics(*space.chain.poses(r, q), length), length)
+        return space.strains(space.kinematics(*chain(space).poses(r, q), length), length)
 
     turned = strain(quat.rotate(turn, position) + 1.0, quat.multiply(turn, rotation))
     assert_close(turned, strain(position, rotation), **ROUNDING)

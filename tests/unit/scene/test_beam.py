@@ -8,7 +8,6 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.math import quaternions as quat
-from torchbeam.nodal.assembly import ends
 from torchbeam.nodal.element import kinematics, strains
 
 SECTION = tb.Section.from_stiffness(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
@@ -44,7 +43,7 @@ def test_arc():
     assert_close(quat.matrix(beam.frames[-1])[:, 0], torch.tensor([0.0, 1, 0]))
     assert_close(beam.length, torch.full((5,), math.pi / 5))
     h = beam.length[..., None]
-    curvature = strains(kinematics(*ends(beam.nodes), *ends(beam.frames), h), h)[..., 3:]
+    curvature = strains(kinematics(*beam.topology.gather(beam.nodes), *beam.topology.gather(beam.frames), h), h)[..., 3:]
     assert_close(curvature, torch.tensor([0, 0, 0.5]).expand(5, 3))
 
 

@@ -33,7 +33,7 @@ class LocalAlphaProblem(GeneralizedAlphaProblem):
         return GeneralizedAlphaProblem.external_before(problem)
 
     def straining(self, way: EndKinematics) -> Tensor:
-        return super().straining(way) if self.model.count else self.start.straining
+        return super().straining(way) if self.model.topology.element_count else self.start.straining
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,8 @@ class AlphaFunctions(LocalFunctions):
         return replace(problem, before=before), x
 
     def _stepping(self, model: LocalModel, start: State, common: Common, given: Fields) -> LocalAlphaProblem:
-        straining = given.get(STRAINING, start.position.new_zeros(model.count, 2 * model.space.strain))
+        stations = model.topology.element_count * self.order
+        straining = given.get(STRAINING, start.position.new_zeros(stations, 2 * model.space.strain))
         start = AlphaState(**vars(start), acceleration=given["acceleration"], straining=straining)
         return LocalAlphaProblem(model, start, common.dt, common.t, common.inputs, rho_inf=self.rho_inf)
 

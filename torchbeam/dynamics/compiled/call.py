@@ -43,7 +43,7 @@ class Chain:
     def __init__(self, program: NativeProgram, model: Model, kinds: Kinds) -> None:
         self.program, self.dtype = program, model.length.dtype
         self.N, self.supports, self.free = model.scene.beam.element_count, model.constraints.nodes, model.constraints.moving
-        records, order, nodes = program.layout.records, program.order, range(model.count + 1)
+        records, order, nodes = program.layout.records, program.order, range(model.node_count)
         bases, self.size = program.layout.bases(order, self.N, len(self.supports))
         self.base = dict(zip(records, bases, strict=True))
         support_of = [self.supports.index(j) if j in self.supports else -1 for j in nodes]

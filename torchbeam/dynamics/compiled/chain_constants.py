@@ -50,7 +50,7 @@ class NodeConstants(Tree):
 
 @dataclass(frozen=True)
 class ElementConstants(Tree):
-    """Rows of elements. C: the law's stiffness in the tangent of this step; coupling: see `HalfConsistentMass`; eigenstrain
+    """Rows of elements. C: the law's stiffness in the tangent of this step; coupling: see `SharedMass`; eigenstrain
     (..., N, k), None = none; linear: None but for small rotations.
     """
 

@@ -173,7 +173,7 @@ class Constants:
         """Internal states (..., z) of a state as rows of nodes (..., N+1, Z): of each load in turn, zeros where it does not
         act.
         """
-        nodes, found, places = self.model.count + 1, [], internal_slices(self.model)
+        nodes, found, places = self.model.node_count, [], internal_slices(self.model)
         for load in self.loads:
             if load.internal:
                 j = 0 if load.node is None else load.node % nodes

@@ -67,7 +67,7 @@ class Kinds(NamedTuple):
 
 def node_kinds(model: Model, loads: tuple[Any, ...]) -> list[NodeKind]:
     """Of all nodes, on which these loads act."""
-    nodes, supports = model.count + 1, {}
+    nodes, supports = model.node_count, {}
     hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
     if model.scene.has_prescribed_motion:
         supports = {one.node: SupportKind(tuple(fixed.tolist()), one.moves, one.clamp)

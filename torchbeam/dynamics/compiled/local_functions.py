@@ -18,12 +18,12 @@ from torch import Tensor
 
 from ...core.status import BROKEN, DIVERGED, SUCCESS
 from ...math.block_tridiagonal import eliminated
-from ...nodal.balance import ChainTangent, dstress, mixed, pushed_by, restrained_forces, scaled
-from ...nodal.constraints import masked
-from ...nodal.midside import condensed, following
+from ...nodal.balance import CondensedTangent, dstress, mixed, pushed_by, restrained_forces, scaled
 from ...nodal.model import Model
 from ...solvers.newton import converged
 from ...state.state import State
+from ...topology.chain_unknowns import masked
+from ...topology.midside import condensed, following
 from ..midpoint import MidpointProblem
 from ..step_element import ElementBalance
 from .kinds import ElementKind, NodeKind
@@ -47,7 +47,7 @@ class LocalFunctions(LocalProblems):
         problem, x = self.of_node(fields, kind)
         x = problem.apply_supports(x)  # they are; but so that derivatives know it
         way, inertia, load = problem.node_balance(x)
-        _, (D,) = problem.node_tangent(way, inertia)
+        D = problem.node_tangent(way, inertia)[1].diagonal
         load = unbatched(load + torch.zeros_like(inertia.wrench), 2)[0]
         return {"balance": inertia.wrench[0] - load, "D": D[0], "inertia": inertia.wrench[0],
                 **({"load": load} if self.model.scene.loads else {})}
@@ -95,20 +95,20 @@ class LocalFunctions(LocalProblems):
         wrench = None if self.elements.coupling is None else inertia.wrench
         return self.of_nodes(problem.model, element, problem.model.own, tangent, wrench)
 
-    def of_nodes(self, model: Model, element: ElementBalance, own: Tensor | float, tangent: ChainTangent,
+    def of_nodes(self, model: Model, element: ElementBalance, own: Tensor | float, tangent: CondensedTangent,
                  wrench: Tensor | None) -> Fields:
         """Fields of `element`, of which `own` is the eigenstrain, and `wrench` the inertia if it has any."""
-        space, p = model.space, model.space.position
-        balance = space.to_nodes(element.forces)
-        asked = balance + space.to_nodes(pushed_by(tangent.hB, tangent.C, element.gap))
+        p, assembly = model.space.position, model.assembly
+        balance = assembly.to_nodes(element.forces)
+        asked = balance + assembly.to_nodes(pushed_by(tangent.hB, tangent.C, element.gap))
         if wrench is not None:
             balance, asked = balance + wrench, asked + wrench
         forces, felt = [element.forces], [element.felt]
         if isinstance(own, Tensor):
             forces.append(restrained_forces(model, element.acting, own, model.length))
             felt.append(own)
-        forces, felt = (torch.cat([x.expand(model.count, x.shape[-1]) for x in part], -2).abs() for part in (forces, felt))
-        D, U, L, *far = tangent.blocks
+        forces, felt = (torch.cat([x.expand(self.order, x.shape[-1]) for x in part], -2).abs() for part in (forces, felt))
+        D, U, L, *far = tangent.matrix.tensors
         found = {"D": D, "balance": balance, "asked": asked, **({} if wrench is None else {"inertia": wrench})}
         found = {f"{side}.{name}": value[k] for name, value in found.items() for k, side in enumerate(self.sides)}
         if far:
@@ -122,7 +122,7 @@ class LocalFunctions(LocalProblems):
         """The stress (stations, k) after the moves of its nodes, `i.move` and so on (w)."""
         moves = torch.stack([fields[f"{side}.move"] for side in self.sides])
         C = self.element_constants(fields).C
-        return {"stress": stress + dstress(C, E, gap, self.model.space.to_elements(moves))}
+        return {"stress": stress + dstress(C, E, gap, self.element_assembly.to_elements(moves))}
 
     # Functions of an element's midside node
 
@@ -133,13 +133,13 @@ class LocalFunctions(LocalProblems):
         (`held`): with what is free (w, 1 or 0) of it; and its whole rows (w, 3 w) and balance, for a reaction.
         """
         element = {name.removeprefix("element."): x for name, x in fields.items() if name.startswith("element.")}
-        (D, L, U, *far), balance = self._blocks(fields), fields["own.balance"]
+        (D, U, L, *far), balance = self._blocks(fields), fields["own.balance"]
         asked = torch.stack((element["i.asked"], element["m.asked"] + balance, element["j.asked"]))
         left, rows = balance + element["m.balance"], torch.cat((L[0], D[1], U[1]), -1)
         found = {"rows": rows, "asked": asked[1]} if held else {}
         if held:
             free = _between_free(fields["free"])
-            D, L, U, *far = masked(free, D, L, U, *far)
+            D, U, L, *far = masked(self.order, free, D, U, L, *far)
             left, asked = left * free[1], asked * free
         sizes = self._sizes(fields.get("own.load"), _total(fields.get("own.inertia"), element.get("m.inertia")), left)
         found |= self.pivot(D[1]) | sizes
@@ -152,9 +152,9 @@ class LocalFunctions(LocalProblems):
         return found | {"U": U[0], "L": L[0], "own": own[0]}
 
     def _blocks(self, fields: Fields) -> tuple[Tensor, ...]:
-        """(D, L, U, far upper, far lower) of a chain of one element, with D of its midside node's own."""
+        """(D, U, L, far upper, far lower) of a chain of one element, with D of its midside node's own."""
         D = torch.stack((fields["element.i.D"], fields["element.m.D"] + fields["own.D"], fields["element.j.D"]))
-        return D, fields["element.L"], fields["element.U"], fields["element.far_U"][None], fields["element.far_L"][None]
+        return D, fields["element.U"], fields["element.L"], fields["element.far_U"][None], fields["element.far_L"][None]
 
     def restore(self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor) -> Fields:
         """The move (w) of a midside node from those of its element's ends."""
@@ -216,7 +216,7 @@ class LocalFunctions(LocalProblems):
 
     def pushed(self, gap: Tensor, hB: Tensor, **fields: Tensor) -> Fields:
         """What an element's strain gap asks of its nodes (w)."""
-        found = self.model.space.to_nodes(pushed_by(hB, self.element_constants(fields).C, gap))
+        found = self.element_assembly.to_nodes(pushed_by(hB, self.element_constants(fields).C, gap))
         return dict(zip(self.sides, found, strict=True))
 
     def transposed_condense(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
@@ -224,13 +224,13 @@ class LocalFunctions(LocalProblems):
         as they are, not transposed, and what is added to what is asked of them; where a support holds it, also for what its
         balance is (`push`).
         """
-        D, L, U, *far = self._blocks(fields)
+        D, U, L, *far = self._blocks(fields)
         sides = torch.zeros_like(D[:2, 0])
         if held:
             free, push = _between_free(fields["free"]), fields["push"][:, None]
             right = (right + (D[1].mT @ push)[:, 0]) * free[1]
             sides = torch.stack(((L[0].mT @ push)[:, 0], (U[1].mT @ push)[:, 0]))
-            D, L, U, *far = masked(free, D, L, U, *far)
+            D, U, L, *far = masked(self.order, free, D, U, L, *far)
         D, U, L, middle = condensed(D.mT, U.mT, L.mT, *(x.mT for x in reversed(far)))
         ends, own = middle.condense(torch.stack((torch.zeros_like(right), right, torch.zeros_like(right))))
         found = {"U": U[0].mT, "L": L[0].mT, "own": own[0]}

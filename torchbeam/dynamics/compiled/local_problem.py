@@ -12,17 +12,19 @@ from torch import Tensor
 
 from ...core.derivatives import cached
 from ...core.leaves import leaf, own_leaves, with_values
+from ...nodal.assembly import Assembly
 from ...nodal.constraints import Constraints
 from ...nodal.coordinates.linearised import Small
 from ...nodal.coordinates.planar import Plane
 from ...nodal.inertia import Inertia
 from ...nodal.lever import Lever, NoLever
-from ...nodal.mass import LumpedMass
+from ...nodal.mass import LumpedMass, SharedMass
 from ...nodal.model import Model
 from ...nodal.rotary import NoRotaryInertia, RotaryInertia
 from ...scene.effects import Pose, TipLoad
 from ...solvers.compiled.trace import NotTraceable
 from ...state.state import State
+from ...topology.chain import Chain
 from ..midpoint import MidpointProblem, MidpointUnknowns
 from .chain_constants import Common, ElementConstants, NodeConstants, SupportConstants, filled, flattened
 from .kinds import SIDES, ElementKind, EndKind, NodeKind, SupportKind
@@ -85,16 +87,14 @@ class LocalScene:
 @dataclass(frozen=True)
 class LocalModel(Model):
     """A model of one node or element, for which what depends on all of the chain, or on time, is given: C of the tangent, the
-    eigenstrain, the arclength of the nodes, what is prescribed. stations: of the element, 0 of a node.
+    eigenstrain, the arclength of the nodes, what is prescribed.
     """
 
-    stations: int
     C: Tensor | None = leaf(3)
     own: Tensor | float = leaf(2)
     arclength: Tensor = leaf(1)
     motion: LocalMotion
 
-    count = property(lambda self: self.stations)
     s = property(lambda self: self.arclength)
     prescribed_motion = property(lambda self: self.motion)
 
@@ -135,6 +135,12 @@ class LocalProblems:
     def order(self) -> int:
         """Of the elements: an element has as many stations, and one node more."""
         return self.model.scene.beam.order
+
+    @cached
+    def element_assembly(self) -> Assembly:
+        """Of one element."""
+        space = self.model.space
+        return Assembly(Chain(self.order, 1), space.interpolation, space.position)
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -223,11 +229,12 @@ class LocalProblems:
         space = (type(space)(rows.frames, rows.R, linear) if isinstance(space, Small)
                  else replace(space, place=common.place) if isinstance(space, Plane) else space)
         zero, none = position.new_zeros(()), position.new_zeros(0, space.strain)
-        count = 0 if element is None else self.order
-        free = torch.ones(count + 1, space.unknowns, dtype=torch.bool)
+        topology = Chain(self.order, 0 if element is None else 1)
+        free = torch.ones(topology.node_count, space.unknowns, dtype=torch.bool)
         fixed = position.new_tensor([one.kind.fixed for one in supports]).reshape(-1, space.unknowns)
-        constraints = Constraints(tuple(one.node for one in supports), 0, fixed, free, None, rows.slide, rows.turn,
-                                  tuple((node, position.new_tensor(axis)) for node, axis in hinges))
+        hinges = tuple((node, position.new_tensor(axis)) for node, axis in hinges)
+        constraints = Constraints(tuple(one.node for one in supports), fixed, free, topology.unknowns(free, position),
+                                  rows.slide, rows.turn, hinges)
         if element is None:
             loads = (*dead_load(space, rows.dead), *loads)
         law, length, reference, C, own = (None,) * 5
@@ -236,14 +243,15 @@ class LocalProblems:
                 getattr(element, name) for name in ("law", "length", "reference", "C", "eigenstrain"))
         coupling = None if element is None else element.coupling
         inertia = Inertia(
-            space, LumpedMass(rows.mass) if coupling is None else type(whole.inertia.translational)(rows.mass, coupling),
+            space, LumpedMass(topology, rows.mass) if coupling is None else SharedMass(
+                topology, rows.mass, coupling, whole.inertia.translational.difference),
             NoRotaryInertia(space) if rows.J is None else RotaryInertia(space, rows.J),
             NoLever() if rows.offset is None else Lever(space, rows.offset))
         root = None if common.support is None else Pose(*vars(common.support).values())
         motion = LocalMotion(root, common.velocity, common.angular_velocity, common.frame)
         model = LocalModel(
-            LocalScene(whole.scene.beam, loads, supports), space, constraints, inertia, length, reference, law,
-            rows.section_mass, rows.tributary_length, stations=count, C=C, own=0.0 if own is None else own,
+            LocalScene(whole.scene.beam, loads, supports), space, topology, constraints, inertia, length, reference, law,
+            rows.section_mass, rows.tributary_length, C=C, own=0.0 if own is None else own,
             arclength=rows.s, motion=motion)
         stress = given.get("stress", none)
         start = State(*(given[name] for name in NODE), stress, position.new_zeros(0, space.unknowns), zero, zero, zero, zero,

@@ -16,7 +16,10 @@ from ...math import quaternions as quat
 from ...math.shapes import broadcast_shapes
 from ...scene.scene import Scene
 from ...state.state import State
-from .. import assembly, element
+from ...topology.protocols import Topology
+from .. import element
+from ..assembly import Assembly
+from ..linear_interpolation import LinearInterpolation
 from .spatial import Space
 
 
@@ -33,29 +36,30 @@ class LinearElement(Tree):
     """Elements as they are undeformed: chord r_j - r_i (..., N, 3) m; B (..., N, 6, 9) the strain operator by spins in
     frame a; B_section by rotations in section axes.
 
-    chain, finite  which nodes elements lie between, see `Space`; their functions where rotations are large
+    interpolation, finite  between the nodes of an element, see `Space`; its functions where rotations are large
     """
 
     chord: Tensor = leaf(2)
     B: Tensor = leaf(3)
     B_section: Tensor = leaf(3)
 
-    chain: ClassVar[Any] = assembly
+    interpolation: ClassVar[Any] = LinearInterpolation()
     finite: ClassVar[Any] = element
 
     @classmethod
-    def of(cls, nodes: Tensor, frames: Tensor, length: Tensor) -> LinearElement:
-        positions, rotations = cls.chain.ends(nodes), cls.chain.ends(frames)
+    def of(cls, topology: Topology, nodes: Tensor, frames: Tensor, length: Tensor) -> LinearElement:
+        assembly = Assembly(topology, cls.interpolation, 3)
+        positions, rotations = assembly.ends(nodes), assembly.ends(frames)
         B = cls.finite.strain_operator(cls.finite.kinematics(*positions, *rotations, length), length)
-        by_r, *by_spin = cls.chain.by_spins(B, 3)
+        by_r, *by_spin = cls.interpolation.by_spins(B, 3)
         turned = torch.broadcast_tensors(by_r, *(by @ quat.matrix(q) for by, q in zip(by_spin, rotations, strict=True)))
-        return cls(cls.chain.slopes(*positions), B, torch.cat(turned, -1))
+        return cls(cls.interpolation.slopes(*positions), B, torch.cat(turned, -1))
 
     def kinematics(self, *given: Tensor) -> Moves:
         """Positions m and rotation vectors rad (section axes) of the nodes of each element, (..., 3); lengths, not needed."""
         *ends, _ = given
         positions, rotations = ends[:len(ends) // 2], ends[len(ends) // 2:]
-        return Moves(torch.cat(torch.broadcast_tensors(self.chain.slopes(*positions) - self.chord, *rotations), -1))
+        return Moves(torch.cat(torch.broadcast_tensors(self.interpolation.slopes(*positions) - self.chord, *rotations), -1))
 
     def strains(self, kin: Moves, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
         return (self.B_section @ kin.numbers[..., None])[..., 0] - reference
@@ -82,9 +86,10 @@ class Small(Space):
     linear: ClassVar[type[LinearElement]] = LinearElement
 
     @classmethod
-    def of(cls, scene: Scene) -> Small:
+    def of(cls, scene: Scene, topology: Topology) -> Small:
         beam = scene.beam
-        return cls(beam.frames, quat.matrix(beam.frames), cls.linear.of(beam.nodes, beam.frames, beam.length[..., None]))
+        element = cls.linear.of(topology, beam.nodes, beam.frames, beam.length[..., None])
+        return cls(beam.frames, quat.matrix(beam.frames), element)
 
     def of_nodes(self, nodes: slice | int) -> Small:
         return replace(self, frames=self.frames[..., nodes, :], R=self.R[..., nodes, :, :])

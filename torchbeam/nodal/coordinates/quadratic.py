@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from .. import quadratic_assembly, quadratic_element
+from .. import quadratic_element
+from ..quadratic_interpolation import QuadraticInterpolation
 from . import planar_quadratic_element
 from .linearised import LinearElement, Small
 from .planar import Plane
@@ -15,7 +16,7 @@ from .spatial import Space
 class QuadraticSpace(Space):
     """See `Space` and `quadratic_element`."""
 
-    chain = quadratic_assembly
+    interpolation = QuadraticInterpolation()
     functions = quadratic_element
 
 
@@ -23,15 +24,15 @@ class QuadraticSpace(Space):
 class QuadraticPlane(Plane):
     """See `Plane` and `planar_quadratic_element`."""
 
-    chain = quadratic_assembly
+    interpolation = QuadraticInterpolation()
     functions = planar_quadratic_element
 
 
 @dataclass(frozen=True)
 class LinearQuadraticElement(LinearElement):
-    """chord: dr/dx of the undeformed beam at the stations; numbers of a station as in `quadratic_assembly`."""
+    """chord: dr/dx of the undeformed beam at the stations; numbers of a station as in `QuadraticInterpolation`."""
 
-    chain: ClassVar[Any] = quadratic_assembly
+    interpolation: ClassVar[Any] = QuadraticInterpolation()
     finite: ClassVar[Any] = quadratic_element
 
 
@@ -39,5 +40,5 @@ class LinearQuadraticElement(LinearElement):
 class QuadraticSmall(Small):
     """See `Small`."""
 
-    chain = quadratic_assembly
+    interpolation = QuadraticInterpolation()
     linear: ClassVar[type[LinearElement]] = LinearQuadraticElement

@@ -6,6 +6,7 @@ from ...core.leaves import constant
 from ...scene.beam import Beam
 from ...scene.prescribed_motion import turning
 from ...scene.scene import Scene
+from ...topology.protocols import Topology
 from .linearised import Small
 from .planar import Plane
 from .quadratic import QuadraticPlane, QuadraticSmall, QuadraticSpace
@@ -17,7 +18,7 @@ def in_space(beam: Beam) -> Space:
     return QuadraticSpace() if beam.order == 2 else Space()
 
 
-def space_of(scene: Scene) -> Space:
+def space_of(scene: Scene, topology: Topology) -> Space:
     """The space of a scene whose plane is not "auto". Raises ValueError where the beam, the motion of its frame or follower
     loads do not fit it.
     """
@@ -31,7 +32,7 @@ def space_of(scene: Scene) -> Space:
             if load.follower or load.wants_support:
                 raise ValueError(f"small=True with {load.called} was given, whose load turns with the beam; dead loads "
                                  "are wanted")
-        return (QuadraticSmall if quadratic else Small).of(scene)
+        return (QuadraticSmall if quadratic else Small).of(scene, topology)
     if scene.plane is None:
         return in_space(scene.beam)
     return (QuadraticPlane if quadratic else Plane).of(scene, scene.plane)

@@ -13,7 +13,8 @@ from torch.nn.functional import pad
 from ...core.leaves import Tree
 from ...math import quaternions as quat
 from ...state.state import State
-from .. import assembly, element
+from .. import element
+from ..linear_interpolation import LinearInterpolation
 
 
 class Space(Tree):
@@ -27,7 +28,7 @@ class Space(Tree):
     position: ClassVar[int] = 3
     spin: ClassVar[int] = 3
     strain: ClassVar[int] = 6
-    chain: ClassVar[Any] = assembly  # which nodes elements lie between: `assembly`, or `quadratic_assembly`
+    interpolation: ClassVar[Any] = LinearInterpolation()  # between the nodes of an element
     functions: ClassVar[Any] = element  # of the element, those named below
 
     kinematics = property(lambda self: self.functions.kinematics)
@@ -219,18 +220,3 @@ class Space(Tree):
     def skew(self, omega: Tensor) -> Tensor:
         """(..., p, p) of omega x, for a spin (..., s), frame a."""
         return quat.skew(omega)
-
-    # The chain, see `assembly`
-
-    def to_nodes(self, load: Tensor) -> Tensor:
-        """See `assembly.to_nodes`."""
-        return self.chain.to_nodes(load, self.position)
-
-    def to_blocks(self, Y: Tensor) -> tuple[Tensor, ...]:
-        """See `assembly.to_blocks`."""
-        return self.chain.to_blocks(Y, self.position)
-
-    def to_elements(self, move: Tensor) -> Tensor:
-        """See `assembly.to_elements`."""
-        return self.chain.to_elements(move, self.position)
-

@@ -82,7 +82,7 @@ def automatic_climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, t
     samples = broadcast("a scene, a start and inputs", model.scene.batch_shape, *(v.shape[:-2] for v in x),
                         *(v.shape[:-1] for v in inputs.values())).numel()
     samples *= repetitions()
-    if meaning() == "eager" or samples * model.count < WORTH or model.scene.device.type != "cpu":
+    if meaning() == "eager" or samples * model.station_count < WORTH or model.scene.device.type != "cpu":
         return None
     reason, own = refusal(model), by_function(model)
     if reason is None and (reason := unsteady(model)) is None:

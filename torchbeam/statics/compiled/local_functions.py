@@ -58,7 +58,8 @@ class SteadyFunctions(LocalFunctions):
         problem, x = self._steady(self.of_node(fields, kind)[0], load_factor)
         w = self.model.space.unknowns
         load = unbatched(problem.load(x) + x.position.new_zeros(w), 2)
-        D = sum(problem.load_tangent(x), x.position.new_zeros(1, w, w))
+        tangent, D = problem.load_tangent(x), x.position.new_zeros(1, w, w)
+        D = D if tangent is None else D + tangent.diagonal
         return {"balance": -load.expand(1, w)[0], "D": D[0], "load": load.expand(1, w)[0]}
 
     def update(self, kind: SteadyKind, move: Tensor, **fields: Tensor) -> Fields:

@@ -33,7 +33,7 @@ def last_pivot(scene, dt):
     problem = MidpointProblem(model, model.space.to_reduced(tb.rest(scene)), torch.tensor(dt), torch.tensor(dt / 2), {})
     x = problem.predictor()
     tangent = problem.linearise(x, *problem.residual(x)[1:])
-    return pivots(tangent.D, tangent.L, tangent.U)[-1]
+    return pivots(tangent.system.D, tangent.system.L, tangent.system.U)[-1]
 
 
 @torch.no_grad()

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from ..math.block_tridiagonal import broadcast_matrices
-from .assembly import at_i, at_j
+from .chain_sums import at_i, at_j
 
 
 class Midside(NamedTuple):
@@ -43,7 +43,7 @@ class Midside(NamedTuple):
 
 
 def condensed(D: Tensor, L: Tensor, U: Tensor, far_U: Tensor, far_L: Tensor) -> tuple[Tensor, Tensor, Tensor, Midside]:
-    """D, L, U of the end nodes, and what leads back, from the parts of the matrix of all nodes, see `quadratic_assembly`."""
+    """D, L, U of the end nodes, and what leads back, from the parts of the matrix of all nodes, see `ChainMatrix`."""
     middle, *by = broadcast_matrices(D[..., 1::2, :, :], L[..., ::2, :, :], U[..., 1::2, :, :])
     by_i, by_j = torch.linalg.solve_ex(middle, torch.cat(by, -1))[0].chunk(2, -1)
     to_i, to_j = U[..., ::2, :, :], L[..., 1::2, :, :]

@@ -1,0 +1,1 @@
+"""Topologies: which nodes elements lie between, and the matrices that this makes."""
