@@ -119,7 +119,7 @@ def critical_load(
     inputs     by name, (..., size): at factor 1
 
     Where the scene has damping, even of the value 0, or turns, flutter is a real part that grows, else two frequencies that
-    meet (and half as many unknowns); for a value of 0 the frequency at flutter is one of two that are about to, off by 1e-4.
+    meet (and half as many unknowns); for a value of 0 the frequency at flutter is one of two that are about to, off by 4e-4.
 
     The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on. At a limit point it ends, or
     leaps; `path` finds those more quickly. Dense, O(N^3) a factor.
