@@ -19,12 +19,12 @@ def scene(dtype=torch.float64):
 def test_a_state_that_is_no_equilibrium_is_refused(of):
     """Of other inputs, and one of a batch: by its number."""
     start = tb.equilibrium(scene(), inputs={"u": (0.0, 0.0, 1.0)})
-    of(scene(), start, u=(0.0, 0.0, 1.0))
-    of(scene(), start, u=(0.0, 0.0, 1.0 + 1e-4))  # nearer than can be seen of a frequency
+    of(scene(), start, inputs={"u": (0.0, 0.0, 1.0)})
+    of(scene(), start, inputs={"u": (0.0, 0.0, 1.0 + 1e-4)})  # nearer than can be seen of a frequency
     with pytest.raises(ValueError, match=r"a state that is no equilibrium was given .* of what bends the beam"):
-        of(scene(), start, u=(0.0, 0.0, 0.5))
+        of(scene(), start, inputs={"u": (0.0, 0.0, 0.5)})
     with pytest.raises(ValueError, match=r"a state \(sample 1 of \(2,\)\) that is no equilibrium"):
-        of(scene(), start, u=torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, 0.5]]))
+        of(scene(), start, inputs={"u": torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, 0.5]])})
 
 
 @pytest.mark.parametrize("of", [tb.modes, tb.linearize])
