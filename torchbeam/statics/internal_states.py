@@ -43,4 +43,4 @@ def resting(problem: SteadyProblem, x: Configuration, reaction: Tensor, status: 
 
 def _states(problem: SteadyProblem, x: Configuration, status: Tensor) -> Tensor:
     """(..., z)"""
-    return internal(problem.model, problem.nodes(x), problem.t, problem.inputs, status.shape)
+    return internal(problem.model, problem.nodes(x), problem.conditions, status.shape)
