@@ -6,7 +6,7 @@ PYTEST := python -m pytest -n 2 --dist worksteal
 # Another processor's rounding, in software: MKL's and ATen's plainest instructions, and sums split over two threads.
 OTHER_ROUNDING := MKL_CBWR=COMPATIBLE ATEN_CPU_CAPABILITY=default OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE
 
-.PHONY: demo test test-long test-engines test-rounding test-lowest bench lint clean
+.PHONY: demo test test-long test-second test-rounding test-lowest bench lint clean
 
 demo: .venv/demo.done
 	$(BIN)/python -m torchbeam demo --out out/demo
@@ -19,10 +19,16 @@ test: .venv/dev.done
 test-long: .venv/dev.done
 	$(BIN)/$(PYTEST) -m long
 
-# Properties and verification by the engine that users have, where `make test` steps eagerly.
-test-engines: .venv/dev.done
-	TORCHBEAM_ENGINE=auto $(BIN)/$(PYTEST) tests/properties tests/verification
+# CI's second pass, eagerly and with another processor's rounding: the properties that `make test` takes through native code, and
+# of the units those of linear algebra, local functions, statics and linear models.
+UNITS := $(addprefix tests/unit/,math nodal state linear solvers statics)
+PROPERTIES := $(addsuffix .py,$(addprefix tests/properties/test_,batch_sizes dynamics gradients metamorphic new_effect \
+	second_derivatives zero))
+test-second: .venv/dev.done
+	TORCHBEAM_ENGINE=eager $(OTHER_ROUNDING) $(BIN)/$(PYTEST) $(UNITS) $(PROPERTIES) tests/verification/test_effects.py \
+		$(addprefix --ignore=tests/unit/,solvers/compiled statics/compiled)
 
+# The same of all units that compute.
 test-rounding: .venv/dev.done
 	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) tests/unit $(addprefix --ignore=tests/unit/,plot studies analysis mixed dynamics/compiled)
 

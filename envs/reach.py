@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
+import math
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,19 +16,26 @@ from torch import Tensor
 import torchbeam as tb
 
 SOFT = 1e-3  # of the length: below it the distance in a cost is rounded off
-DEGREE = 16  # of the polynomial, in either action
+DEGREE = 16  # of the polynomial, in either of two actions
+TERMS = 500  # of the polynomial in more than two, at most
+SPARE = 2  # points a term there
 
 
 @dataclass(frozen=True)
 class Reach:
-    """Static tip position as a function of one or two actions, interpolated at Chebyshev points of [-1, 1]^2 or [-1, 1].
+    """Static tip position as a polynomial of the actions in [-1, 1]^a, found from one batch of equilibria at construction:
+    drawing targets costs no solve.
 
-    One batch of equilibria at construction, then a matrix product an episode: drawing targets costs no solve. For the default
-    strip and reach the polynomial is within 3e-6 of the length of the equilibrium anywhere in the square.
+    Of one or two actions it interpolates at Chebyshev points, DEGREE in each: for the default strip and reach it is within 3e-6
+    of the length of the equilibrium anywhere in the square. Of more it has all products of Chebyshev polynomials up to the
+    total degree that TERMS allow (10 of three actions, 6 of four, 4 of six), by least squares over SPARE as many points, drawn
+    with the density of Chebyshev points (Cohen and Migliorati 2017): within 1e-3 or so.
 
-    coefficients  (..., DEGREE + 1, DEGREE + 1, 3) m; of one action (..., DEGREE + 1, 1, 3)
+    degrees       (terms, a) of the Chebyshev polynomials whose product a term is
+    coefficients  (..., terms, 3) m
     """
 
+    degrees: Tensor
     coefficients: Tensor
 
     @classmethod
@@ -33,39 +44,61 @@ class Reach:
         """The scene under inputs(action (..., actions)) -> name -> (..., size), as `Task.inputs`.
 
         read  what to interpolate instead of the tip's position: state -> (..., c)
-
-        Raises ValueError for more than two actions: the points would be too many.
         """
-        if actions not in (1, 2):
-            raise ValueError(f"a beam with {actions} actions was given; static tip positions are interpolated over one or two")
-        k = torch.arange(DEGREE + 1, dtype=scene.dtype, device=scene.device)
-        points = torch.cos(torch.pi * (k + 0.5) / (DEGREE + 1))
-        grid = torch.stack(torch.meshgrid(*[points] * actions, indexing="ij"), -1)
-        state = tb.equilibrium(scene, **inputs(grid.reshape(-1, *[1] * len(scene.batch_shape), actions)))
-        value = (state.tip.position if read is None else read(state)).unflatten(0, (DEGREE + 1, -1))
-        basis = _chebyshev(points) * (1 + (k > 0).to(k.dtype)) / (DEGREE + 1)  # (point, degree)
-        second = basis if actions == 2 else basis.new_ones(1, 1)
-        return cls(torch.einsum("pi,qj,pq...c->...ijc", basis, second, value))
+        degrees = _degrees(actions)
+        if actions > 2:
+            random = torch.Generator().manual_seed(0)
+            angle = torch.rand(SPARE * len(degrees), actions, generator=random, dtype=torch.float64) * torch.pi
+        else:
+            angle = (degrees + 0.5) * (torch.pi / (DEGREE + 1))
+        points = torch.cos(angle).to(scene.dtype).to(scene.device)
+        degrees = degrees.to(scene.device)
+        state = tb.equilibrium(scene, **inputs(points.reshape(-1, *[1] * len(scene.batch_shape), actions)))
+        value = state.tip.position if read is None else read(state)
+        return cls(degrees, torch.einsum("tp,p...c->...tc", torch.linalg.pinv(_products(points, degrees)), value))
 
     @property
     def actions(self) -> int:
-        return 1 if self.coefficients.shape[-2] == 1 else 2
+        return self.degrees.shape[-1]
 
     def tip(self, share: Tensor, rows: Tensor | slice = slice(None)) -> Tensor:
-        """(k, 3) m, where constant actions share (k, 1 or 2) hold the tips of the sub-envs `rows`."""
-        c = self.coefficients[rows] if self.coefficients.ndim > 3 else self.coefficients
-        basis = _chebyshev(share)
-        first = basis[:, 0]
-        second = basis[:, 1] if share.shape[-1] == 2 else torch.ones_like(first[:, :1])
-        return torch.einsum("ki,kj,...ijc->kc" if c.ndim == 3 else "ki,kj,kijc->kc", first, second, c)
+        """(k, 3) m, where constant actions share (k, a) hold the tips of the sub-envs `rows`."""
+        return self._sum(_products(share, self.degrees), rows)
+
+    def slopes(self, share: Tensor, rows: Tensor | slice = slice(None)) -> Tensor:
+        """(k, 3, a): derivatives of `tip` by the actions."""
+        return torch.stack([self._sum(_products(share, self.degrees, i), rows) for i in range(self.actions)], -1)
+
+    def _sum(self, products: Tensor, rows: Tensor | slice) -> Tensor:
+        c = self.coefficients[rows] if self.coefficients.ndim > 2 else self.coefficients
+        return (products[..., None, :] @ c)[..., 0, :]
 
 
-def share_in_ellipse(unit: np.ndarray, axes: int) -> np.ndarray:
-    """Two uniform numbers of [0, 1) each, (k, 2) -> points (k, 2) uniform in the unit disc, or (k, 1) in [-1, 1]."""
+def _degrees(actions: int) -> Tensor:
+    """(terms, actions), see `Reach`."""
+    if actions <= 2:
+        return torch.cartesian_prod(*[torch.arange(DEGREE + 1)] * actions).reshape(-1, actions)
+    total = next(n for n in range(DEGREE, -1, -1) if math.comb(n + actions, actions) <= max(TERMS, 1 + actions))
+    chosen = itertools.chain.from_iterable(itertools.combinations_with_replacement(range(actions), n) for n in range(total + 1))
+    return torch.stack([torch.bincount(torch.tensor(term, dtype=torch.long), minlength=actions) for term in chosen])
+
+
+def share_in_ball(unit: np.ndarray, axes: int) -> np.ndarray:
+    """Uniform numbers of [0, 1), `uniform_numbers(axes)` each (k, ...) -> points (k, axes) uniform in the unit ball: [-1, 1],
+    a disc, or one of more axes, whose direction is that of normal numbers.
+    """
     if axes == 1:
         return 2 * unit[:, :1] - 1
-    radius, turn = unit.T
-    return (np.sqrt(radius) * np.array([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)])).T
+    if axes == 2:
+        radius, turn = unit.T
+        return (np.sqrt(radius) * np.array([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)])).T
+    way = torch.special.ndtri(torch.from_numpy(unit[:, 1:]).clamp(min=torch.finfo(torch.float64).tiny)).numpy()
+    return unit[:, :1] ** (1 / axes) * way / np.linalg.norm(way, axis=1, keepdims=True)
+
+
+def uniform_numbers(axes: int) -> int:
+    """How many `share_in_ball` takes."""
+    return max(2, axes + (axes > 2))
 
 
 def distance(a: Tensor, b: Tensor) -> Tensor:
@@ -79,25 +112,56 @@ def rounded(d: Tensor, length: float) -> Tensor:
     return ((d.square() + soft**2).sqrt() - soft) / (0.1 * length)
 
 
-def holding_action(scene: tb.Scene, target: Tensor, actions: int, inputs: Callable[[Tensor], dict[str, Tensor]],
-                   iterations: int = 8) -> Tensor:
-    """The action (n, actions) whose equilibrium has its tip nearest the target (n, 3) m: Gauss-Newton on `tb.equilibrium` of
-    the scene under inputs(action), as `Task.inputs`.
+Tip = Callable[[Tensor], tuple[Tensor, Tensor]]  # actions (n, a) -> tips (n, 3) m and their derivatives (n, 3, a)
+
+
+def nearest_action(tip: Tip, target: Tensor, action: Tensor, iterations: int, damping: float = 1e-3) -> Tensor:
+    """The action (n, a) within [-1, 1] whose tip is nearest the target (n, 3) m, from one near it: Levenberg's and Marquardt's
+    method, each sample by itself. A step that leads away is not taken but damped more; actions at a bound that would go
+    beyond it stay there. Where several actions do the same, it goes the short way.
     """
-    action = torch.zeros(len(target), actions, dtype=scene.dtype, device=scene.device)
+    eye = torch.eye(action.shape[-1]).to(action)
+    damping = torch.full_like(action[:, :1], damping)
+    at, J = tip(action)
     for _ in range(iterations):
-        with torch.enable_grad():
-            a = action.requires_grad_()
-            tip = tb.equilibrium(scene, **inputs(a)).tip.position
-            J = torch.stack([torch.autograd.grad(tip[:, i].sum(), a, retain_graph=True)[0] for i in range(3)], -2)
-        change = torch.linalg.lstsq(J, (target - tip.detach())[..., None]).solution[..., 0]
-        action = (action.detach() + change).clamp(-1, 1)
+        gap = target - at
+        pull = (J.mT @ gap[..., None])[..., 0]
+        free = ((action < 1) | (pull < 0)) & ((action > -1) | (pull > 0))
+        own = J * free[:, None]
+        H = own.mT @ own
+        size = H.diagonal(dim1=-2, dim2=-1).sum(-1, keepdim=True) + torch.finfo(H.dtype).tiny
+        step = torch.linalg.solve(H / size[..., None] + damping[..., None] * eye, pull * free / size)
+        trial = (action + step).clamp(-1, 1)
+        at_trial, J_trial = tip(trial)
+        nearer = distance(at_trial, target) < distance(at, target)
+        action, at = (torch.where(nearer[:, None], new, old) for new, old in ((trial, action), (at_trial, at)))
+        J = torch.where(nearer[:, None, None], J_trial, J)
+        damping = damping * torch.where(nearer[:, None], 0.1, 10.0)
     return action
 
 
-def _chebyshev(x: Tensor) -> Tensor:
-    """T_0 ... T_DEGREE of x (...) in [-1, 1]: (..., DEGREE + 1)."""
-    T, twice = [torch.ones_like(x), x], 2 * x
-    for _ in range(DEGREE - 1):
-        T.append(twice * T[-1] - T[-2])
-    return torch.stack(T, -1)
+def holding_action(scene: tb.Scene, target: Tensor, actions: int, inputs: Callable[[Tensor], dict[str, Tensor]],
+                   iterations: int = 12) -> Tensor:
+    """The action (n, actions) whose equilibrium has its tip nearest the target (n, 3) m: `nearest_action` by `tb.equilibrium`
+    of the scene under inputs(action), as `Task.inputs`.
+    """
+    @torch.enable_grad()
+    def tip(action: Tensor) -> tuple[Tensor, Tensor]:
+        a = action.detach().requires_grad_()
+        at = tb.equilibrium(scene, **inputs(a)).tip.position
+        return at.detach(), torch.stack([torch.autograd.grad(at[:, i].sum(), a, retain_graph=True)[0] for i in range(3)], -2)
+
+    return nearest_action(tip, target, torch.zeros(len(target), actions, dtype=scene.dtype, device=scene.device), iterations)
+
+
+def _products(x: Tensor, degrees: Tensor, slope: int | None = None) -> Tensor:
+    """Terms (..., terms) at x (..., a) in [-1, 1]^a: products of T_n(x_i), n = degrees (terms, a); or their slopes along one
+    axis: T_{n+1} = 2 x T_n - T_{n-1}, T'_{n+1} = 2 T_n + 2 x T'_n - T'_{n-1}.
+    """
+    T, rate = [torch.ones_like(x), x], [torch.zeros_like(x), torch.ones_like(x)]
+    for _ in range(int(degrees.max()) - 1):
+        rate.append(2 * T[-1] + 2 * x * rate[-1] - rate[-2])
+        T.append(2 * x * T[-1] - T[-2])
+    T, rate = torch.stack(T, -1), torch.stack(rate, -1)
+    factors = ((rate if i == slope else T)[..., i, n] for i, n in enumerate(degrees.unbind(-1)))
+    return functools.reduce(operator.mul, factors)

@@ -12,7 +12,7 @@ from .config import BeamEnvConfig
 from .core import BeamVectorEnv
 from .episodes import Episodes
 from .plant import Plant
-from .reach import distance, rounded, share_in_ellipse
+from .reach import distance, rounded, share_in_ball, uniform_numbers
 from .single import SingleEnv
 from .task import Task
 
@@ -42,7 +42,8 @@ class TipReach(Task):
 
     def sample_goal(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
         """(k, 3) m: targets that forces in the ellipse hold."""
-        share = share_in_ellipse(np.array([stream.random(2) for stream in streams]), self.actions)
+        drawn = uniform_numbers(self.actions)
+        share = share_in_ball(np.array([stream.random(drawn) for stream in streams]), self.actions)
         return self.reach.tip(torch.as_tensor(share, dtype=self.dtype, device=self.device), rows)
 
     def target(self, now: Episodes, ahead: int = 0) -> Tensor:

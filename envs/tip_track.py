@@ -66,10 +66,11 @@ class TipTrack(Task):
     def _draw(self, stream: np.random.Generator) -> np.ndarray:
         path = PATHS[stream.integers(len(PATHS))] if self.config.path == "any" else self.config.path
         size, phase, sense = stream.uniform(0.5, 1), stream.uniform(0, 2 * np.pi), stream.choice([-1, 1])
-        c = np.zeros((HARMONICS, 2, 2))  # harmonic, cosine and sine, axis
+        axes = max(2, self.actions)
+        c = np.zeros((HARMONICS, 2, axes))  # harmonic, cosine and sine, axis
         if path == "random":
             c = stream.normal(size=c.shape) / np.arange(1, HARMONICS + 1)[:, None, None]
-            largest = np.linalg.norm((_waves(2 * np.pi * np.arange(DRAWN) / DRAWN) @ c.reshape(-1, 2)), axis=1).max()
+            largest = np.linalg.norm((_waves(2 * np.pi * np.arange(DRAWN) / DRAWN) @ c.reshape(-1, axes)), axis=1).max()
             return (c * size / largest)[..., : self.actions].ravel()
         c[0, :, 0] = size * np.cos(phase), -size * np.sin(phase)  # cos(phi + phase)
         k, second = (1, size * sense) if path == "circle" else (2, size * sense / 2)

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
-# what "auto" means here, unless it is said: hundreds of scenes are not compiled for one step each
-os.environ.setdefault("TORCHBEAM_ENGINE", "eager")
+from torchbeam.dynamics import engine_use
 
 sys.path.insert(0, str(Path(__file__).parent / "cases"))  # what several tests draw on: nodal_cases, mixed_cases, gradient_cases
 
@@ -21,9 +20,22 @@ torch.set_default_dtype(torch.float64)
 torch.set_num_threads(THREADS)
 
 
+UNIT, ENGINE = Path(__file__).parent / "unit", "TORCHBEAM_ENGINE"
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item):
+    """Tests run by the engine that users have; unit tests step eagerly where the environment does not say otherwise."""
+    with pytest.MonkeyPatch.context() as patch:
+        if UNIT in item.path.parents:
+            patch.setenv(ENGINE, os.environ.get(ENGINE, "eager"))
+        return (yield)
+
+
 @pytest.fixture(autouse=True)
 def double_precision_on_given_threads():
-    """A test that changes the default dtype or the number of threads does not reach the next."""
+    """A test that changes the default dtype or the number of threads, or steps eagerly, does not reach the next."""
+    engine_use._of_short_runs.clear()
     torch.set_default_dtype(torch.float64)
     torch.set_num_threads(THREADS)
     yield

@@ -13,9 +13,10 @@ from torch import Tensor
 from torchbeam import State
 
 from ..core import BeamVectorEnv
-from ..reach import Reach
+from ..reach import Reach, nearest_action
 
-ITERATIONS = 12  # of Gauss-Newton at most, from no force; two more a step follow a target that moves
+ITERATIONS = 12  # from no force; two more a step follow a target that moves
+CLOSE = 1e-9  # damping there
 
 
 class Controller:
@@ -48,7 +49,7 @@ class Zero(Controller):
 class Holding:
     """Static tip positions and whatever else is wanted of the equilibria under the actions of [-1, 1]^a, interpolated.
 
-    The way back, from a target to the action whose equilibrium has its tip nearest, is Gauss-Newton on the polynomial.
+    The way back, from a target to the action whose equilibrium has its tip nearest, is `nearest_action` on the polynomial.
     """
 
     reach: Reach
@@ -63,23 +64,16 @@ class Holding:
 
     def action(self, target: Tensor, guess: Tensor | None = None) -> Tensor:
         """(n, a) for targets (n, 3) m; from a guess (n, a) near it two iterations do."""
-        action = target.new_zeros(len(target), self.reach.actions) if guess is None else guess
-        for _ in range(ITERATIONS if guess is None else 2):
-            tip, J = self._slopes(action)
-            change = torch.linalg.lstsq(J, (target - tip)[..., None]).solution[..., 0]
-            action = (action + change).clamp(-1, 1)
-        return action
+        if guess is None:
+            return nearest_action(self._slopes, target, target.new_zeros(len(target), self.reach.actions), ITERATIONS)
+        return nearest_action(self._slopes, target, guess, 2, CLOSE)
 
     def at(self, action: Tensor) -> Tensor:
         """(n, c): values of `read` at the equilibria under these actions."""
         return self.reach.tip(action)[:, 3:]
 
     def _slopes(self, action: Tensor) -> tuple[Tensor, Tensor]:
-        def tip(a: Tensor) -> Tensor:
-            return self.reach.tip(a)[:, :3]
-        ways = torch.eye(action.shape[-1], dtype=action.dtype, device=action.device)
-        J = [torch.func.jvp(tip, (action,), (way.expand_as(action),))[1] for way in ways]
-        return tip(action), torch.stack(J, -1)
+        return self.reach.tip(action)[:, :3], self.reach.slopes(action)[:, :3]
 
 
 class FeedForward:

@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 import torch
 
+from torchbeam import SlowPathWarning
+from torchbeam.dynamics import engine_use
+
 ROOT = Path(__file__).parents[2]
 spec = importlib.util.spec_from_file_location("tables", ROOT / "docs" / "tables.py")
 tables = importlib.util.module_from_spec(spec)
@@ -27,6 +30,7 @@ def run(page: Path, monkeypatch) -> dict:
     """Every block of a page, top to bottom, as a newcomer types them in the root of the repository."""
     monkeypatch.chdir(ROOT)
     monkeypatch.syspath_prepend(str(ROOT))
+    monkeypatch.setattr(engine_use, "SOLVES", 1)  # one eager step of what "auto" does not take is enough for a warning
     names: dict = {}
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # a page that warns says so by itself
@@ -34,6 +38,19 @@ def run(page: Path, monkeypatch) -> dict:
         for k, block in enumerate(blocks(page), 1):
             exec(compile(block, f"{page.name}, block {k}", "exec"), names)
     return names
+
+
+def test_a_page_whose_load_steps_eagerly_does_not_run(monkeypatch, tmp_path):
+    """One step is enough: every load that a page writes has native code, or says engine="eager" and why."""
+    page = tmp_path / "page.md"
+    page.write_text("""```python
+import torch, torchbeam as tb
+beam = tb.Beam.straight(1.0, 1, tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=1.0, mass=0.3))
+load = tb.Load(lambda x, R, v, w, t: (v if v.sum() > 0 else -v, None))
+tb.simulate(tb.Scene(beam, [load]), [0.0, 0.01], step=0.01)
+```""")
+    with pytest.raises(SlowPathWarning, match="control flow"):
+        run(page, monkeypatch)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
@@ -45,18 +62,11 @@ def test_readme_runs(dtype, capsys, monkeypatch):
     assert "tensor" in capsys.readouterr().out
 
 
-OWN_LOADS = "effects", "neural_loads"
-
-
 @pytest.mark.parametrize("page", [p for p in PAGES if p != README and p.name not in ELSEWHERE and blocks(p)],
                          ids=lambda page: page.stem)
 def test_page_runs(page, monkeypatch):
-    """In PyTorch's own default dtype, unless the page sets another. Pages of users' loads run as users run them: a load that
-    native code does not take warns there, and warnings are errors.
-    """
+    """In PyTorch's own default dtype, unless the page sets another. A load that native code does not take is an error."""
     torch.set_default_dtype(torch.float32)
-    if page.stem in OWN_LOADS:
-        monkeypatch.setenv("TORCHBEAM_ENGINE", "auto")
     run(page, monkeypatch)
 
 

@@ -5,10 +5,19 @@ import math
 import numpy as np
 import pytest
 import torch
-from torchbeam_envs import FlutterHoldVectorEnv, SlewVectorEnv, TipReachVectorEnv, TipTrackVectorEnv, holding_action
+from torchbeam_envs import (
+    Actuator,
+    FlutterHoldVectorEnv,
+    SlewVectorEnv,
+    TipForce,
+    TipReachVectorEnv,
+    TipTrackVectorEnv,
+    holding_action,
+)
 from torchbeam_envs.baselines import LQG, LQR, PD, Optimum, Static, Zero
 from torchbeam_envs.baselines.holding import Holding, search
 from torchbeam_envs.baselines.linear import gain
+from torchbeam_envs.reach import share_in_ball
 
 import torchbeam as tb
 
@@ -161,3 +170,45 @@ def test_pd_turns_a_hub():
     assert near < 0.1 * far and turned > 0.4 * rest
     with pytest.raises(ValueError, match="no constant action holds was given"):
         LQR(env)
+
+
+def driven_by(actions):
+    """A strip with a tip force along y and z, and curvatures that do much of the same."""
+    bend = Actuator(tb.Actuation(curvature=tb.Input("bend", 3)), [[0, 0.6, 0], [0, 0, 0.6]][:actions - 2])
+    return dict(actuators=[TipForce(gain=[[0, 1.2, 0], [0, 0, 2.0]]), bend], max_episode_steps=10)
+
+
+@pytest.mark.parametrize("actions, error", [(3, 2e-3), (4, 3e-2)])
+def test_baselines_take_more_actions_than_the_tip_has_directions(actions, error):
+    """The polynomial of three and four actions against equilibria (largest found: 5e-4, 1.5e-2 of the length, where all act
+    fully), its slopes against differences, and the action that holds a target, of many that do. (Three were refused; plain
+    Gauss-Newton ended up to a length away where actions do the same.)
+    """
+    env = make(8, **driven_by(actions))
+    reach = env.task.reach
+    share = 2 * torch.rand(100, actions, generator=torch.Generator().manual_seed(0), dtype=env.dtype) - 1
+    exact = tb.equilibrium(env.plant.scene, **env.task.inputs(0.8 * share)).tip.position
+    assert (reach.tip(share) - exact).norm(dim=-1).max() < error * env.task.length
+    way = torch.eye(actions, dtype=env.dtype)[-1] * 1e-6
+    slope = (reach.tip(0.9 * share + way) - reach.tip(0.9 * share - way)) / 2e-6
+    torch.testing.assert_close(reach.slopes(0.9 * share)[..., -1], slope, atol=1e-7, rtol=0)
+    env.reset(seed=0)
+    target = env.state.goal
+    for action in (Holding.of(env).action(target), holding_action(env.scene, target, actions, env.task.inputs)):
+        tip = tb.equilibrium(env.scene, **env.task.inputs(action)).tip.position
+        assert (tip - target).norm(dim=-1).max() < error * env.task.length
+
+
+def test_controllers_of_three_actions():
+    """Feedback brings the tip nearer to targets close by than no action does."""
+    env = make(4, **driven_by(3), reach=0.1)
+    far = [play(env, controller)[1] for controller in (Zero(env), Static(env), PD(env, [0.3, 0.1] * 2), LQR(env), LQG(env))]
+    assert far[3] < 0.5 * far[0] and far[4] < 0.9 * far[0] and all(map(math.isfinite, far))
+
+
+def test_targets_of_three_actions_fill_the_ball():
+    """Uniform in the ball: radius^3 and the cosine to an axis are uniform (means 1/2 and 0; 4 deviations of 20,000 draws)."""
+    points = torch.from_numpy(share_in_ball(np.random.default_rng(0).random((20_000, 4)), 3))
+    radius = points.norm(dim=-1)
+    assert radius.max() <= 1 and abs((radius**3).mean() - 0.5) < 4 * (1 / 12 / 20_000) ** 0.5
+    assert ((points / radius[:, None]).mean(0).abs() < 4 * (1 / 3 / 20_000) ** 0.5).all()

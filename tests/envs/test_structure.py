@@ -214,12 +214,6 @@ def test_an_actuator_says_what_it_cannot_be():
         TipReachVectorEnv(1, sensors=("tip", Observed(tb.sensors.RootForce(), scale=0.0)), **SMALL)
 
 
-def test_reach_wants_one_or_two_actions():
-    motors = [Actuator(tb.TipLoad(moment=tb.Input("moment", 3)), 0.1 * torch.eye(3))]
-    with pytest.raises(ValueError, match="a beam with 3 actions"):
-        TipReachVectorEnv(1, actuators=motors, **SMALL)
-
-
 def test_tasks_are_made_of_their_configuration_alone():
     """No task keeps episodes: two envs may share one configuration, and a step leaves a task's attributes as they were."""
     env = TipReachVectorEnv(2, **SMALL)

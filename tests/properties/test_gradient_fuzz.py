@@ -17,12 +17,16 @@ from gradient_fuzz import Fuzz
 
 
 @pytest.mark.parametrize("cases", [16, pytest.param(1000, marks=pytest.mark.long)])
-def test_gradients_of_random_scenes(cases):
+def test_gradients_of_random_scenes(cases, monkeypatch):
     """Every argument of every effect, section, beam, support and motion, times and starts; in 3D, in planes and for small
     rotations; equilibria, both implicit methods with and without checkpoint, and the explicit forms: the derivative of a
     random mix of all that comes out, by each tensor, in reverse mode = in forward mode = by differences, to 1e-5 and the
     noise that the differences tell of themselves. What does not go together is refused in a sentence.
+
+    By eager steps: each scene is another structure, of one step or two, and test_engine_fuzz.py holds that native gradients of
+    these scenes are the same.
     """
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
     fuzz = Fuzz(seed=1, crowded=cases < 100)
     fuzz.run(cases)
     assert not fuzz.failures

@@ -54,8 +54,8 @@ def scene(effect, **options):
     return tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(**SOFT)), [effect], **options)
 
 
-def tip(effect, steps=3, engine=None, **options):
-    stepper = tb.Stepper(scene(effect, **options), 0.05, tolerance=1e-12, **({} if engine is None else {"engine": engine}))
+def tip(effect, steps=3, engine="auto", **options):
+    stepper = tb.Stepper(scene(effect, **options), 0.05, tolerance=1e-12, engine=engine)
     state = stepper.rest()
     for _ in range(steps):
         state = stepper(state)
@@ -80,6 +80,7 @@ def test_a_sample_in_a_batch_is_the_sample_alone(monkeypatch):
     monkeypatch.setattr(BatchSubset, "gather", lambda few, tree: gathered.append(few) or gather(few, tree))
     together = tip(effect, engine="eager")
     assert gathered
+    assert_close(tip(effect), together, rtol=0, atol=1e-11)
     for k in (0, many // 2, many - 1):
         assert_close(together[k], tip(replace(effect, strength=effect.strength[k])), rtol=0, atol=1e-11)
 

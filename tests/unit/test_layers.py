@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import inspect
 from functools import cache
 from pathlib import Path
 
@@ -115,3 +116,10 @@ def test_public_modules_say_what_is_public():
 
 def test_a_circle_is_found():
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [("a", "b", "c")]
+
+
+@pytest.mark.parametrize("name", ["simulate", "identify", "identify_fields", "ExplicitStepper"])
+def test_signatures_say_every_option(name):
+    """What an editor completes is all there is: no **options."""
+    parameters = inspect.signature(getattr(torchbeam, name)).parameters.values()
+    assert not any(p.kind is p.VAR_KEYWORD for p in parameters)

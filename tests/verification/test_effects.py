@@ -231,9 +231,9 @@ def test_lagged_actuator():
     assert_close(state.internal.flatten(), u * (1 - math.exp(-1.5)), rtol=2e-4, atol=0)
 
 
-def stream(on):
-    """A flow that varies in space and time, of samples that are on."""
-    return lambda x, t: on[..., None] * torch.stack((x[..., 1], x[..., 0], x[..., 0] + t), -1)
+def stream(x, t):
+    """A flow that varies in space and time."""
+    return torch.stack((x[..., 1], x[..., 0], x[..., 0] + t), -1)
 
 
 def thrust(on):
@@ -241,18 +241,18 @@ def thrust(on):
     return tb.Along(lambda s, t: on[..., None] * torch.stack((s, s * t, -s * s), -1))
 
 
-def drag(on):
+def drag(x, R, v, w, t, on):
     """Of the velocity, which turns with the spin."""
-    return lambda x, R, v, w, t: (-on * torch.linalg.cross(w, v), -0.1 * on * w)
+    return -on[..., None] * torch.linalg.cross(w, v), -0.1 * on[..., None] * w
 
 
 EACH = {  # on (..., 1): 1 where the sample has the effect, else 0
     "Drag": lambda on: tb.Drag(20.0 * on[..., 0], 0.2, tangential=0.1),
-    "Drag in a flow": lambda on: tb.Drag(20.0 * on[..., 0], 0.2, flow=stream(on)),
+    "Drag in a flow": lambda on: tb.Drag(20.0 * on[..., 0], 0.2, flow=stream),
     "MassDamping": lambda on: tb.MassDamping(2.0 * on[..., 0]),
     "Spring": lambda on: tb.Spring(-1, 5.0 * on[..., 0], to=(0.8, 0, 0), length=0.1),
     "LineLoad of s": lambda on: tb.LineLoad(force=thrust(on), follower=True),
-    "Load": lambda on: tb.Load(drag(on[..., None]), node=None),
+    "Load": lambda on: tb.Load(drag, node=None, values={"on": on}),
     "PointMass": lambda on: tb.PointMass(2.0 * on[..., 0], inertia=on * torch.tensor([0.1, 0.2, 0.3]), offset=(0.05, 0.1, 0.0)),
 }
 PUSH = tb.TipLoad(force=(0.5, 1.0, 2.0))
@@ -271,7 +271,7 @@ def test_both_forms_tend_to_one_motion():
     t, apart = torch.tensor([0.0, 0.3]), []
     for N in (2, 4):
         scene = tb.Scene(cantilever(N, SOFT), one_each(names))
-        minimal = tb.simulate(scene, t, form="minimal", rtol=1e-4, atol=1e-5).tip.position[-1]
+        minimal = tb.simulate(scene, t, form="minimal", rtol=1e-3, atol=1e-4).tip.position[-1]
         nodal = tb.simulate(scene, t, step=0.01).tip.position[-1]
         apart.append((nodal - minimal).norm(dim=-1))
     does = (nodal - nodal[-1]).norm(dim=-1)

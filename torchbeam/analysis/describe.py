@@ -149,7 +149,9 @@ def _value(value: Any) -> str:
     if isinstance(value, Input):
         return f"input {value.name!r}"
     if isinstance(value, (Along, PerElement)):
-        return f"{type(value).__name__}({'a function' if callable(getattr(value, 'value', value)) else 'values'})"
+        held = getattr(value, "value", value)
+        named = _value(held) if isinstance(held, Input) else "a function" if callable(held) else "values"
+        return f"{type(value).__name__}({named})"
     if callable(value):
         return "a function"
     if hasattr(value, "shape"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Iterable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,18 @@ from .validation import BOOLEANS, as_tensor, broadcast, finite, positive, real, 
 def keywords(*takers: Any) -> list[str]:
     """Keywords of the functions that are nothing but keywords."""
     return [p.name for f in takers for p in inspect.signature(f).parameters.values() if p.kind is p.KEYWORD_ONLY]
+
+
+@cache
+def _defaults(taker: Any) -> dict[str, Any]:
+    return {p.name: p.default for p in inspect.signature(taker).parameters.values()}
+
+
+def chosen(taker: Any, values: dict[str, Any]) -> dict[str, Any]:
+    """Those of the arguments of a function that have another value than by default."""
+    plain, defaults = (bool, int, float, str), _defaults(taker)
+    return {name: value for name, value in values.items()
+            if value is not defaults[name] and not (isinstance(value, plain) and value == defaults[name])}
 
 
 def options(name: str, given: dict[str, Any], known: list[str]) -> None:

@@ -190,7 +190,7 @@ def _recorded(runs: _Runs, steps: Controlled) -> bool:
     sequence = steps.sequence
     one = StepSequence(sequence.instants[:2], sequence.counts.clamp(max=1), sequence.stops)
     after = one.states(runs.stepper, runs.start, runs.inputs, 0, one.counts[None])
-    return any(x.requires_grad for x in vars(after).values() if x is not None)
+    return any(x.requires_grad for x in vars(after).values() if isinstance(x, Tensor))
 
 
 def _event(near: State, steps: Controlled, events: Events, motion: PrescribedMotion) -> Event | None:

@@ -32,7 +32,7 @@ class ExplicitStepper:
     method   a name of torchdiffeq; a fixed-step one makes options={"step_size": s} steps
     form     "nodal", "minimal" or "block_rate"; states are `State`, or `MixedState` in the two mixed forms. Each interval
              starts from a state made consistent with the loads on it, for inputs jump between intervals
-    options  rtol, atol, options, adjoint, solver: as in `simulate`
+    rtol, atol, options, adjoint, project, solver: as in `simulate`
 
     An explicit method needs steps of about 3 over the top frequency of the mesh, so it wants a soft section: see `Stepper`
     for one whose step does not depend on the stiffness.
@@ -40,12 +40,15 @@ class ExplicitStepper:
     Raises ValueError for an unknown form or method, a dt that is not positive, or a scene that the form does not take.
     """
 
-    def __init__(self, scene: Scene, dt: float | Tensor, method: str = "rk4", form: str = "minimal", **options: Any) -> None:
+    def __init__(self, scene: Scene, dt: float | Tensor, method: str = "rk4", form: str = "minimal", *,
+                 rtol: float | None = None, atol: float | None = None, options: dict[str, Any] | None = None,
+                 adjoint: bool = False, project: bool = False, solver: str = "sweep") -> None:
         instance("a scene", scene, Scene)
         choice("form", form, FORMS)
         if not isinstance(method, str) or method not in ODE_METHODS:
             raise ValueError(f"method = {shown(method)} was given; torchdiffeq has {', '.join(ODE_METHODS)}")
-        self.scene, self.form, self.method, self.options = scene, form, method, options
+        self.scene, self.form, self.method = scene, form, method
+        self.options = dict(rtol=rtol, atol=atol, options=options, adjoint=adjoint, project=project, solver=solver)
         self.dt = duration("dt", dt, scene.dtype, scene.device)
 
     def rest(self, batch_shape: tuple[int, ...] | None = None) -> State | MixedState:

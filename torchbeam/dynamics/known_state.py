@@ -6,6 +6,8 @@ import weakref
 from collections.abc import Callable
 from typing import NamedTuple
 
+from torch import Tensor
+
 from ..nodal.coordinates.planar import Plane
 from ..nodal.coordinates.spatial import Space
 from ..state.state import State
@@ -40,4 +42,4 @@ class KnownState(NamedTuple):
 
 def _versions(state: State) -> tuple[int, ...] | None:
     """How often each field was written to in place; None = not known, in inference mode."""
-    return None if state.position.is_inference() else tuple([x._version for x in vars(state).values() if x is not None])
+    return None if state.position.is_inference() else tuple([x._version for x in vars(state).values() if isinstance(x, Tensor)])

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint as recompute
 
-from ..core.arguments import boolean, choice, count, instance, keywords, step_size
+from ..core.arguments import boolean, choice, chosen, count, instance, keywords, step_size
 from ..core.arguments import function as check_function
 from ..core.arguments import instants as check_instants
 from ..core.arguments import options as check_options
@@ -29,6 +29,7 @@ from ..nodal.rates import Rates
 from ..scene.effects import PerInterval, changing, inputs_at, inputs_over
 from ..scene.prescribed_motion import oriented
 from ..scene.scene import Scene, merge_inputs
+from ..solvers.newton import LIMIT
 from ..state.reduced import ReducedStates, joined, whole_of
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
@@ -41,13 +42,14 @@ from .methods import METHODS as IMPLICIT_METHODS
 from .mixed_forms import simulate_mixed
 from .rollout import check_room, march
 from .runaway import SENTENCE, stopped
-from .stepper import Stepper
+from .stepper import HALVINGS, Stepper
 from .tolerance import Tolerance
 from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
 
 FORMS = ("nodal", "minimal", "block_rate")
 PLAN = 200  # bytes of one step in it
+MAX_STEPS = 100_000  # of adaptive steps in a run
 STEPS = 200  # of the default step, over the whole of t
 TOLERANCES = "rtol", "atol"  # of implicit methods: adaptive steps
 FIXED = "step", "checkpoint", "progress"  # options of steps that are given
@@ -61,49 +63,75 @@ def simulate(
     *,
     form: str = "nodal",
     inputs: dict[str, Any] | None = None,
+    step: float | None = None,
+    rtol: Any = None,
+    atol: Any = None,
+    events: Any = None,
+    max_steps: int = MAX_STEPS,
+    first_step: float | None = None,
+    engine: str = "auto",
+    lumped: bool = False,
+    conserve: bool = False,
+    rho_inf: float | None = None,
+    tolerance: float | None = None,
+    iterations: int = LIMIT,
+    halvings: int = HALVINGS,
+    checkpoint: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+    options: dict[str, Any] | None = None,
+    adjoint: bool = False,
+    begin: Tensor | None = None,
+    project: bool = False,
+    solver: str = "sweep",
     throw: bool = False,
-    **options: Any,
 ) -> Solution:
     """Motion of a scene at the instants t.
 
-    t        (time,) s, strictly increasing; the first is that of the initial state
-    initial  a state of the form; None = undeformed and at rest. What supports hold has to be where they have it at t[0], see
-             `Support`, and at rest where neither they nor frame a move: `rest`, `equilibrium`, `State.from_nodes` and states of
-             a solution are. What is off by rounding is put there. Of a state of another time than t[0] frame a turns on until
-             then, see `State.frame`
-    method   "midpoint" (nodal form, its default: implicit, mean strain) with
-                 step=        s; each output interval is split into ceil(interval/step) equal steps. Default: the shortest
-                              interval or 1/200 of the whole, whichever is less
-                 checkpoint=  keep the graph at sqrt(steps) instants and compute the rest again in backward: long horizons
-                              then fit in memory, for one more forward. Nothing under torch.autograd.forward_ad, whose
-                              derivatives go forward with the steps: they are right, and need no memory of the past
-                 progress=    called with (steps done, steps in all) after each step
-                 lumped=, conserve=, tolerance=, iterations=, halvings=, engine=    see `Stepper`
-                 or, in place of the first three, adaptive steps, each sample's own (see `torchbeam.dynamics.adaptive`):
-                 rtol=, atol=  the largest error of a position over the run is to be at most atol m + rtol times the length of
-                              the beam, that of a rotation rtol + atol/length rad (see `Tolerance`; measured on positions,
-                              rotations of light undamped nodes have missed it by 2.4); numbers, or (...)
-                 events=      a function of the state that gives one number (...) a sample, or a list of such: a sample stops
-                              where one crosses zero, and `sol.event` says which, when and how
-                 max_steps=   of a run, 100,000;  first_step=  s, found by a trial otherwise
-             "midpoint4" (fourth order, see `torchbeam.dynamics.midpoint4`) with the same but conserve=
-             "generalized_alpha" with the same but conserve= and adaptive steps, and rho_inf=
-             or a method of torchdiffeq (the other forms' default: "dopri5") with rtol=, atol=, options=, adjoint=, and begin=
-             (...) s, the instant of each sample from which t counts (None = t is that of all); the mixed forms also take
-             project=, solver=, see `torchbeam.dynamics.mixed_forms.simulate_mixed`
-    form     "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the index-reduced derivation)
-    inputs   by name: (..., size) held throughout; a function of t: "midpoint" of the nodal form takes it at mid step,
-             "midpoint4" at that of each solve, "generalized_alpha" at its end; or, for these, `PerInterval`: values (...,
-             time - 1, size), each held over one of the intervals of t. One that has no option's name may be given by keyword
-             instead
-    throw    raise RuntimeError where a sample fails; otherwise `sol.status` and a warning say so, and the sample keeps its
-             last good state
+    Methods: None is "midpoint" of the nodal form and "dopri5" of the others.
+    "midpoint" (implicit, mean strain, second order), "midpoint4" (of fourth order, see `torchbeam.dynamics.midpoint4`) and
+    "generalized_alpha" are of the nodal form, by steps of a given length or, but for the last, by adaptive ones, each sample's
+    own. Any method of torchdiffeq is explicit, of any form: it steps with the highest frequency of the mesh, so stiff, long or
+    batched scenes want "midpoint"; one of fixed steps that are longer than that makes energy, and a sample of the nodal form
+    then gets a status and keeps the last output before. An option that the method does not have is refused.
 
-    Everything is differentiable. An explicit method steps with the highest frequency of the mesh: stiff, long or batched
-    scenes want "midpoint". One of fixed steps that are longer than that makes energy: in the nodal form a sample then gets a
-    status, and keeps the last output before.
+    Args:
+        scene: what is simulated; its tensors may carry gradient, and everything is differentiable.
+        t: (time,) s, strictly increasing; the first is that of the initial state.
+        initial: a state of the form; None = undeformed and at rest. What supports hold has to be where they have it at t[0],
+            see `Support`, and at rest where neither they nor frame a move: `rest`, `equilibrium`, `State.from_nodes` and
+            states of a solution are. What is off by rounding is put there. Of a state of another time than t[0] frame a turns
+            on until then, see `State.frame`.
+        method: by name, see above.
+        form: "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the index-reduced derivation).
+        inputs: of the scene, by name: (..., size) held throughout; a function of t: "midpoint" takes it at mid step,
+            "midpoint4" at that of each solve, "generalized_alpha" at its end; or, for these, `PerInterval`: values (...,
+            time - 1, size), each held over one of the intervals of t.
+        step: s, of implicit methods; each interval of t is split into ceil(interval/step) equal steps. None: the shortest
+            interval, or 1/200 of the whole, whichever is less.
+        rtol, atol: of implicit methods: adaptive steps (see `torchbeam.dynamics.adaptive`). The largest error of a position
+            over the run is to be at most atol m + rtol times the length of the beam, that of a rotation rtol + atol/length
+            rad (see `Tolerance`; measured on positions, rotations of light undamped nodes have missed it by 2.4); numbers, or
+            (...). Of torchdiffeq's: numbers, None = 1e-6 and 1e-8.
+        events: with adaptive steps: a function of the state that gives one number (...) a sample, or a list of such: a sample
+            stops where one crosses zero, and `sol.event` says which, when and how.
+        max_steps: adaptive steps in a run, at most.
+        first_step: s, of adaptive steps; None = found by a trial.
+        engine, lumped, conserve, rho_inf, tolerance, iterations, halvings: of implicit methods, see `Stepper`.
+        checkpoint: keep the graph at sqrt(steps) instants and compute the rest again in backward: long horizons then fit in
+            memory, for one more forward. Nothing under torch.autograd.forward_ad, whose derivatives go forward with the steps:
+            they are right, and need no memory of the past.
+        progress: called with (steps done, steps in all) after each step of a given length.
+        options, adjoint: of torchdiffeq's methods, see `torchbeam.dynamics.torchdiffeq_bridge.integrate`.
+        begin: of torchdiffeq's methods: (...) s, the instant of each sample from which t counts; None = t is that of all.
+        project, solver: of the form "block_rate", see `torchbeam.dynamics.mixed_forms.simulate_mixed`.
+        throw: raise where a sample fails; otherwise `sol.status` and a warning say so, and it keeps its last good state.
 
-    Raises ValueError for a t that does not increase, an unknown form or method, an option the method does not have.
+    Returns:
+        `Solution`: the states at t, status (...) of the samples, statistics.
+
+    Raises:
+        ValueError: for a t that does not increase, an unknown form or method, an option that the method does not have.
+        RuntimeError: with `throw`, where a sample fails.
     """
     choice("form", form, FORMS)
     method = ("midpoint" if form == "nodal" else "dopri5") if method is None else method
@@ -111,32 +139,38 @@ def simulate(
         names = dict.fromkeys((*IMPLICIT_METHODS, *ODE_METHODS))
         raise ValueError(f"method = {shown(method)} was given; there are {', '.join(names)}")
     instance("a scene", scene, Scene)
-    boolean("throw", throw)
+    switches = dict(throw=throw, lumped=lumped, conserve=conserve, checkpoint=checkpoint, adjoint=adjoint, project=project)
+    for name, value in switches.items():
+        boolean(name, value)
+    begin = None if begin is None else check_instants("begin", begin, scene.beam.nodes)
+    given = chosen(simulate, dict(
+        step=step, rtol=rtol, atol=atol, events=events, max_steps=max_steps, first_step=first_step, engine=engine,
+        lumped=lumped, conserve=conserve, rho_inf=rho_inf, tolerance=tolerance, iterations=iterations, halvings=halvings,
+        checkpoint=checkpoint, progress=progress, options=options, adjoint=adjoint, begin=begin, project=project,
+        solver=solver))
     t = increasing("t", as_tensor(t, scene.dtype, scene.device))
     mixed, implicit = form != "nodal", method in IMPLICIT_METHODS
-    controlled = not mixed and implicit and any(name in options for name in TOLERANCES)
-    if controlled and (fixed := [name for name in FIXED if options.get(name) is not None]):
+    controlled = not mixed and implicit and any(name in given for name in TOLERANCES)
+    if controlled and (fixed := [name for name in FIXED if name in given]):
         raise ValueError(f"{fixed[0]} was given with rtol or atol, which choose the steps; one of them is wanted")
-    if not controlled and options.get("events") is not None:
+    if not controlled and events is not None:
         raise ValueError("events were given without rtol or atol; the adaptive steps of an implicit method take them")
     known = keywords(*((simulate_mixed,) if mixed else (_adaptive, Stepper) if controlled else (_implicit, Stepper) if implicit
                        else (_explicit,)))
-    inputs = merge_inputs({} if inputs is None else inputs, {
-        name: options.pop(name) for name in [*options] if name in scene.inputs and name not in known})
-    check_options(f"form {form!r}" if mixed else f"method {method!r}", options, known)
+    check_options(f"form {form!r}" if mixed else f"method {method!r}", given, known)
+    inputs = merge_inputs({} if inputs is None else inputs, {})
     if (mixed or not implicit) and any(isinstance(value, PerInterval) for value in inputs.values()):
         raise ValueError(f"a PerInterval input was given to {method!r}; 'midpoint' and 'generalized_alpha' of the nodal form "
                          "take it, and ExplicitStepper holds inputs over its steps")
     if mixed:
-        return _judged(simulate_mixed(scene, t, form, initial, method, inputs=inputs, **options), throw)
+        return _judged(simulate_mixed(scene, t, form, initial, method, inputs=inputs, **given), throw)
     made = _adaptive if controlled else _implicit if implicit else _explicit
-    return _judged(made(scene, t, initial, method, inputs, **options), throw, warned=implicit)
+    return _judged(made(scene, t, initial, method, inputs, **given), throw, warned=implicit)
 
 
 def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
               step: float | None = None, progress: Callable[[int, int], None] | None = None, checkpoint: bool = False,
               **options: Any) -> Solution:
-    boolean("checkpoint", checkpoint)
     if progress is not None:
         check_function("progress", progress, "done", "steps")
     intervals = concrete(t).detach().diff()
@@ -205,8 +239,8 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
 
 
 def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
-              rtol: Any = None, atol: Any = None, events: Any = None, max_steps: int = 100_000, first_step: float | None = None,
-              **options: Any) -> Solution:
+              rtol: Any = None, atol: Any = None, events: Any = None, max_steps: int = MAX_STEPS,
+              first_step: float | None = None, **options: Any) -> Solution:
     if method == "generalized_alpha" or options.get("conserve"):
         what = "conserve" if options.get("conserve") else "generalized_alpha"
         raise ValueError(f"rtol or atol was given to {what}, whose error is no series in even powers of the step; 'midpoint' "
@@ -238,8 +272,6 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
               rtol: float = 1e-6, atol: float = 1e-8, options: dict[str, Any] | None = None, adjoint: bool = False,
               begin: Tensor | None = None) -> Solution:
     """`begin` (...) s: the instant of each sample from which t counts; None = t is that of all."""
-    boolean("adjoint", adjoint)
-    begin = None if begin is None else check_instants("begin", begin, t)
     instants = t if begin is None else [begin + now for now in t]
     held = {name: value for name, value in inputs.items() if not callable(value)}
     moving = {name: value for name, value in inputs.items() if callable(value)}

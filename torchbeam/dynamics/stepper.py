@@ -48,6 +48,7 @@ class Ahead(NamedTuple):
 
 
 STILL = {"defect": 0, "straining": 2}  # of a state, and their own axes: what native code may leave as it is
+HALVINGS = 6  # a failed step is made again in at most 2^6 parts
 ROOM = 2**18  # nodes, over samples and steps, of the states that native code makes at once
 
 
@@ -82,7 +83,7 @@ class Stepper:
     """
 
     def __init__(self, scene: Scene, dt: float | Tensor, method: str = "midpoint", *, lumped: bool = False,
-                 tolerance: float | None = None, iterations: int = LIMIT, halvings: int = 6,
+                 tolerance: float | None = None, iterations: int = LIMIT, halvings: int = HALVINGS,
                  conserve: bool = False, rho_inf: float | None = None, engine: str = "auto") -> None:
         choice("method", method, METHODS)
         choice("engine", engine, ENGINES)

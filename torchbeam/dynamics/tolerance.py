@@ -35,8 +35,6 @@ class Tolerance(Tree):
         """Of the scene's beam; rtol is a number or (...) of samples, atol m likewise. Raises ValueError for what is negative,
         zero in both, or beyond the arithmetic.
         """
-        if rtol is None and atol is None:
-            raise ValueError("neither rtol nor atol was given; one of them is wanted")
         rtol, atol = (
             as_tensor(check_tolerance(name, 0.0 if value is None else value, zero=True, each=True), scene.dtype, scene.device)
             for name, value in (("rtol", rtol), ("atol", atol)))

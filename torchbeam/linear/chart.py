@@ -44,10 +44,10 @@ class Chart:
     @classmethod
     def of(cls, model: Model, state: State) -> Chart:
         space, own = model.space, model.space.to_reduced(state)
-        base = model.constraints.nodes[0] if model.constraints.nodes else 0
+        base = min(model.constraints.nodes, default=0)
         kinematics = model.kinematics(own.position, own.rotation)
         strain, none = space.strains(kinematics, model.length), torch.empty(0)
-        chart = cls(model.assembly, space, own, model.length, base % model.node_count, strain, none,
+        chart = cls(model.assembly, space, own, model.length, base, strain, none,
                     model.constraints.moving.flatten().nonzero()[:, 0])
         return replace(chart, solve=inverse_unchecked(chart._rows(kinematics)))
 

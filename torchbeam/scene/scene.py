@@ -37,7 +37,7 @@ class Scene(Tree):
     small     small displacements and rotations: linear about the undeformed beam. A state holds rotations below pi
 
     Sorted once, here: `loads`, `bodies` (point masses), `eigenstrains`, `damping` (one `Damping` or None), `inputs` (name ->
-    size), `supports` by node.
+    size). `supports` stay in the order given, their nodes counted from the root.
 
     Raises ValueError for an object without a kind, two dampings, a node that does not exist, a load whose dtype is not
     the beam's, two inputs of one name with different sizes, two supports of one node, or what leaves the plane.
@@ -154,9 +154,9 @@ class Scene(Tree):
                 or any(not type(e).__module__.startswith(f"{__package__}.") for e in self.effects))
 
     def _supported(self) -> tuple[Support, ...]:
-        """The supports by node, nodes counted from the root; the root's motion in that of node 0."""
+        """The supports as given, nodes counted from the root; the root's motion in that of node 0."""
         freed = any(e.frees_root for e in self._of("load"))
-        asked = self.supports.given if isinstance(self.supports, NodeSupports) else self.supports
+        asked = self.supports.given if isinstance(self.supports, SceneSupports) else self.supports
         given = (() if freed else (Support(0),)) if asked is None else asked
         given = listed(given)
         count, found = self.beam.count + 1, {}
@@ -175,7 +175,7 @@ class Scene(Tree):
                 raise ValueError("root was given for a node 0 that is not clamped or has a motion of its own; one clamp with "
                                  "one motion is wanted")
             found[0] = replace(found[0], displacement=self.root.displacement, turn=self.root.rotation)
-        supports = NodeSupports(replace(found[node], node=node) for node in sorted(found))
+        supports = SceneSupports(replace(found[node], node=node) for node in found)
         supports.given = None if asked is None else given
         return supports
 
@@ -227,13 +227,13 @@ def _where(effect: Effect, nodes: int) -> str:
     return effect.called + ("" if effect.node is None else f" at node {effect.node % nodes}")
 
 
-class NodeSupports(tuple):
-    """Supports by node; `given` is what they were found from, so that `dataclasses.replace` finds them afresh."""
+class SceneSupports(tuple):
+    """A scene's supports; `given` is what they were found from, so that `dataclasses.replace` finds them afresh."""
 
     given: Iterable[Support] | None = None
 
 
-torch.serialization.add_safe_globals([NodeSupports])
+torch.serialization.add_safe_globals([SceneSupports])
 
 
 def merge_inputs(inputs: Any, more: dict[str, Any]) -> dict[str, Any]:

@@ -22,7 +22,9 @@ from .sensor import XYZ, Sensor
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RootForce(Sensor):
-    """Force (..., 3) N of the support at node 0 on the beam, frame a: the state's own (see `State`)."""
+    """Force (..., 3) N of the support at node 0 on the beam, frame a: the state's own (see `State`).
+    ValueError without one.
+    """
 
     name = "root force"
     unit = "N"
@@ -34,7 +36,9 @@ class RootForce(Sensor):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RootMoment(Sensor):
-    """Moment (..., 3) N m of the support at node 0 on the beam, frame a: the state's own (see `State`)."""
+    """Moment (..., 3) N m of the support at node 0 on the beam, frame a: the state's own (see `State`).
+    ValueError without one.
+    """
 
     name = "root moment"
     unit = "N m"
@@ -46,7 +50,9 @@ class RootMoment(Sensor):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RootReaction(Sensor):
-    """Force and moment (..., 6) N and N m of the support at node 0 on the beam, frame a: the state's own (see `State`)."""
+    """Force and moment (..., 6) N and N m of the support at node 0 on the beam, frame a: the state's own (see `State`).
+    ValueError without one.
+    """
 
     name = "root reaction"
     unit = "N, N m"
@@ -60,7 +66,7 @@ class RootReaction(Sensor):
 class Reaction(Sensor):
     """Force and moment (..., 6) N and N m of one of the scene's supports on the beam, frame a: the state's own (see `State`).
 
-    support  its place in `scene.supports`, which are ordered by their nodes
+    support  its place in `scene.supports`, which are in the order given
     """
 
     support: int

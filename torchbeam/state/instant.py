@@ -120,5 +120,5 @@ class Instant(TensorFields):
 
     @property
     def root(self) -> Reaction:
-        """Of the first support: the clamp at node 0, where the scene does not say otherwise."""
+        """Of the clamp at node 0."""
         return Reaction(self.reaction[..., :3], self.reaction[..., 3:])

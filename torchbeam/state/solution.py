@@ -118,7 +118,7 @@ class Solution:
 
     @property
     def root(self) -> Reaction:
-        """force, moment (time, ..., 3): load of the support on the beam, frame a."""
+        """force, moment (time, ..., 3): load of the support at node 0 on the beam, frame a."""
         return self.states.root
 
     @property

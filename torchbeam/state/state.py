@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -29,8 +29,8 @@ class State(Instant):
     spin      (..., N+1, 3) rad/s, absolute angular velocity Omega in section axes (frame B)
     stress    (..., N, 6) [F1 F2 F3 M1 M2 M3] N and N m, frame B, or (..., 2 N, 6) (see `Beam`): of an equilibrium; after an
               implicit step its mean over that step
-    reaction  (..., K, 6) load of each support on the beam, by node, force N and moment N m, frame a: of an equilibrium; after
-              an implicit step its mean over that step
+    reaction  (..., K, 6) load of each support on the beam, in the order of `scene.supports`, force N and moment N m, frame a:
+              of an equilibrium; after an implicit step its mean over that step
     work      (...) J, done by the loads and by supports that move since the start
     defect    (...) J, gained by the time integration itself since the start; kept where `conserve` asks for it, else 0
     t         (...) s
@@ -40,6 +40,7 @@ class State(Instant):
               turn
     internal  (..., z) internal states of user loads, one load after the other, those of a load along the beam node by node;
               None without
+    supports  nodes of the supports that `reaction` is of; None where the state was made without a scene
     """
 
     position: Tensor = leaf(2)
@@ -54,6 +55,7 @@ class State(Instant):
     status: Tensor = leaf(0)
     frame: Tensor | None = leaf(1, default=None, kw_only=True)
     internal: Tensor | None = leaf(1, default=None, kw_only=True)
+    supports: tuple[int, ...] | None = field(default=None, kw_only=True)
 
     @classmethod
     def from_nodes(cls, scene: Any, nodes: Value, frames: Value | None = None, *, twist: Any = None,
@@ -107,13 +109,16 @@ class State(Instant):
 
     @property
     def root(self) -> Reaction:
-        """Of the first support: the clamp at node 0, where the scene does not say otherwise."""
-        if self.reaction.shape[-2] == 0:
-            raise ValueError("the load of a support was asked for; the beam has none")
-        return self.reaction_of(0)
+        """Of the support at node 0. Raises ValueError where there is none."""
+        nodes = range(self.reaction.shape[-2]) if self.supports is None else self.supports
+        if 0 not in nodes:
+            held = ", ".join(map(str, nodes))
+            raise ValueError("the load of the support at node 0 was asked for; " + (
+                f"supports hold node {held} alone, and reaction_of(k) is their load" if held else "the beam has no support"))
+        return self.reaction_of(nodes.index(0))
 
     def reaction_of(self, support: int) -> Reaction:
-        """Load of a support, by its index in `scene.supports`."""
+        """Load of support k of `scene.supports`, which are in the order given."""
         load = self.reaction[..., place("support", support, self.reaction.shape[-2], "there are the supports"), :]
         return Reaction(load[..., :3], load[..., 3:])
 
@@ -144,10 +149,10 @@ def of_mesh(state: Any, nodes: int, dtype: torch.dtype, name: str) -> State:
     if state.position.shape[-2] != nodes:
         raise ValueError(f"{name} with {state.position.shape[-2]} nodes was given; the beam has {nodes}")
     own = dict(position=3, rotation=4, velocity=3, spin=3)
-    for field, shape in (*((field, (nodes, k)) for field, k in own.items()), ("stress", (nodes - 1, 6))):
-        x = getattr(state, field)
+    for key, shape in (*((key, (nodes, k)) for key, k in own.items()), ("stress", (nodes - 1, 6))):
+        x = getattr(state, key)
         if x.shape[-2:] != shape:
-            raise ValueError(f"{name} whose {field} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, {shape[1]}) is "
+            raise ValueError(f"{name} whose {key} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, {shape[1]}) is "
                              "wanted")
         if x.dtype != dtype:
             raise ValueError(f"{name} of {x.dtype} meets a scene of {dtype}; one dtype is wanted")
@@ -184,6 +189,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
         status=torch.zeros(shape, dtype=torch.long, device=zero.device),
         frame=orientation(scene, shape, time),
         internal=zero.expand(*shape, states) if states else None,
+        supports=supported(scene),
     )
     if not scene.has_prescribed_motion and not any(s.displaced for s in scene.supports):
         return state
@@ -191,13 +197,20 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     return at_rest(at_supports(state, prescribed_motion), prescribed_motion).broadcast()
 
 
+def supported(scene: Any) -> tuple[int, ...]:
+    """The nodes of a scene's supports."""
+    return tuple(support.node for support in scene.supports)
+
+
 def with_optional_fields(state: State, scene: Any) -> State:
-    """With an orientation of frame a and internal states of loads, where the scene wants them and the state has none; with as
-    many reactions as the scene has supports, zero where the state has those of others. Raises ValueError where it has other
+    """With an orientation of frame a and internal states of loads, where the scene wants them and the state has none; with the
+    reactions of the scene's supports, zero where the state has those of others. Raises ValueError where it has other
     orientations or internal states.
     """
-    if state.reaction.shape[-2] != len(scene.supports):
-        state = replace(state, reaction=state.reaction.new_zeros(*state.reaction.shape[:-2], len(scene.supports), 6))
+    nodes, known = supported(scene), state.supports
+    if state.reaction.shape[-2] != len(nodes) or known not in (None, nodes):
+        state = replace(state, reaction=state.reaction.new_zeros(*state.reaction.shape[:-2], len(nodes), 6))
+    state = state if known == nodes else replace(state, supports=nodes)
     if state.frame is not None and not turning(scene):
         raise ValueError("a state whose frame has turned was given for a scene whose frame does not turn; one of a scene with "
                          "such a frame is wanted")

@@ -63,10 +63,11 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     Differentiable by the implicit function theorem.
 
     Past a point of buckling the way up may keep to a branch that is no longer stable. Where all loads are conservative (dead
-    forces, gravity) a RuntimeWarning names the samples whose tangent is not positive definite; of other loads `modes` says
-    whether the equilibrium is stable (`unstable`). Where a derivative is recorded at a limit point, a RuntimeError says that
-    there is none (with throw=False the sample is a constant); at a point of bifurcation a RuntimeWarning says that some do
-    not exist.
+    forces, gravity) a RuntimeWarning names the samples whose tangent is not positive definite. Of other loads (followers,
+    moments in space, a frame that turns) it names those whose tangent has a negative determinant: they diverge, whatever their
+    mass and damping; whether another one is stable is for `modes` to say (`unstable`). Where a derivative is recorded at a
+    limit point, a RuntimeError says that there is none (with throw=False the sample is a constant); at a point of bifurcation
+    a RuntimeWarning says that some do not exist.
 
     What swings, as a pendulum, is held by its loads once these have stressed it; where by their stiffness it is more than 0.5
     rad away, relax=True is wanted. A rigid motion that nothing holds and no load drives stays as it starts, and derivatives
@@ -89,6 +90,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
     start = model.space.start(start)
     start = Configuration(start.position, start.rotation, start.stress)
     doubtful = found = driven = None
+    judged = not model.internal_states  # with those, the tangent of what is held is not that of what comes to rest
     problem = SteadyProblem(model, time, given, time.new_ones(()))
     if initial is None:  # at no load
         start = replace(problem, load_factor=time.new_zeros(())).apply_supports(start)
@@ -97,7 +99,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
         problem = braced(problem, start)
     if engine != "eager" and not relax and type(problem) is SteadyProblem:
         native = compiled.climb if engine == "compiled" else compiled.automatic_climb
-        found = native(model, time, given, start, tolerance, judged=model.conservative or branch == "stable")
+        found = native(model, time, given, start, tolerance, judged=judged or branch == "stable")
     if found is None:
         x, reaction, status = (relaxation.relax if relax else climb)(problem, start, tolerance)
     else:
@@ -136,9 +138,9 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
         which = f"sample {_first(failed)} of {tuple(failed.shape)}" if failed.ndim else "the scene"
         first = None if alike else tuple(failed.nonzero()[0].tolist())
         raise RuntimeError(f"{which} has no equilibrium: {reason(problem, x, int(status[failed][0]), first, relax)}")
-    if model.conservative:
+    if judged:
         found = ~failed
-        unstable = found & _unstable(problem, x, start, None if doubtful is None else doubtful & found)
+        unstable = found & _unstable(problem, x, start, None if doubtful is None else doubtful & found, model.conservative)
         if concrete(unstable).any():
             warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to another "
                  "(branch='stable' looks for it)")
@@ -159,9 +161,12 @@ def _tangent(problem: SteadyProblem, x: Configuration) -> Linearisation:
     return problem.linearise(x, *problem.residual(x)[1:])
 
 
-def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration, doubtful: Tensor | None = None) -> Tensor:
+def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration, doubtful: Tensor | None = None,
+              symmetric: bool = True) -> Tensor:
     """(...) whether a pivot is negative by more than next to nothing beside the softest one at no load; doubtful: samples whose
-    tangent is not positive definite, None = not known.
+    tangent is not positive definite, None = not known. Of a tangent K that is not `symmetric`: whether its determinant is
+    negative, and no pivot next to nothing. Then det(M s^2 + D s + K) has a zero s > 0, whatever mass and damping are, as it is
+    positive for large s: a motion grows without oscillating. (Where it is positive two may, or one may flutter.)
     """
     if doubtful is not None and not concrete(doubtful).any():
         return doubtful
@@ -169,7 +174,7 @@ def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration, do
     if few is not None:
         with suppress(NotSeparable):
             at, begin = (Configuration(*(few.take(v, 2) for v in one)) for one in (x, start))
-            return few.put(torch.zeros_like(doubtful), _unstable(few.gather(problem), at, begin), 0)
+            return few.put(torch.zeros_like(doubtful), _unstable(few.gather(problem), at, begin, None, symmetric), 0)
     with no_derivatives():
         tangent = _tangent(problem, x)
         doubtful = ~tangent.system.positive_definite()
@@ -177,6 +182,9 @@ def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration, do
             return doubtful
         unloaded = _tangent(problem, start)
         (here, sound), (usual, _) = (k.system.pivots() for k in (tangent, unloaded))
+        if not symmetric:
+            soft, usual = (torch.linalg.svdvals(p).amin((-1, -2)) for p in (here, usual))
+            return doubtful & sound & (torch.linalg.slogdet(here).sign.prod(-1) < 0) & (soft > NEUTRAL * usual)
         here, usual = (torch.linalg.eigvalsh(p + p.mT).amin((-1, -2)) for p in (here, usual))
         return doubtful & ((here < -NEUTRAL * usual.clamp(min=0)) | ~sound)
 

@@ -125,8 +125,7 @@ def _braced(problem: SteadyProblem, x: Configuration, free: Tensor) -> BracedPro
 
 def _base(model: Model) -> int:
     """The node that rigid rotations are about."""
-    supports = model.scene.supports
-    return supports[0].node if supports else 0
+    return min(model.constraints.nodes, default=0)
 
 
 def sample_of(x: Tensor, own: int, sample: tuple[int, ...]) -> Tensor:

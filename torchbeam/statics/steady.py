@@ -170,7 +170,7 @@ class SteadyProblem(Tree):
             *x[:2], velocity=velocity, spin=space.to_section(x.rotation, spin), stress=x.stress, reaction=reaction, work=zero,
             defect=zero, t=self.t.expand(shape), status=status,
             frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
-            internal=external.internal(model, self.nodes(x), self.conditions, shape)))
+            internal=external.internal(model, self.nodes(x), self.conditions, shape), supports=model.constraints.nodes))
 
     def apply_supports(self, x: Configuration) -> Configuration:
         """x with the supports where they have to be."""

@@ -200,7 +200,6 @@ def test_what_cannot_be_solved_ends_with_a_status():
     (dict(rtol=0.0), "rtol = 0 and atol = 0 were given; one of them has to be positive"),
     (dict(rtol=-1e-3), "rtol = -0.001 was given; a non-negative finite number is wanted"),
     (dict(rtol=1e-17), "resolves no less than"),
-    (dict(rtol=None), "neither rtol nor atol was given"),
     (dict(rtol=1e-3, step=0.1), "step was given with rtol or atol"),
     (dict(rtol=1e-3, checkpoint=True), "checkpoint was given with rtol or atol"),
     (dict(atol=1e-3, conserve=True), "to conserve, whose error"),

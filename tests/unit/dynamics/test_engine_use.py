@@ -39,6 +39,9 @@ def said(call, category=tb.SlowPathWarning):
     return [one for one in found if issubclass(one.category, category)]
 
 
+PUSH = {"u": (0, 0, 0.1)}
+
+
 def run(load=None, steps=SOLVES, u=(0.0, 0.0, 0.1), **options):
     made = scene(*([] if load is None else [load]))
     return tb.simulate(made, torch.linspace(0, 0.01 * steps, 2), step=0.01, inputs={"u": u}, **options)
@@ -60,7 +63,7 @@ def test_what_is_meant_or_few_is_not_warned_of():
     """A handful of steps, engine="eager", explicit methods, forward mode, and of course native code."""
     load = tb.Load(unsteady)
     few, meant = said(lambda: run(load, SOLVES - 1)), said(lambda: run(load, engine="eager"))
-    explicit = said(lambda: tb.simulate(scene(load), [0.0, 0.01], method="rk4", options={"step_size": 1e-3}, u=(0, 0, 0.1)))
+    explicit = said(lambda: tb.simulate(scene(load), [0.0, 0.01], method="rk4", options={"step_size": 1e-3}, inputs=PUSH))
     forward = said(lambda: torch.func.jvp(lambda u: run(u=u).tip.position, (torch.zeros(3),), (torch.ones(3),)))
     assert few == meant == explicit == forward == said(run) == []
 
@@ -124,8 +127,8 @@ def test_the_engine_is_told():
     assert run(steps=3, engine="eager").stats.engine == run(tb.Load(unsteady), 3).stats.engine == "eager"
     for options in (dict(method="midpoint4"), dict(method="generalized_alpha")):
         assert run(steps=3, **options).stats.engine == "native"
-    adaptive = tb.simulate(scene(), [0.0, 0.05], rtol=1e-3, u=(0, 0, 0.1))
-    explicit = tb.simulate(scene(), [0.0, 0.01], method="rk4", options={"step_size": 1e-3}, u=(0, 0, 0.1))
+    adaptive = tb.simulate(scene(), [0.0, 0.05], rtol=1e-3, inputs=PUSH)
+    explicit = tb.simulate(scene(), [0.0, 0.01], method="rk4", options={"step_size": 1e-3}, inputs=PUSH)
     assert (adaptive.stats.engine, explicit.stats.engine) == ("native", "eager")
 
 

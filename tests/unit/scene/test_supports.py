@@ -357,3 +357,47 @@ def test_starts_in_a_plane_and_of_small_rotations(options):
                       (dict(turn=(0.1, 0, 0)), "rotation x of node 0")):
         with pytest.raises(ValueError, match=said if "plane" not in options or "node" in off else "leaves the plane"):
             tb.simulate(scene, [0.0, 0.1], moved(start, **off), step=0.05)
+
+
+ORDERED = tb.Section.from_stiffness(EA=60.0, GA=40.0, GJ=1.2, EI=(1.0, 1.7), mass=1.0, inertia=0.02)
+SWAY = tb.Support(0, displacement=lambda t: torch.stack((0 * t, 0.1 * torch.sin(3 * t) ** 2, 0 * t)))
+
+
+@pytest.mark.parametrize("how, options", [
+    ("equilibrium", {}), ("midpoint", {"step": 0.01, "engine": "eager"}), ("midpoint", {"step": 0.01, "engine": "compiled"}),
+    ("generalized_alpha", {"step": 0.01}), ("rk4", {"options": {"step_size": 1e-3}})])
+def test_reactions_come_in_the_order_given(how, options):
+    """Supports said in three orders: `reaction` in that order, `root` that of node 0, everything else alike; a clamp that
+    moves stands at any place among them. Equal to rounding. (Reactions came by node, and `root` was the first of them.)
+    """
+    three = SWAY, tb.Support(2, position="z", rotation=""), tb.Support(-1, position="yz", rotation="")
+
+    def state(order):
+        scene = tb.Scene(tb.Beam.straight(1.0, 4, ORDERED), [tb.PointLoad(3, force=(0.1, 0.2, -0.3))],
+                         supports=[three[k] for k in order])
+        if how == "equilibrium":
+            return tb.equilibrium(scene, t=0.2)
+        return tb.simulate(scene, torch.linspace(0, 0.02, 3), method=how, **options).state[-1]
+
+    plain = state((0, 1, 2))
+    assert plain.reaction.abs().amax(-1).min() > 1e-4
+    for order in ((2, 0, 1), (1, 2, 0)):
+        other = state(order)
+        assert other.supports == tuple((0, 2, 4)[k] for k in order)
+        for k, of in enumerate(order):
+            assert_close(torch.cat(other.reaction_of(k), -1), torch.cat(plain.reaction_of(of), -1), rtol=0, atol=1e-12)
+        assert_close(tb.sensors.RootReaction()(other), plain.reaction[..., 0, :], rtol=0, atol=1e-12)
+        assert_close(other.position, plain.position, rtol=0, atol=1e-13)
+
+
+def test_the_load_of_a_root_that_nothing_holds():
+    """`root` is the load of node 0 and no other; a state that comes from other supports has none of theirs."""
+    beam = tb.Beam.straight(1.0, 4, ORDERED)
+    tip = tb.Scene(beam, [tb.PointLoad(1, force=(0, 0, 0.1))], supports=tb.Support(-1))
+    still = tb.equilibrium(tip)
+    assert_close(still.reaction_of(0).force, torch.tensor([0, 0, -0.1]), rtol=0, atol=1e-9)
+    with pytest.raises(ValueError, match=re.escape("supports hold node 4 alone")):
+        _ = still.root
+    with pytest.raises(ValueError, match="the beam has no support"):
+        _ = tb.rest(tb.Scene(beam, supports=())).root
+    assert tb.Stepper(tb.Scene(beam), 0.01)(tb.rest(tip)).supports == (0,)

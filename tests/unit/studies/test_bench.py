@@ -92,6 +92,36 @@ def test_peers_print_rows(tmp_path, capsys):
         list(others.peers(tmp_path / "none", sys.executable, True))
 
 
+def test_loads_of_a_file(tmp_path, capsys, monkeypatch):
+    """The engine of each, why it is eager, and files of what is printed; a file that makes no loads is refused."""
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "auto")
+    file = tmp_path / "loads.py"
+    file.write_text("""import torchbeam as tb
+
+def friction(x, R, v, w, t):
+    return -0.3 * v, None
+
+def branch(x, R, v, w, t):
+    return (v if v.sum() > 0 else -v), None
+
+LOADS = {"friction": lambda: tb.Load(friction, of="velocity"), "branch": lambda: tb.Load(branch)}
+""")
+    out = tmp_path / "out"
+    assert main(["--loads", str(file), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "1 of 2 are native." in said and said == (out / "loads.md").read_text()
+    friction, branch = json.loads((out / "loads.json").read_text())["rows"]
+    assert (friction["engine"], branch["engine"], friction["reason"], branch["native_ms"]) == ("native", "eager", "", "")
+    assert friction["ratio"] == pytest.approx(friction["eager_ms"] / friction["native_ms"]) and branch["eager_ms"] > 0
+    assert "control flow" in branch["reason"] and f"- branch: {branch['reason']}" in said and f"{file}:6" in said
+    assert len((out / "loads.csv").read_text().splitlines()) == 3
+    file.write_text("LOADS = [1]")
+    for wrong in (file, tmp_path / "none.py"):
+        with pytest.raises(SystemExit):
+            main(["--loads", str(wrong), "--out", str(out)])
+    assert "a file with LOADS" in capsys.readouterr().err
+
+
 def test_times_and_exponents():
     times = Times([1.0, 3.0, 2.0], [2.0, 6.0, 4.0])
     row = times.row("part", "what", "cpu", per=12.0)

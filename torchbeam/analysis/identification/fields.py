@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ...core.arguments import choice, count, instance, number
-from ...core.validation import as_tensor, common_dtype
+from ...core.arguments import choice, chosen, count, instance, number
+from ...core.validation import Value, as_tensor, common_dtype
 from . import posterior, student
 from .experiment import NO_DATA
 from .fit import Fit, warn_of
@@ -93,7 +93,11 @@ class FieldFit:
 
 def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness: Mapping[str, Smoothness], *,
                     criterion: str = "evidence", weight: Mapping[str, float] | None = None, rounds: int = 20,
-                    log: bool = False, **options: Any) -> FieldFit:
+                    log: bool = False, bounds: tuple[Value, Value] | None = None, sigma: Value | None = None,
+                    absolute_sigma: bool = True, noise: str = "common", names: Sequence[str] | None = None, starts: int = 1,
+                    spread: float = 3.0, follow: int = 32, seed: int = 0, derivatives: str = "auto",
+                    relative_step: float | None = None, iterations: int = 50, tolerance: float = 1e-6, progress: bool = False
+                    ) -> FieldFit:
     """Parameters of which some are fields, (n,) each: stiffness or mass by element, a load by interval, an initial velocity by
     node. A field of more numbers than the data tell is found with a prior that it is smooth, weighted as the data ask for.
 
@@ -108,7 +112,7 @@ def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness:
                              1487)
     weight       name -> weight of each field, taken as they are: one search, more where rows are `sharp` or noise is not known
     rounds       searches at most, each from where the one before ended
-    options      of `identify`
+    log, bounds ... progress  of the searches, as in `identify`
 
     The first search has weights that are small enough to follow the data. Where data have no sigma, that is found too: the
     squares over the number of data less that of numbers told.
@@ -116,7 +120,10 @@ def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness:
     Raises ValueError for smoothness of what is no field of `start`, absolute_sigma=False, and what `identify` raises.
     """
     choice("criterion", criterion, CRITERIA)
-    task = _Task.of(model, data, start, smoothness, log, options)
+    task = _Task.of(model, data, start, smoothness, log, chosen(identify, dict(
+        bounds=bounds, sigma=sigma, absolute_sigma=absolute_sigma, noise=noise, names=names, starts=starts, spread=spread,
+        follow=follow, seed=seed, derivatives=derivatives, relative_step=relative_step, iterations=iterations,
+        tolerance=tolerance, progress=progress)))
     most = count("rounds", rounds) if weight is None or task.sharp or not task.known else 1
     weights, sigma = task.first() if weight is None else (task.checked(weight), task.noise)
     k, settled, sharpened, before = 0, False, False, None

@@ -66,5 +66,5 @@ class Actuation(Effect):
 
     def _value(self, value: LoadValue, t: Tensor, inputs: Inputs, like: Tensor, count: int) -> Tensor:
         if isinstance(value, PerElement):
-            return value(like.new_empty(count), t, count)
+            return value(like.new_empty(count), t, inputs, count)
         return value_at(value, t, inputs, like)[..., None, :]

@@ -41,7 +41,7 @@ class ByPlace(Tree):
     (..., sites) at time t, of a beam of so many elements.
     """
 
-    def __call__(self, s: Tensor, t: Tensor, elements: int) -> Tensor:
+    def __call__(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Tensor:
         raise NotImplementedError
 
 
@@ -51,7 +51,7 @@ class AtSites(ByPlace):
 
     value: Tensor = leaf(2)
 
-    def __call__(self, s: Tensor, t: Tensor, elements: int) -> Tensor:
+    def __call__(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Tensor:
         return self.value
 
 
@@ -67,13 +67,14 @@ class Along(ByPlace):
     def __post_init__(self) -> None:
         check_function("Along's function", self.function, "s", "t")
 
-    def __call__(self, s: Tensor, t: Tensor, elements: int | None = None) -> Tensor:
+    def __call__(self, s: Tensor, t: Tensor, inputs: Inputs | None = None, elements: int | None = None) -> Tensor:
         return at_time(lambda now: taken("an Along function's value", self.function(s, now), s, 3), t, own=2)
 
 
 @dataclass(frozen=True)
 class PerElement(ByPlace):
-    """A line load's value for each element: (..., N, 3) per metre, or a function t -> (..., N, 3).
+    """A line load's value for each element: (..., N, 3) per metre, a function t -> (..., N, 3), or an `Input` of size 3 N, the
+    elements' components one element after the other.
 
     A node takes the mean of its two elements, by the lengths that they give it: all nodes together bear what the elements do.
     """
@@ -84,6 +85,8 @@ class PerElement(ByPlace):
         if callable(self.value):
             check_function("PerElement's value", self.value, "t")
             return
+        if isinstance(self.value, Input):
+            return
         value = plain(self.value)
         if value.ndim < 2 or value.shape[-1] != 3:
             raise ValueError(f"PerElement of shape {tuple(value.shape)} was given; (..., N, 3) is wanted")
@@ -91,18 +94,24 @@ class PerElement(ByPlace):
         object.__setattr__(self, "value", value)
 
     def checked(self, value: Any, elements: int) -> Any:
-        """`value` if it has a row for each of the elements; ValueError otherwise."""
+        """`value` if it has a row for each of the elements, or is an Input of as many numbers; ValueError otherwise."""
+        if isinstance(value, Input):
+            if value.size != 3 * elements:
+                raise ValueError(f"PerElement with an Input of size {value.size} was given; size {3 * elements} is wanted, "
+                                 f"three of each of {elements} elements")
+            return value
         if value.ndim < 2 or tuple(value.shape[-2:]) != (elements, 3):
             raise ValueError(f"PerElement of shape {tuple(value.shape)} was given; (..., {elements}, 3) is wanted, one of each "
                              "element")
         return value
 
-    def __call__(self, s: Tensor, t: Tensor, elements: int) -> Tensor:
+    def __call__(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Tensor:
         """(..., sites, 3) at sites with the arclengths s (..., sites), of a beam of so many elements: its elements or nodes."""
         def rows(now: Tensor) -> Tensor:
             return self.checked(taken("a PerElement function's value", self.value(now), s), elements)
 
         value = at_time(rows, t, own=2) if callable(self.value) else self.checked(self.value, elements)
+        value = input_at(value, inputs).unflatten(-1, (elements, 3)) if isinstance(value, Input) else value
         return value if s.shape[-1] == elements else _mean_of_elements(value, s)
 
 
@@ -158,13 +167,18 @@ def value_at(value: LoadValue, t: Tensor, inputs: Inputs, like: Tensor) -> Tenso
     Raises ValueError where an input is missing or has the wrong last axis.
     """
     if isinstance(value, Input):
-        if value.name not in inputs:
-            given = ", ".join(sorted(inputs)) or "none"
-            raise ValueError(f"the input {value.name!r} is wanted at each step; given were: {given}")
-        return axis_last(f"input {value.name!r}", inputs[value.name], value.size)
+        return input_at(value, inputs)
     if callable(value):
         return at_time(lambda now: taken("a load function's value", value(now), like, 3), t)
     return value
+
+
+def input_at(value: Input, inputs: Inputs) -> Tensor:
+    """An input's value (..., size) among those given by name. Raises ValueError where it is missing or of another size."""
+    if value.name not in inputs:
+        given = ", ".join(sorted(inputs)) or "none"
+        raise ValueError(f"the input {value.name!r} is wanted at each step; given were: {given}")
+    return axis_last(f"input {value.name!r}", inputs[value.name], value.size)
 
 
 @dataclass(frozen=True)
@@ -231,7 +245,7 @@ def value_along(value: LoadValue | ByPlace, s: Tensor | None, t: Tensor, inputs:
                 elements: int) -> Tensor:
     """The same (..., sites or 1, 3) at sites along the beam of so many elements, at the arclengths s (..., sites)."""
     if isinstance(value, ByPlace):
-        return value(s, t, elements)
+        return value(s, t, inputs, elements)
     return value_at(value, t, inputs, like)[..., None, :]
 
 

@@ -114,10 +114,14 @@ def pushing(x):
     return tb.Load(lambda position, rotation, velocity, spin, t: (-x * position, None))
 
 
-@pytest.mark.parametrize("engine", ["auto", "compiled"])
-@pytest.mark.parametrize("load", [flowing, pushing], ids=["Drag flow", "Load"])
-@pytest.mark.parametrize("values", [(0.5, 2.0), (torch.tensor([0.5, 0.3, 0.8]), torch.tensor([0.2, 0.3, 1.8]))],
-                         ids=["numbers", "tensors"])
+NUMBERS, TENSORS = (0.5, 2.0), (torch.tensor([0.5, 0.3, 0.8]), torch.tensor([0.2, 0.3, 1.8]))
+
+
+@pytest.mark.parametrize("engine, load, values", [  # each with each as a long run
+    pytest.param(engine, load, values, id=f"{engine}-{load.__name__}-{word}", marks=[] if (engine, load, word) in (
+        ("auto", flowing, "tensors"), ("compiled", flowing, "numbers"), ("auto", pushing, "numbers")) else [pytest.mark.long])
+    for engine in ("auto", "compiled") for load in (flowing, pushing)
+    for word, values in (("numbers", NUMBERS), ("tensors", TENSORS))])
 def test_functions_of_the_same_code_that_close_over_other_values_are_different_loads(auto, engine, load, values):
     """Steps and equilibria of one scene after the other: each is of its own values, as eager ones are."""
     for x in values:
