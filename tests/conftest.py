@@ -25,9 +25,11 @@ UNIT, ENGINE = Path(__file__).parent / "unit", "TORCHBEAM_ENGINE"
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item):
-    """Tests run by the engine that users have; unit tests step eagerly where the environment does not say otherwise."""
+    """Tests run by the engine that users have. Unit tests, hundreds of scenes that make a step or two each, do so eagerly, as
+    compiling a structure takes a second, unless they are marked "steps" or the environment says otherwise.
+    """
     with pytest.MonkeyPatch.context() as patch:
-        if UNIT in item.path.parents:
+        if UNIT in item.path.parents and not item.get_closest_marker("steps"):
             patch.setenv(ENGINE, os.environ.get(ENGINE, "eager"))
         return (yield)
 

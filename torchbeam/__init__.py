@@ -1,5 +1,7 @@
 """torchbeam: batched, differentiable, geometrically exact beam dynamics in PyTorch."""
 
+import torch
+
 from . import plot, sensors
 from .analysis.advise import Advice, advise
 from .analysis.describe import Description, describe
@@ -8,6 +10,7 @@ from .analysis.identification.fit import Fit
 from .analysis.identification.identify import identify
 from .analysis.identification.measurement import Measurement
 from .analysis.identification.parameter import Parameter
+from .analysis.identification.prediction import Prediction
 from .analysis.identification.smoothness import Smoothness
 from .analysis.uncertainty import laws
 from .analysis.uncertainty.estimate import Estimate
@@ -76,5 +79,9 @@ __all__ = [
     "moment_derivatives", "monte_carlo", "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event",
     "rayleigh", "rest", "rollout", "sensors", "simulate", "sobol_indices", "tornado",
 ]
+
+# results that hold tensors and plain values alone: torch.load(weights_only=True) takes them
+torch.serialization.add_safe_globals([Advice, Critical, Description, Estimate, Modes, MomentDerivatives, PairedModes, Path,
+                                      Prediction, RareEvent, SobolIndices, Tornado, slice])
 
 entry_points(globals(), __all__)

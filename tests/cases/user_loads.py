@@ -332,8 +332,8 @@ def lagging(k):
 
 
 def mixing(k):
-    """Each beam feels the mean of all."""
-    return tb.Load(lambda x, R, v, w, t: (-k.mean() * k * v, None))
+    """Each beam feels the largest of all, from 2 on."""
+    return tb.Load(lambda x, R, v, w, t: (-k / k.max().clamp(min=2.0) * v, None))
 
 
 BATCHES = {  # of a tensor (3, 1), in loads that close over it

@@ -62,11 +62,11 @@ QUANTITIES = {
     "modes": lambda p: tb.modes(scene(p * LIGHT), tb.rest(scene(p * LIGHT)), count=2).frequency,
     "damped modes": lambda p: tb.modes(scene(p * LIGHT, tb.Damping(1e-3)), tb.rest(scene(p * LIGHT)), count=2).damping_ratio,
     "modes of an equilibrium": lambda p: tb.modes(scene(p), count=2).frequency,
-    "shape": lambda p: tb.modes(scene(p), tb.rest(scene(p)), count=2, normalize="mass").shape.abs(),
+    "shape": lambda p: tb.modes(scene(p * LIGHT), tb.rest(scene(p * LIGHT)), count=2, normalize="mass").shape.abs(),
     "linear model": lambda p: linear(p).A,
     "discrete linear model": lambda p: linear(p).discrete(0.01).A,
     "critical load": compressed,
-    "rk4": lambda p: tb.simulate(scene(p), [0.0, 0.002], method="rk4").tip.position[-1],
+    "rk4": lambda p: tb.simulate(scene(p), torch.linspace(0, 0.008, 5), method="rk4").tip.position[-1],
     "strain energy": lambda p: tb.simulate(scene(p), [0.0, 0.02], step=0.02, engine="eager").energy.strain[-1],
 }
 MOTIONS = {
@@ -128,7 +128,7 @@ WAYS = {
 REFUSED = "first ones only"
 OTHERWISE = {  # what is refused in ways of its own, which have nothing to do with second derivatives
     "checkpoint": "don't yet support saved tensor hooks|saved tensor hooks",
-    "tolerance": "within torch.func.vmap", "event": "within torch.func.vmap", "rk4": ".", "critical load": "vmap",
+    "tolerance": "within torch.func.vmap", "event": "within torch.func.vmap",
     "modes": "vmap", "damped modes": "vmap", "modes of an equilibrium": "vmap", "shape": "vmap"}
 
 

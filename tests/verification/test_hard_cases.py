@@ -62,8 +62,9 @@ def test_what_is_listed_is_a_case():
     assert {*LONG, *NATIVE} <= {case.name for case in CASES}
 
 
-def test_command(tmp_path, capsys):
+def test_command(tmp_path, capsys, monkeypatch):
     """A case and its row, the table in both formats; the exit status says that all went as listed."""
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")  # as `test_case` has it
     assert main(["--quick", "--filter", "zero everything", "--out", str(tmp_path)]) == 0
     written = json.loads((tmp_path / "hardcases.json").read_text())
     assert [r["variant"] for r in written["results"]] == ["float64", "float32", "batch", "gradient"]

@@ -123,6 +123,14 @@ def number(name: str, value: Any, *, infinite: bool = False) -> float:
     return one.item()
 
 
+def level_of(name: str, value: Any) -> float:
+    """A probability in (0, 1); ValueError otherwise."""
+    level = number(name, value)
+    if not 0 < level < 1:
+        raise ValueError(f"{name} = {level:g} was given; a probability between 0 and 1 is wanted")
+    return level
+
+
 def instants(name: str, value: Any, like: Tensor) -> Tensor:
     """Times (...) s, one or one of each sample, in the dtype and on the device of `like`; ValueError for what is none."""
     return finite(name, as_tensor(value, like.dtype, like.device))

@@ -194,7 +194,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     def kind(*values: Any) -> State:
         return type(start)(**dict(zip(names, values, strict=True)))
 
-    within = changes_within(inputs, stepper.method)
+    within, reported = changes_within(inputs, stepper.method), 0
 
     def held(first: int, end: int) -> dict[str, Any] | list[GivenInputs]:
         """Inputs of steps of the plan."""
@@ -205,13 +205,15 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
 
     def carry_out(begin: int, end: int, state: State) -> tuple[list[State], State, Tensor]:
         """States that are wanted of a part of the plan, in the space's coordinates; the last, a public one; iterations."""
+        nonlocal reported
         made, done, part = [], begin, slice(begin, end)
         steps = lengths[part], begins[part], lambda i, j: held(begin + i, begin + j), wanted[part]
         for few in march(stepper, state, *steps):
             made.append(few)
             for _ in range(len(few.iterations)):
                 done += 1
-                if progress is not None:
+                if progress is not None and done > reported:  # not again where backward makes a part once more
+                    reported = done
                     progress(done, len(plan))
         return [few.states for few in made], made[-1].last(), joined(*(few.iterations for few in made))
 

@@ -108,6 +108,9 @@ def critical_load(scene: Factored | Scene, highest: float, *, lowest: float = 0.
     tolerance  relative, of the bracket; what is left after interpolation in it is about its square
     inputs     by name, (..., size): at factor 1
 
+    Where the scene has damping, even of the value 0, or turns, flutter is a real part that grows, else two frequencies that
+    meet (and half as many unknowns); for a value of 0 the frequency at flutter is one of two that are about to, off by 1e-4.
+
     The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on. At a limit point it ends, or
     leaps; `path` finds those more quickly. Dense, O(N^3) a factor.
 
@@ -196,8 +199,7 @@ class _Path:
             warnings.simplefilter("ignore", RuntimeWarning)  # of unstable branches: they are what is looked for
             state = equilibrium(scene, t=self.t, throw=False, inputs=inputs)
         model = discretise(scene, self.lumped)
-        M, D, K = matrices(model, state, torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device), inputs)
-        return model, state, (M, None if D is None or not D.detach().any() else D, K)
+        return model, state, matrices(model, state, torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device), inputs)
 
     def spectrum(self, factor: Tensor) -> _Spectrum:
         model, state, (M, D, K) = self.matrices(factor)

@@ -116,7 +116,7 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
             sparse = M.symmetric(unknowns, 0.0), K.symmetric(unknowns, 1.0)
             pairs = None if None in sparse else slowest_of_chain(*sparse, count)
             if pairs is not None:
-                pairs = pairs._replace(right=pairs.right[..., unknowns.moving.flatten()])
+                pairs = pairs._replace(right=pairs.right[..., unknowns.grouped])
     if pairs is None or derivatives or normalize == "mass":
         M, D, K = augmented(model, *(None if one is None else dense(model, one) for one in (M, D, K)), lags)
     if pairs is None:

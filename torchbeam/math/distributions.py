@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 TINY = 1e-300
+MANY = 1e6  # degrees of freedom, from which on Student's law is nearly the normal one
 
 
 def normal_score(u: Tensor) -> Tensor:
@@ -69,9 +70,14 @@ def beta_quantile(p: float, a: float, b: float) -> float:
 
 
 def student_quantile(p: float, freedom: float) -> float:
-    """Quantile of Student's t law: with x = nu/(nu + t^2), P(T > t) = I_x(nu/2, 1/2)/2."""
+    """Quantile of Student's t law: with x = nu/(nu + t^2), P(T > t) = I_x(nu/2, 1/2)/2; of very many degrees, to the normal
+    law's, which it is of infinitely many, by its expansion (Abramowitz and Stegun 1964, 26.7.5).
+    """
     if p == 0.5:
         return 0.0
+    if freedom > MANY:
+        z = normal_score(torch.tensor(p, dtype=torch.float64)).item()
+        return z + (z**3 + z) / (4 * freedom) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * freedom**2)
     tail = min(p, 1 - p)
     x = beta_quantile(2 * tail, freedom / 2, 0.5)
     return math.copysign(math.sqrt(freedom * (1 - x) / x), p - 0.5)

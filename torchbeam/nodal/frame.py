@@ -140,7 +140,8 @@ class TurningFrame(FixedFrame):
         return rate + self.spin_skew @ vector()
 
     def orientation(self, start: Tensor | None, dt: Tensor) -> Tensor:
-        return self.space.multiply(start, self.space.exponential(self.omega[..., 0, :] * dt[..., None]))
+        turn = self.space.exponential(self.omega[..., 0, :] * dt[..., None])
+        return self.space.normalize(self.space.multiply(start, turn))  # in single precision products drift off length 1
 
     def steady_acceleration(self, velocity: Tensor) -> dict[str, Tensor]:
         return {"acceleration": self._across(velocity)}

@@ -88,11 +88,16 @@ class ChainMatrix:
             parts.append(torch.cat(torch.broadcast_tensors(*row), -1))
         return ChainRows(nodes, torch.stack(parts, -3)) if parts else ChainRows((), D.new_zeros(0))
 
-    def symmetric(self, unknowns: ChainUnknowns, held: float) -> SymmetricChain | None:
-        """None of order 2."""
-        if self.order == 2:
-            return None
-        D, U, _ = unknowns.masked(*(x.detach() for x in (self.diagonal, *self._couplings())), held=held)
+    def symmetric(self, unknowns: ChainUnknowns, held: float) -> SymmetricChain:
+        """Of order 2, of groups of an end and the midside node before it, of which the first has none."""
+        D, U, L, *far = unknowns.masked(*(x.detach() for x in (self.diagonal, *self._couplings())), held=held)
+        if far:
+            none, eye = torch.zeros_like(D[..., :1, :, :]), torch.eye(D.shape[-1], dtype=D.dtype, device=D.device)
+            middle, ahead, back = (torch.cat(both, -3) for both in (
+                (none + held * eye, D[..., 1::2, :, :]), (none.expand_as(U[..., :1, :, :]), U[..., 1::2, :, :]),
+                (none.expand_as(L[..., :1, :, :]), L[..., 1::2, :, :])))
+            upper = torch.cat(torch.broadcast_tensors(U[..., ::2, :, :], far[0]), -1)
+            D, U = blocks(middle, ahead, back, D[..., ::2, :, :]), torch.cat((torch.zeros_like(upper), upper), -2)
         return SymmetricChain((D + D.mT) / 2, U)
 
     def restricted(self, unknowns: ChainUnknowns) -> ChainSystem:
@@ -107,6 +112,12 @@ class ChainMatrix:
             return self.couplings
         near = torch.zeros_like(self.diagonal[..., 1:, :, :])
         return (near, near) if self.order == 1 else (near, near, near[..., ::2, :, :], near[..., ::2, :, :])
+
+
+def blocks(a: Tensor, b: Tensor, c: Tensor, d: Tensor) -> Tensor:
+    """[a, b; c, d]"""
+    a, b, c, d = torch.broadcast_tensors(a, b, c, d)
+    return torch.cat((torch.cat((a, b), -1), torch.cat((c, d), -1)), -2)
 
 
 class ChainRows(NamedTuple):

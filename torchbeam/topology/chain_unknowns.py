@@ -37,6 +37,11 @@ class ChainUnknowns:
         inside = moving[first:last]
         return cls(chain.order, nodes, first, last, inside, None if bool(inside.all()) else inside.to(like))
 
+    @property
+    def grouped(self) -> Tensor:
+        """Which of the numbers of a vector of `ChainMatrix.symmetric` are free moves, a mask."""
+        return pad(self.moving, (0, 0, self.order - 1, 0)).flatten()
+
     def __len__(self) -> int:
         return self.last - self.first
 

@@ -112,7 +112,8 @@ class Matrix(Protocol):
 
     def symmetric(self, unknowns: Any, held: float) -> Any | None:
         """Of the unknowns, as a constant that multiplies and solves blocks of vectors, see `math.symmetric_chain`, with `held`
-        on the diagonal where a move is held; None where there is none.
+        on the diagonal where a move is held; None where there is none. `unknowns.grouped` says which of a vector's numbers are
+        free moves.
         """
         ...
 

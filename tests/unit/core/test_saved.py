@@ -77,3 +77,39 @@ def test_a_number_for_an_input_of_one():
     assert_close(ends[1], ends[2], rtol=0, atol=1e-14)
     with pytest.raises(ValueError, match="wanted"):
         tb.equilibrium(scene, u=torch.tensor([0.1, 0.2]))
+
+
+def straight(theta):
+    return theta @ torch.stack((torch.ones(5), torch.linspace(0, 1, 5)))
+
+
+PLAIN = tb.Scene(SCENE.beam, [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
+LAW = {"a": tb.laws.Normal(0.0, 1.0), "b": tb.laws.Normal(1.0, 0.5)}
+RESULTS = {
+    "Modes": lambda: tb.modes(tb.Scene(SCENE.beam), count=2),
+    "Linear": lambda: tb.linearize(PLAIN, None, tb.sensors.TipPosition(), u=torch.zeros(3)),
+    "Critical": lambda: tb.critical_load(PLAIN, 100.0, u=torch.tensor([-1.0, 0, 0])),
+    "Path": lambda: tb.path(tb.Scene(SCENE.beam, [tb.TipLoad(force=(0, 0, 0.1))], plane="xz")),
+    "Prediction": lambda: tb.identify(straight, torch.tensor([0.0, 1, 2, 2, 4]), torch.ones(2)).predict(),
+    "Estimate": lambda: tb.monte_carlo(lambda x: x[:, 0] + x[:, 1], LAW, 8).mean_interval(),
+    "SobolIndices": lambda: tb.sobol_indices(lambda x: x[:, 0] + x[:, 1], LAW, 64),
+    "Tornado": lambda: tb.tornado(lambda x: x[:, 0] + x[:, 1], LAW),
+}
+
+
+def numbers(thing):
+    """All tensors in it, however deep."""
+    if isinstance(thing, torch.Tensor):
+        return [thing]
+    parts = thing.values() if isinstance(thing, dict) else thing if isinstance(thing, (tuple, list)) else (
+        vars(thing).values() if hasattr(thing, "__dict__") else ())
+    return [x for part in parts for x in numbers(part)]
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_results_load_with_weights_only(name):
+    thing = RESULTS[name]()
+    again = loaded(thing)
+    assert type(again).__name__ == name and numbers(thing)
+    for a, b in zip(numbers(again), numbers(thing), strict=True):
+        assert_close(a, b, rtol=0, atol=0, equal_nan=True)

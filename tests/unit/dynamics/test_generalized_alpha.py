@@ -13,6 +13,8 @@ import torchbeam as tb
 from torchbeam.dynamics.generalized_alpha import AlphaState, GeneralizedAlphaProblem
 from torchbeam.nodal.discretise import discretise
 
+pytestmark = pytest.mark.steps
+
 CASES = [dict(damping="one"), dict(damping="six"), dict(), dict(effects=()), dict(rotary=False),
          dict(coupled=False, damping="six"), dict(effects=[tb.Drag(1.2, 0.4, added_mass=0.8)])]
 

@@ -106,6 +106,7 @@ def test_step_satisfies_its_equations():
     assert_close((model.law.S @ after.stress[..., None])[..., 0], (e[0] + e[1]) / 2, rtol=0, atol=1e-11)
 
 
+@pytest.mark.steps
 def test_energy_error_is_second_order():
     """Undamped, dead loads and weight: kinetic + strain - work is conserved but for the step's energy error, third order a
     step and second over a fixed time (observed 2.00 at 40 to 10 ms; 3e-5 of the peak strain energy at 40 ms).

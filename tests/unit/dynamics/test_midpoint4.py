@@ -13,6 +13,8 @@ import torchbeam as tb
 from torchbeam.dynamics import midpoint4
 from torchbeam.dynamics.midpoint4 import EXTRAPOLATED, SYMMETRIC
 
+pytestmark = pytest.mark.steps
+
 SOFT = tb.Section.from_stiffness(EA=200.0, GA=100.0, GJ=0.8, EI=(1.0, 2.0), mass=0.2, inertia=0.01)
 SLENDER = tb.Section.from_stiffness(EA=4e4, GA=1.4835e4, GJ=0.769, EI=1.0, mass=0.2, inertia=5e-6)
 

@@ -140,6 +140,21 @@ def test_a_stable_path_has_no_critical_load():
     assert found.eigenvalue.shape == (5, 6) and (found.eigenvalue[:, 0].imag.diff() > 0).all()
 
 
+@pytest.mark.parametrize("damping", [tb.MassDamping, tb.Damping])
+def test_a_neighbour_with_damping_changes_nothing(damping):
+    """Beck's column without damping alone, and beside one that has some: the same load and frequency. What is present decides
+    how it is looked for, not what its value is in some sample.
+    """
+    def beck(value):
+        slowed = damping(torch.tensor(value))
+        return tb.critical_load(lambda P: planar(3, tb.TipLoad(force=along_x(-P), follower=True), slowed), 40.0, points=9)
+
+    alone, both = beck([0.0]), beck([0.0, 0.01])
+    assert both.flutter.all() and both.factor[1] != both.factor[0]
+    assert_close(both.factor[:1], alone.factor, rtol=1e-10, atol=0)
+    assert_close(both.frequency[:1], alone.frequency, rtol=1e-7, atol=0)  # eigenvalues that meet: rounding by its root
+
+
 def test_refusals():
     pull = lambda P: planar(2, tb.TipLoad(force=along_x(-P)))  # noqa: E731
     with pytest.raises(ValueError, match="a highest above the lowest is wanted"):

@@ -37,9 +37,15 @@ def test_beta_quantile(p, a, b):
 
 
 def test_student():
-    """Tables of the 97.5 % and 95 % points; symmetric; with one degree of freedom tan(pi (p - 1/2))."""
-    for freedom, wanted in ((1, 12.7062), (7, 2.3646), (15, 2.1314), (120, 1.9799), (1e6, 1.95997)):
-        assert student_quantile(0.975, freedom) == pytest.approx(wanted, abs=6e-5)
+    """Tables of the 97.5 % point, to their last digit; far out, t = (2p - 1) sqrt(2 / (4 p (1 - p))) of two degrees; where the
+    normal law's expansion takes over both agree; symmetric; with one degree of freedom tan(pi (p - 1/2)).
+    """
+    for freedom, wanted in ((1, 12.7062047), (5, 2.57058184), (30, 2.04227246), (math.inf, 1.95996398)):
+        assert student_quantile(0.975, freedom) == pytest.approx(wanted, rel=1e-8)
+    p = 0.99995
+    assert student_quantile(p, 2) == pytest.approx((2 * p - 1) * math.sqrt(2 / (4 * p * (1 - p))), rel=1e-11)
+    below, above = (student_quantile(p, 1e6 * (1 + side)) for side in (-1e-9, 1e-9))
+    assert above == pytest.approx(below, rel=1e-9)
     assert student_quantile(0.1, 4) == pytest.approx(-student_quantile(0.9, 4))
     assert student_quantile(0.8, 1) == pytest.approx(math.tan(0.3 * math.pi)) and student_quantile(0.5, 3) == 0
 

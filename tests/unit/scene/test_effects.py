@@ -207,6 +207,22 @@ def test_gradient_by_tau(six):
                                         fast_mode=True)
 
 
+@pytest.mark.parametrize("transform", [
+    lambda f, x: torch.func.jvp(f, (x,), (torch.ones_like(x),))[0], lambda f, x: torch.func.grad_and_value(f)(x)[1],
+    lambda f, x: torch.func.vmap(f)(x[None])[0]], ids=["jvp", "grad", "vmap"])
+def test_plain_numbers_within_torch_func(transform):
+    """What is computed from plain numbers where effects are made, in a function that torch.func transforms."""
+    body = [[0.3 * (i == j) for j in range(6)] for i in range(6)]
+
+    def numbers(x):
+        mass, damping = tb.rayleigh([10.0, 50.0], [0.1, 0.1])
+        point = tb.PointMass(body)
+        return x * sum(float(value) for value in (mass.alpha, damping.tau, point.mass, point.inertia[..., 0, 0]))
+
+    x = torch.tensor(2.0, dtype=torch.float64)
+    assert_close(transform(numbers, x), numbers(x), rtol=1e-15, atol=0)
+
+
 @pytest.mark.parametrize("name", TENSORS)
 def test_a_function_of_time_is_its_value_then(name):
     """The load as a function that is constant = the constant; the implicit step takes it at mid step."""

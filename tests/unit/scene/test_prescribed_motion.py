@@ -139,6 +139,7 @@ def test_a_free_beam_keeps_momentum(offset):
         assert_close(now, then, rtol=0, atol=1e-11)
 
 
+@pytest.mark.steps
 def test_energy_with_an_eccentric_mass_is_second_order():
     """Undamped, dead load and weight: the energy balance closes but for the step's error, which falls by four as dt halves."""
     of = tb.Scene(BEAM, [tb.TipLoad(force=(0, 1.0, 2.0)), tb.Gravity((0, 0, -9.81)),
@@ -161,10 +162,10 @@ def test_implicit_and_explicit_agree_with_an_eccentric_mass():
                   frame=TURNING)
     t = torch.tensor([0.0, 0.02])
     exact = tb.simulate(of, t, method="rk4", options={"step_size": 5e-4}).state[-1]
-    ends = [tb.simulate(of, t, step=h, lumped=True, tolerance=1e-12).state[-1] for h in (2e-3, 1e-3, 5e-4)]
+    ends = [tb.simulate(of, t, step=h, lumped=True, tolerance=1e-12).state[-1] for h in (2e-3, 5e-4)]
     for name in ("position", "frame"):
         errors = [(getattr(s, name) - getattr(exact, name)).norm().item() for s in ends]
-        assert errors[0] > 10 * errors[2] and errors[2] < 1e-5
+        assert errors[0] > 10 * errors[1] and errors[1] < 1e-5
 
 
 def rotated(t):
@@ -196,6 +197,7 @@ def test_a_turning_frame_is_a_turning_root(method):
         assert gaps[0][0] > 3.5 * gaps[1][0]
 
 
+@pytest.mark.steps
 def test_energy_balance_closes_with_a_moving_root():
     """Kinetic + strain = work of the weight and of the clamp, to the step's error: 1e-4 of the largest at 5 ms, and a
     quarter at half the step.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,9 @@ import torch
 from torch import Tensor
 from torch.special import ndtr, ndtri
 
-from ...core.arguments import count
+from ...core.arguments import count, level_of
+from ...math.distributions import student_quantile
 from ...solvers.least_squares import search
-from . import student
 from .problem import Problem
 from .transform import Transform
 
@@ -38,12 +39,12 @@ class Bootstrap:
         (R + 1) times it in their order (Davison and Hinkley 1997, 5.2). One that has not converged counts where it is: those
         that ran away are the outermost.
         """
-        x, tail = self.x, student.tail(level)
+        x, tail = self.x, (1 - level_of("level", level)) / 2
         if len(x) < 2 / tail:
             raise ValueError(f"{len(x)} repeats are too few for a level of {level:g}; {int(2 / tail) + 1} or more are wanted")
         least = 1 / (len(x) + 1)
         bias = ndtri((x < self.x_fit).to(x).mean(0).clamp(least, 1 - least))
-        ends = [_at(x.sort(0).values, ndtr(2 * bias + student.quantile(share, torch.inf))) for share in (tail, 1 - tail)]
+        ends = [_at(x.sort(0).values, ndtr(2 * bias + student_quantile(share, math.inf))) for share in (tail, 1 - tail)]
         return torch.stack([self.transform.theta(end) for end in ends], -1)
 
 

@@ -38,7 +38,7 @@ class Experiment:
     def values(self, parameters: Parameters, theta: Tensor) -> Tensor:
         """Readings (N, numbers) of all its measurements, in a row; NaN of samples that failed."""
         given = parameters.given(theta, self.name)
-        y, status = _with_status(self.model(given), len(theta))
+        y, status = with_status(self.model(given), len(theta))
         if isinstance(y, Solution):
             status = y.status if status is None else torch.where(status == 0, y.status, status)
             parts = [m.read(y, given if isinstance(given, dict) else None) for m in self.measurements]
@@ -92,7 +92,7 @@ def _experiment(name: str | None, model: Any, data: Any, sigma: Any) -> Experime
     return Experiment(name, model, tuple(Measurement.of(d, sigma) for d in each(data)), not several(data))
 
 
-def _with_status(given: Any, samples: int) -> tuple[Any, Tensor | None]:
+def with_status(given: Any, samples: int) -> tuple[Any, Tensor | None]:
     """y and status of what a model gave."""
     if isinstance(given, tuple) and len(given) == 2 and not hasattr(given, "_fields"):
         y, status = given

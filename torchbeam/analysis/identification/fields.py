@@ -9,9 +9,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import choice, chosen, count, instance, number
+from ...core.arguments import choice, chosen, count, instance, level_of, number
 from ...core.validation import Value, as_tensor, common_dtype
-from . import posterior, student
+from . import posterior
 from .experiment import NO_DATA
 from .fit import Fit, warn_of
 from .identify import identify
@@ -70,7 +70,7 @@ class FieldFit:
         if self.samples is None:
             found = self.fit.interval_without_warning(level)
         else:
-            tail = student.tail(level)
+            tail = (1 - level_of("level", level)) / 2
             ends = self.samples.quantile(self.samples.new_tensor((tail, 1 - tail)), dim=0)
             found = self.fit.within(self.fit.transform.theta(ends).mT)
         return found[first:first + torch.Size(shape).numel()].reshape(*shape, 2)

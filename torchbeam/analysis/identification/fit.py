@@ -11,14 +11,16 @@ import torch
 from torch import Tensor
 
 from ...core import files
-from ...core.arguments import choice
+from ...core.arguments import choice, level_of
+from ...core.validation import Value
 from ...core.warning import warn
+from ...math.distributions import student_quantile
 from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
-from . import student
 from .bootstrap import Bootstrap, bootstrap
 from .covariance import half_interval
 from .observed_priors import with_priors_observed
+from .prediction import Prediction, predicted
 from .problem import Problem
 from .profile import Profile, profiles
 from .readings import Readings
@@ -156,6 +158,34 @@ class Fit:
             found = torch.stack([one.interval for one in self.profile(level=level)])
         return self.within(found)
 
+    def predict(self, model: Any = None, sensor: Any = None, times: Any = None, *, level: float = 0.95,
+                sigma: Value | None = None, experiment: str | None = None) -> Prediction:
+        """Readings at the fitted parameters, of what was measured or of anything else that the same parameters make, with bands
+        from their covariance: the readings' derivatives G, as a search takes them (one batch of 2 p + 1 samples), give the
+        variance G C G^T. Exact where readings are linear in the coordinates of the search; Student's t with the parameters'
+        `freedom` (the fewest, where these differ). A parameter at a bound counts as known; a reading that moves with one that
+        is not determined has an infinite band.
+
+        model       as `identify` takes one, of another load, place or time; None = the model that was fitted
+        sensor, times  by which a Solution is read, see `tb.observe`; times (s) None = those of the solution. Offsets, drifts,
+                    delays and clocks of instruments are not in it
+        sigma       of the noise of a new measurement: the bands are then of that, not of what is there. A number, or a tensor
+                    that broadcasts with the readings; where the misfit told the noise, `fit.scale` times the data's
+        experiment  whose model, and whose own parameters; wanted where there are several with their own
+
+        Like intervals it takes the model as right: a UserWarning says so where there are `doubts`. Raises ValueError for a fit
+        from a file, a model that fails at the fit, or other shapes.
+        """
+        warn_of(self.doubts)
+        y, J = predicted(self._problem("prediction"), self.x, model, sensor, times, experiment)
+        open_ = self.open if len(self.open) else torch.zeros_like(self.held)
+        told = ~self.held & ~open_
+        own = J[..., told]
+        variance = ((own @ self.x_covariance[told][:, told]) * own).sum(-1).clamp(min=0)
+        variance = torch.where((J[..., open_ & ~self.held] != 0).any(-1), torch.inf, variance)
+        quantile = self._quantile(level)
+        return Prediction.of(y, variance, sigma, (quantile[told] if told.any() else quantile).amax().item(), level)
+
     def profile(self, *names: str, level: float = 0.95) -> tuple[Profile, ...]:
         """Profile likelihoods of the parameters (all), see `interval`."""
         for name in names:
@@ -223,8 +253,8 @@ class Fit:
 
     def _quantile(self, level: float) -> Tensor:
         """(p,) of Student's t, at the upper end."""
-        tail = student.tail(level)
-        each = {freedom: student.quantile(1 - tail, freedom) for freedom in set(self.freedom.tolist())}
+        end = (1 + level_of("level", level)) / 2
+        each = {freedom: student_quantile(end, freedom) for freedom in set(self.freedom.tolist())}
         return self.x.new_tensor([each[freedom] for freedom in self.freedom.tolist()])
 
     def _half_interval(self, quantile: Tensor) -> Tensor:

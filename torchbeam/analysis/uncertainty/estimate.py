@@ -11,7 +11,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import number
 from ...core.validation import as_tensor, shown
 from ...math.distributions import binomial_interval, binomial_ranks, normal_probability, student_quantile
 
@@ -75,14 +74,6 @@ def replicated_well(groups: int, samples: int) -> bool:
     each the samples themselves do, which are independent.
     """
     return groups > 1 and samples >= 2 * groups
-
-
-def level_of(name: str, level: float) -> float:
-    """A probability in (0, 1); ValueError otherwise."""
-    level = number(name, level)
-    if not 0 < level < 1:
-        raise ValueError(f"{name} = {level:g} was given; a probability between 0 and 1 is wanted")
-    return level
 
 
 def probabilities(levels: Any) -> Tensor:

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean
+from ...core.arguments import boolean, level_of
 from ...core.arguments import function as checked_function
 from ...core.repetition import one_of
 from ...core.validation import Value, as_tensor, finite, precision
 from .designs import Sobol
-from .estimate import Estimate, level_of, student_half
+from .estimate import Estimate, student_half
 from .evaluation import Function, called, points_of, settings
 from .joint_law import Correlation, JointLaw
 from .laws import Law

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean, choice, count, number
+from ...core.arguments import boolean, choice, count, level_of, number
 from ...math.distributions import normal_probability
 from .design_point import design_points
-from .estimate import level_of
 from .evaluation import Evaluation, Function, settings
 from .importance_sampling import importance_sampling
 from .importance_sampling import interval as importance_interval

@@ -9,12 +9,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean
+from ...core.arguments import boolean, level_of
 from ...core.arguments import function as checked_function
 from ...core.status import STATUS
 from ...core.validation import Value, as_tensor, broadcast, finite, shown
 from . import estimate, output
-from .estimate import Estimate, Statistic, failures, level_of, probabilities
+from .estimate import Estimate, Statistic, failures, probabilities
 
 FAILED = 1  # status of a sample whose y is not finite
 NOT_FINITE = "y is not finite"

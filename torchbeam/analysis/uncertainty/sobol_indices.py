@@ -10,11 +10,11 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean
+from ...core.arguments import boolean, level_of
 from ...core.files import path_of
 from .chunk_size import usual_chunk
 from .designs import Exchanged, Sobol
-from .estimate import level_of, student_half
+from .estimate import student_half
 from .evaluation import Evaluation, Function, one_kind, points_of, progress_of, settings
 from .joint_law import JointLaw
 from .laws import Law

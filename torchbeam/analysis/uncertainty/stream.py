@@ -10,9 +10,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...core.arguments import level_of
 from ...core.validation import Value, as_tensor, broadcast, finite
 from ...math.distributions import binomial_interval, binomial_ranks, student_quantile
-from .estimate import FEW, Estimate, failures, level_of, probabilities, replicated_well, share_half, student_half
+from .estimate import FEW, Estimate, failures, probabilities, replicated_well, share_half, student_half
 from .moments import Moments
 from .output import Summary
 from .samples import reasons_of

@@ -9,9 +9,8 @@ from itertools import accumulate
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean
+from ...core.arguments import boolean, level_of
 from ...math.distributions import normal_score
-from .estimate import level_of
 from .evaluation import Function, evaluated, settings
 from .joint_law import JointLaw
 from .laws import Law

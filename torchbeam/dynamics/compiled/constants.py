@@ -164,7 +164,7 @@ class Constants:
         while size < len(turns):  # each is that of all steps up to its own
             turns = torch.cat((turns[:size], space.multiply(turns[:-size], turns[size:])))
             size *= 2
-        end = space.multiply(start, turns)
+        end = space.normalize(space.multiply(start, turns))
         begin = torch.cat((start.expand(1, *end.shape[1:]), end[:-1]))
         return space.multiply(begin, half), end
 

@@ -64,13 +64,15 @@ def by_sample(make: Callable[[Surroundings | None], Made], model: Model, around:
 
 
 def _rows(model: Model, around: Surroundings, batch: torch.Size) -> list[Tensor]:
-    """Tensors with the batch's axes whose rows are each read by their sample alone, as if it were one of one: with random
-    numbers in their place, a change in the first row changes what functions give the first sample, and that alone; and the
-    first and the last are in the batch what they are alone. None where it is not so.
+    """Tensors with the batch's axes whose rows are each read by their sample alone, as if it were one of one: with other
+    numbers of their size in their place, a change in the first row changes what functions give the first sample, and that
+    alone; and the first and the last are in the batch what they are alone, by these numbers and by their own. None where it is
+    not so.
     """
     generator, still, axes = torch.Generator().manual_seed(0), Constants(model).still, len(batch)
     shift = torch.rand(*batch, *still.position.shape[-2:], dtype=model.length.dtype, generator=generator)
-    numbers = {id(x): (x, torch.rand(x.shape, dtype=x.dtype, generator=generator)) for x in around.tensors
+    sizes = {id(x): torch.where(x.abs().amax() > 0, x.abs().amax(), 1.0) for x in around.tensors if x.numel()}
+    numbers = {id(x): (x, x + sizes[id(x)] * torch.rand(x.shape, dtype=x.dtype, generator=generator)) for x in around.tensors
                if x.shape[:axes].numel() > 1 and x.ndim >= axes
                and all(n in (1, size) for n, size in zip(x.shape, batch, strict=False))}
 
@@ -87,19 +89,20 @@ def _rows(model: Model, around: Surroundings, batch: torch.Size) -> list[Tensor]
         return x[tuple(slice(None) if n == 1 else slice(k, k + 1 or None) for n in x.shape[:axes])]
 
     stand = {name: x for name, (_, x) in numbers.items()}
-    whole, found = given(stand, shift), {}
+    whole, found = given(stand, shift), []
     for name, x in stand.items():
         other, own = x.clone(), torch.zeros(*(1 if n == 1 else size for n, size in zip(x.shape, batch, strict=False)))
-        row(other, 0).add_(1.0)
+        row(other, 0).add_(sizes[name])
         row(own, 0).add_(1.0)
         changed = (given({**stand, name: other}, shift) != whole).any(-1)
         if changed.any() and not (changed & (own == 0)).any():
-            found[name] = x
-    stand = {name: x for name, x in stand.items() if name not in found}
-    for k in (0, -1):
-        alone = given(stand | {name: row(x, k) for name, x in found.items()}, row(shift, k))
-        if not torch.allclose(row(whole, k), alone, rtol=1e-6, equal_nan=True):
-            return []
+            found.append(name)
+    for now in (stand, {name: x for name, (x, _) in numbers.items()}):
+        whole = given(now, shift)
+        for k in (0, -1):
+            alone = given(now | {name: row(now[name], k) for name in found}, row(shift, k))
+            if not torch.allclose(row(whole, k), alone, rtol=1e-6, equal_nan=True):
+                return []
     return [numbers[name][0] for name in found]
 
 

@@ -113,7 +113,7 @@ def rayleigh(frequency: Sequence[Value] | Tensor, ratio: Sequence[Value] | Tenso
         raise ValueError("rayleigh with ratios that take a negative coefficient was given; ratios nearer to each other are "
                          "wanted")
     found = alpha * scale[..., 0], tau / scale[..., 0]
-    alpha, tau = (numbers(x.numpy()) for x in found) if plainly else found  # numbers have no dtype of their own
+    alpha, tau = (numbers(x.tolist()) for x in found) if plainly else found  # numbers have no dtype of their own
     return MassDamping(alpha), Damping(tau, six=False)
 
 

@@ -97,4 +97,4 @@ def _rigid_body(matrix: Tensor | np.ndarray) -> tuple:
     body = torch.cat((torch.cat((m[..., None, None] * eye, -mc), -1), torch.cat((mc, M[..., 3:, 3:]), -1)), -2)
     if concrete((body - M).abs() > ROUNDING * size).any():
         raise ValueError("a PointMass's 6x6 mass that no rigid body has was given; [[m I, -m ~c], [m ~c, J]] is wanted")
-    return (m, J, c) if isinstance(matrix, Tensor) else tuple(numbers(x.numpy()) for x in (m, J, c))
+    return (m, J, c) if isinstance(matrix, Tensor) else tuple(numbers(x.tolist()) for x in (m, J, c))

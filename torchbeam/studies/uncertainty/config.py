@@ -13,12 +13,11 @@ from typing import Any
 
 import torch
 
-from ...analysis.uncertainty.estimate import level_of
 from ...analysis.uncertainty.given_law import of_text
 from ...analysis.uncertainty.monte_carlo import monte_carlo
 from ...analysis.uncertainty.monte_carlo_stream import monte_carlo_stream
 from ...analysis.uncertainty.output import LEVELS
-from ...core.arguments import boolean, keywords, number
+from ...core.arguments import boolean, keywords, level_of, number
 
 OPTIONS = sorted({*keywords(monte_carlo), *keywords(monte_carlo_stream)} - {"executor", "out", "progress"})
 OWN = ("levels", "interval", "thresholds", "keep")  # of the answers, and whether samples are kept

@@ -1,5 +1,6 @@
 """Identification through solutions: sensors, delays and clocks; a static and a dynamic experiment together."""
 
+import pytest
 import torch
 from torch.distributions import Normal
 from torch.testing import assert_close
@@ -19,13 +20,14 @@ def scene(theta, pull=0.0):
 
 
 def motion(theta):
-    return tb.simulate(scene(theta), GRID, step=0.01, engine="eager")
+    return tb.simulate(scene(theta), GRID, step=0.01)
 
 
 def sag(theta):
     return tb.equilibrium(scene({**theta, "tau": 0.01}, 0.5)).tip.position[:, 2]
 
 
+@pytest.mark.steps
 def test_delay_and_clock_are_parameters():
     """Accelerations and positions of one motion by two instruments with another delay and clock each, missing readings, and
     the sag, which tells the stiffness without a clock: all come back, and the motion is simulated once a trial.

@@ -8,7 +8,7 @@ from torch.testing import assert_close
 from wave_cases import T
 
 import torchbeam as tb
-from torchbeam.analysis.identification import student
+from torchbeam.math.distributions import student_quantile
 
 X = torch.stack((torch.ones_like(T), T, T**2), -1)
 DATA = X @ torch.tensor([1.0, -0.5, 0.2]) + 0.05 * torch.randn(40, generator=torch.Generator().manual_seed(5))
@@ -40,7 +40,7 @@ def test_a_bound_holds_a_parameter(sigma):
     assert (fit.covariance[1] == 0).all() and fit.correlation[0, 1] == 0
     assert_close(fit.correlation.diagonal(), torch.ones(3))
     assert_close(fit.freedom, torch.full((3,), 38.0 if sigma is None else math.inf), rtol=1e-9, atol=0)
-    t, near, far = student.quantile(0.975, fit.freedom[1].item()), -0.45, 1.0
+    t, near, far = student_quantile(0.975, fit.freedom[1].item()), -0.45, 1.0
     for _ in range(60):
         middle = (near + far) / 2
         near, far = (middle, far) if squares(middle) - bottom < t**2 * variance else (near, middle)

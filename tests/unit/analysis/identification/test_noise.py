@@ -8,7 +8,7 @@ from torch.testing import assert_close
 from wave_cases import CLEAN, NOISE, T, wave
 
 import torchbeam as tb
-from torchbeam.analysis.identification import student
+from torchbeam.math.distributions import student_quantile
 
 
 def drawn(sizes, sigma, seed=0):
@@ -51,7 +51,7 @@ def test_restricted_maximum_likelihood():
     share = torch.stack([(C @ X.T @ W @ a @ W @ X @ C).diagonal() / C.diagonal() for a in parts])
     wanted = 2 / torch.einsum("cj,cd,dj->j", share, torch.linalg.inv(information), share)
     assert_close(fit.freedom, wanted, rtol=1e-2, atol=0)
-    t = torch.tensor([student.quantile(0.975, f) for f in fit.freedom.tolist()])
+    t = torch.tensor([student_quantile(0.975, f) for f in fit.freedom.tolist()])
     assert_close(fit.interval()[:, 1] - fit.theta, t * fit.deviation, rtol=1e-6, atol=0)
     assert "noise found: a 0.0" in fit.summary() and fit.status == 0
     assert_close(fit.readings[1].sigma, found[1].expand(12), rtol=1e-6, atol=0)
