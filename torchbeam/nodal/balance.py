@@ -24,7 +24,7 @@ from ..topology.protocols import Matrix, Rows, System, total
 from .assembly import Assembly
 from .constitutive_law import times
 from .constraints import Constraints
-from .model import Model
+from .rows import Rows
 
 
 class Residual(NamedTuple):
@@ -89,7 +89,7 @@ class Linearisation(NamedTuple):
     law: Tensor  # S^-1 as the law has it, which C may differ from
 
     @classmethod
-    def of(cls, model: Model, tangent: CondensedTangent) -> Linearisation:
+    def of(cls, model: Rows, tangent: CondensedTangent) -> Linearisation:
         """With the supports of a model."""
         matrix, constraints = tangent.matrix, model.constraints
         return cls(model.assembly, constraints, matrix.restricted(constraints.unknowns), matrix.rows(constraints.nodes),
@@ -128,7 +128,7 @@ def dstress(C: Tensor, E: Tensor, g_strain: Tensor, move: Tensor) -> Tensor:
     return times(C, g_strain[..., None] + E @ move[..., None])[..., 0]
 
 
-def restrained_forces(model: Model, kin: Any, own: Tensor | float, h: Tensor) -> Tensor | float:
+def restrained_forces(model: Rows, kin: Any, own: Tensor | float, h: Tensor) -> Tensor | float:
     """Element forces that the beam's eigenstrain would take to hold back: what it is measured against where nothing else acts;
     0.0 where there is none.
     """

@@ -92,13 +92,18 @@ def acting(rows: Rows, loads: tuple[Any, ...], sizes: tuple[int, ...], node: int
 
 def conditions(model: Model, t: Tensor, inputs: Inputs, end: Tensor | None = None, loads: tuple[Any, ...] | None = None
                ) -> Conditions:
-    """Of all of a model at t (...), its supports at the time `end` (...); loads: of the scene's, None = all."""
-    velocities = model.prescribed_motion.frame(t)
-    every = acting(model, model.scene.loads, model.scene.internal_states)
-    if loads is not None:
-        every = tuple(one for one in every if any(one.load is load for load in loads))
-    root = model.prescribed_motion.root_pose(t) if any(one.load.wants_support for one in every) else None
-    return Conditions(t, inputs, frame_of(model.space, *velocities), velocities, every, 0.0, model.eigenstrain(t, inputs),
+    """Of all of a model at t (...), its supports at the time `end` (...); loads: these of the scene's alone, without what the
+    beam bends by itself, None = all.
+    """
+    acts, motion, eigenstrain = acting(model, model.scene.loads, model.scene.internal_states), model.prescribed_motion, 0.0
+    if loads is None:
+        eigenstrain = model.eigenstrain(t, inputs)
+    else:
+        acts = tuple(one for one in acts if any(one.load is load for load in loads))
+    asked = loads is None or any(one.load.wants_frame for one in acts)
+    velocities = motion.frame(t) if asked else (None, None)
+    root = motion.root_pose(t) if any(one.load.wants_support for one in acts) else None
+    return Conditions(t, inputs, frame_of(model.space, *velocities), velocities, acts, 0.0, eigenstrain,
                       () if end is None else supports(model, end), root, None, model.scene.beam.element_count)
 
 
