@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 from ..math.shapes import broadcast_shapes
-from ..topology.protocols import Matrix, Rows, System, total
+from ..topology.protocols import Matrix, MatrixRows, System, total
 from .assembly import Assembly
 from .constitutive_law import times
 from .constraints import Constraints
@@ -82,7 +82,7 @@ class Linearisation(NamedTuple):
     assembly: Assembly
     constraints: Constraints
     system: System  # of the unknowns
-    rows: Rows  # of the supports' balances
+    rows: MatrixRows  # of the supports' balances
     hB: Tensor  # (..., N, k, p + 2 s) h B
     C: Tensor
     E: Tensor  # (..., N, k, p + 2 s)
