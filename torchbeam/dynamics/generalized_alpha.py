@@ -133,7 +133,8 @@ class GeneralizedAlphaProblem(MidpointProblem):
 
     def external_before(self) -> Tensor | float:
         """Loads at the nodes (..., N+1, w), at the start."""
-        return external.external(self.model, self.motion.nodes_before(self.conditions.reads), self.conditions_before)
+        before = self.conditions_before
+        return external.external(self.model, self.motion.nodes_before(before.reads), before, total=before.dead)
 
     def straining(self, way: EndKinematics) -> Tensor:
         """See `AlphaState`, at the end; nothing asks for it where strains are not damped."""

@@ -30,7 +30,9 @@ class LocalAlphaProblem(Given, GeneralizedAlphaProblem):
 
     before: Conditions | None = None
 
-    conditions_before = property(lambda self: self.before or self.given)
+    @property
+    def conditions_before(self) -> Conditions:
+        return replace(self.before or self.given, t=self.t - self.dt)
 
     def straining(self, way: EndKinematics) -> Tensor:
         return super().straining(way) if self.model.topology.element_count else self.start.straining

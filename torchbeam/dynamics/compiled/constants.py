@@ -232,7 +232,7 @@ class Constants:
         zero, turn = torch.zeros_like(position), torch.zeros_like(position[..., :model.space.spin])
         still = Nodes(position, rotation, zero, turn, common.frame, position.new_zeros(model.internal_states), common.dt, zero,
                       turn)
-        now = conditions(model, common.t, common.inputs)
+        now = conditions(model, common.t, common.inputs, loads=model.scene.loads)
         return external(model, still, now), advanced(model, still, now)
 
     def _held(self, name: str, value: Callable[[], Any]) -> Any:

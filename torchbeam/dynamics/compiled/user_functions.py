@@ -114,4 +114,4 @@ def _in_motion(model: Model, still: Nodes, shift: Tensor) -> tuple[Tensor | floa
     rotation = model.space.normalize(model.space.multiply(model.space.cayley(turn), still.rotation))
     nodes = Nodes(still.position + shift, rotation, shift, turn, still.frame, internal, t + 0.01, shift, turn)
     return (external(model, nodes, conditions(model, t, inputs, loads=tuple(by_function(model)))),
-            advanced(model, nodes, conditions(model, t, inputs)))
+            advanced(model, nodes, conditions(model, t, inputs, loads=model.scene.loads)))
