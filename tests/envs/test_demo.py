@@ -16,7 +16,7 @@ from torchbeam.extend.commands import main
 
 
 def run(*arguments):
-    return subprocess.run([sys.executable, "-m", "torchbeam", *arguments], capture_output=True, text=True, timeout=120,
+    return subprocess.run([sys.executable, "-m", "torchbeam", *arguments], capture_output=True, text=True, timeout=300,
                           env={**os.environ, "OMP_NUM_THREADS": "1", "TORCHBEAM_ENGINE": "auto"})
 
 

@@ -136,15 +136,17 @@ def test_the_engine_is_told():
     (lambda r, R, v, w, t: None, "None"),
     (lambda r, R, v, w, t: (v[..., :2], None), "3"),
     (lambda r, R, v, w: (v, None), "argument"),
+    (lambda t: t, "3"),
+    (lambda t: tb.nothing, "nothing"),
 ])
 @pytest.mark.parametrize("call", [run, lambda load: tb.equilibrium(scene(load), u=(0, 0, 0.1))])
 def test_a_mistake_in_a_function_is_told_as_that(call, function, sentence):
-    """By the error alone, without a warning about native code before it."""
+    """By the error alone, without a warning about native code before it. Functions of the motion, and of t."""
     found = []
 
     def fails():
-        with pytest.raises((ValueError, TypeError), match=sentence):
-            call(tb.Load(function))
+        with pytest.raises((ValueError, TypeError, AttributeError), match=sentence):
+            call(tb.TipLoad(force=function) if function.__code__.co_argcount == 1 else tb.Load(function))
 
     found = said(fails, Warning)
     assert found == []

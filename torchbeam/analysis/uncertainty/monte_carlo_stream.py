@@ -107,7 +107,8 @@ def _state(stream: Stream) -> dict[str, Any]:
     return dict(shape=None if stream.shape is None else list(stream.shape), samples=stream.samples, reasons={**stream.reasons},
                 moments=[None if one is None else [one.n, one.mean, one.second, one.third, one.fourth, one.least, one.largest]
                          for one in stream.moments],
-                sketches=[[[one.most, one.keys, one.counts, one.joined] for one in sketches] for sketches in stream.sketches])
+                sketches=[[[one.most, one.keys, one.counts, one.least, one.largest, one.joined] for one in sketches]
+                          for sketches in stream.sketches])
 
 
 def _checksum(state: Any, done: int, folder: ChunkFolder) -> str:

@@ -20,18 +20,23 @@ class Sketch:
     Where there are more than `most` bins, each two neighbours are joined, gamma squared, until there are not (UDDSketch;
     Epicoco et al. 2020). So counts depend on the numbers alone, not on their order or on how they came in parts.
 
-    keys    (K,) int64, increasing with the value: sign times (k + ZERO, at this width), 0 for zero;  counts (K,) int64
-    joined  times that bins were joined: log gamma = FINEST 2^joined
+    keys     (K,) int64, increasing with the value: sign times (k + ZERO, at this width), 0 for zero;  counts (K,) int64
+    least    (K,) the least number in each bin, and the largest: what lies in a bin alone is known exactly
+    largest  (K,)
+    joined   times that bins were joined: log gamma = FINEST 2^joined
     """
 
     most: int
     keys: Tensor
     counts: Tensor
+    least: Tensor
+    largest: Tensor
     joined: int = 0
 
     @classmethod
     def empty(cls, most: int) -> Sketch:
-        return cls(most, torch.zeros(0, dtype=torch.long), torch.zeros(0, dtype=torch.long))
+        none = torch.zeros(0, dtype=torch.long)
+        return cls(most, none, none, none.double(), none.double())
 
     @property
     def width(self) -> float:
@@ -53,24 +58,17 @@ class Sketch:
         size = x.abs()
         tiny = math.exp(-700.0)
         place = torch.ceil(size.clamp_min(tiny).log() / FINEST).long() + ZERO
-        self._count(torch.where(size < tiny, 0, x.sign().long() * place), torch.ones_like(place), 0)
+        self._count(torch.where(size < tiny, 0, x.sign().long() * place), torch.ones_like(place), x, x, 0)
 
     def merge(self, other: Sketch) -> None:
         """Count all that another sketch has."""
-        self._count(other.keys, other.counts, other.joined)
-
-    def bins(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Least and largest value of each bin (K,), increasing, and counts (K,)."""
-        size = self.keys.abs() - _joined(torch.tensor(ZERO), self.joined)
-        outer, inner = ((size + step).double() * self.width for step in (0, -1))
-        outer, inner = (torch.where(self.keys == 0, 0.0, x.exp()) for x in (outer, inner))
-        return torch.where(self.keys < 0, -outer, inner), torch.where(self.keys < 0, -inner, outer), self.counts
+        self._count(other.keys, other.counts, other.least, other.largest, other.joined)
 
     def at_ranks(self, ranks: Tensor) -> Tensor:
         """Values (R,) of the samples of these ranks (R,), 0 to total - 1, each sample's to the relative `error`; linear between
         those of whole ranks.
         """
-        low, high, counts = self.bins()
+        low, high, counts = self.least, self.largest, self.counts
         ranks = ranks.double()
         below = ranks.floor()
         whole = torch.stack((below, below + 1))
@@ -79,23 +77,26 @@ class Sketch:
         return torch.lerp(*middle[k], ranks - below)
 
     def above(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Least and largest number (...) of samples above x (...): those of the bin that x lies in are not told apart."""
-        low, high, counts = self.bins()
-        beyond = counts.sum() - torch.cat((counts.new_zeros(1), counts.cumsum(0)))
+        """Least and largest number (...) of samples above x (...): those of a bin that x lies inside of are not told apart."""
+        beyond = self.counts.sum() - torch.cat((self.counts.new_zeros(1), self.counts.cumsum(0)))
         x = x.double().contiguous()
-        low = torch.where(self.keys > 0, low, low.nextafter(torch.tensor(-torch.inf).double()))  # these hold their least value
-        return beyond[torch.searchsorted(low, x)], beyond[torch.searchsorted(high, x, right=True)]
+        return tuple(beyond[torch.searchsorted(end, x, right=True)] for end in (self.least, self.largest))
 
-    def _count(self, keys: Tensor, counts: Tensor, joined: int) -> None:
+    def _count(self, keys: Tensor, counts: Tensor, least: Tensor, largest: Tensor, joined: int) -> None:
         joint = max(joined, self.joined)
-        both = torch.cat((_joined(self.keys, joint - self.joined), _joined(keys, joint - joined)))
-        amounts, self.joined = torch.cat((self.counts, counts)), joint
+        keys = torch.cat((_joined(self.keys, joint - self.joined), _joined(keys, joint - joined)))
+        counts, least, largest = (torch.cat(pair) for pair in
+                                  ((self.counts, counts), (self.least, least), (self.largest, largest)))
+        self.joined = joint
         while True:
-            self.keys, place = both.unique(return_inverse=True)
-            self.counts = torch.zeros_like(self.keys).index_add(0, place, amounts)
+            self.keys, place = keys.unique(return_inverse=True)
+            self.counts = torch.zeros_like(self.keys).index_add(0, place, counts)
+            self.least, self.largest = (x.new_empty(len(self.keys)).scatter_reduce(0, place, x, how, include_self=False)
+                                        for x, how in ((least, "amin"), (largest, "amax")))
             if len(self.keys) <= self.most:
                 return
-            both, amounts, self.joined = _joined(self.keys, 1), self.counts, self.joined + 1
+            keys, counts, least, largest = _joined(self.keys, 1), self.counts, self.least, self.largest
+            self.joined += 1
 
 
 def _joined(keys: Tensor, times: int) -> Tensor:

@@ -167,18 +167,16 @@ class Stream(Summary):
         return self._estimate(*(self._shaped(x, given) for x in (centre, low, high)), level, few)
 
     def exceedance(self, x: Value, interval: float = 0.95) -> Estimate:
-        """Probability that y > x, for thresholds x that broadcast with one y. Samples in the bin that x lies in are taken half:
-        the interval is wider by them.
+        """Probability that y > x, for thresholds x that broadcast with one y. Samples of a bin that x lies inside of, between
+        its least and its largest one, are taken half: the interval is wider by them.
         """
         level, n, pooled, groups = level_of("interval", interval), self._good, self._pooled(), self._groups
         x = finite("x", as_tensor(x, torch.float64))
         shape = broadcast("the thresholds and y of a sample", x.shape, torch.Size(self.shape))
         numbers = torch.arange(max(math.prod(self.shape), 1)).reshape(self.shape).expand(shape).flatten().tolist()
         rows, fews = [], []
-        smallest, largest = (v.flatten().tolist() for v in (self.all.least, self.all.largest))  # these are known exactly
         for j, at in zip(numbers, x.expand(shape).flatten(), strict=True):
-            least, most = (n, n) if at < smallest[j] else (0, 0) if at >= largest[j] else (
-                v.item() for v in pooled[j].above(at))
+            least, most = (v.item() for v in pooled[j].above(at))
             few = groups == 1 or min(least, n - most) < FEW * groups
             if few:
                 low, high = binomial_interval(least, n, level)[0], binomial_interval(most, n, level)[1]
@@ -191,15 +189,14 @@ class Stream(Summary):
         return self._estimate(*(part.reshape(shape) for part in parts), level, torch.tensor(fews))
 
     def histogram(self, edges: Value) -> Tensor:
-        """Shares (..., bins) of the good samples between edges (bins + 1,), the least and the largest with the bins that begin
-        and end at them; a sketch's bins that an edge cuts go half to each side.
+        """Shares (..., bins) of the good samples between edges (bins + 1,): those at an edge lie below it, but for the least of
+        all; a sketch's bins that an edge cuts go half to each side.
         """
         edges = finite("edges", as_tensor(edges, torch.float64))
         if edges.ndim != 1 or len(edges) < 2 or not (edges.diff() > 0).all():
             raise ValueError(f"edges {tuple(edges.shape)} were given; (bins + 1,) increasing numbers are wanted")
-        least, largest = (x.reshape(-1, 1) for x in (self.all.least, self.all.largest))  # these are known exactly
         above = torch.stack([sum(sketch.above(edges)) / 2 for sketch in self._pooled()])
-        above = torch.where(edges <= least, self._good, torch.where(edges >= largest, 0, above))
+        above = torch.where(edges <= self.all.least.reshape(-1, 1), self._good, above)
         return (-above.diff(dim=-1) / self._good).reshape(*self.shape, -1)
 
     def _share_error(self, j: int, x: Tensor, level: float, n: int) -> Tensor:

@@ -102,7 +102,7 @@ def compiled_step(model: Model, method: str, **options: Any) -> CompiledStep:
 
 def automatic_step(model: Model, method: str, **options: Any) -> tuple[CompiledStep | None, str | None]:
     """Steps of a model by native code where "auto" takes it; else None, and why it is to be said that steps are eager, None =
-    that is meant. What fails in the compiler is warned of at once. What a user's function raises is raised eagerly, too.
+    that is meant. What a user's function raises, of the motion or of time, is raised by the eager step, before a word is said.
     """
     if refusal(model, method, **options) is not None or meaning() == "eager":
         return None, None
@@ -114,10 +114,7 @@ def automatic_step(model: Model, method: str, **options: Any) -> tuple[CompiledS
     try:
         return _made(model, method, own, **options), None
     except Exception as error:
-        if own:
-            return None, untraceable(own[0], error)
-        given_up(error)
-        return None, None
+        return None, untraceable(own[0], error) if own else impossible(error)
 
 
 def _made(model: Model, method: str, own: list[Any], **options: Any) -> CompiledStep:
@@ -126,5 +123,9 @@ def _made(model: Model, method: str, own: list[Any], **options: Any) -> Compiled
 
 def given_up(error: Exception, what: str = "steps are made") -> None:
     """The warning about a compiler that failed."""
+    slow_path(what, impossible(error))
+
+
+def impossible(error: Exception) -> str:
     first = next(iter(str(error).splitlines()), "")
-    slow_path(what, f"no native code could be made: {type(error).__name__}: {first}")
+    return f"no native code could be made: {type(error).__name__}: {first}"

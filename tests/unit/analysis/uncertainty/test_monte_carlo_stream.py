@@ -80,13 +80,25 @@ def test_shares_at_the_least_and_the_largest_value():
     assert_close(still.histogram((1.5, 2.0, 2.5)), torch.tensor([0.0, 1.0]), rtol=0, atol=0)
 
 
-def test_bins_are_counted_once(both, monkeypatch):
+def test_probability_beyond_one_of_a_few_values():
+    """y of -2, -1, 0, 1 and 2 alike: P(y > x) is without the samples that are x, as `Samples` has it."""
+    def whole(theta):
+        return (theta[:, 0] * 5).floor() - 2
+
+    kept, stream = (run(whole, {"u": (0.0, 1.0)}, 1024, replicates=16) for run in (tb.monte_carlo, tb.monte_carlo_stream))
+    for x in (-3.0, -2.0, -1.0, 0.0, 1.0, 1.5, 2.0):
+        assert stream.exceedance(x).estimate == kept.exceedance(x).estimate
+    assert stream.quantile((0.1, 0.3, 0.9)).tolist() == [-2.0, -1.0, 2.0]
+
+
+def test_sketches_are_read_once(both, monkeypatch):
     """An interval of three quantiles of two numbers: two times per number for those of all, once for each of 16 replicates."""
-    counted, bins = [], Sketch.bins
-    monkeypatch.setattr(Sketch, "bins", lambda self: (counted.append(self), bins(self))[1])
+    read, at_ranks, above = [], Sketch.at_ranks, Sketch.above
+    monkeypatch.setattr(Sketch, "at_ranks", lambda self, ranks: (read.append(self), at_ranks(self, ranks))[1])
+    monkeypatch.setattr(Sketch, "above", lambda self, x: (read.append(self), above(self, x))[1])
     stream = both[1]
     stream.quantile((0.05, 0.5, 0.95), 0.95)
-    assert len(counted) == 2 * 2 + (0 if stream.independent else 2 * 16)
+    assert len(read) == 2 * 2 + (0 if stream.independent else 2 * 16)
 
 
 def test_methods(both):
