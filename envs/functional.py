@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchbeam.extend import count
+from torchbeam.extend import count, entry_points
 
 from .core import BeamVectorEnv
 from .episodes import Episodes
@@ -76,3 +76,6 @@ def step(sim: Simulation, episodes: Episodes, action: Tensor) -> Transition:
     over = episodes.done
     after, reward, _ = sim.advance(episodes, action.clamp(-1, 1), ~over if bool(over.any()) else None)
     return Transition(after, reward)
+
+
+entry_points(globals(), __all__)

@@ -28,8 +28,9 @@ class Reach:
 
     Of one or two actions it interpolates at Chebyshev points, DEGREE in each: for the default strip and reach it is within 3e-6
     of the length of the equilibrium anywhere in the square. Of more it has all products of Chebyshev polynomials up to the
-    total degree that TERMS allow (10 of three actions, 6 of four, 4 of six), by least squares over SPARE as many points, drawn
-    with the density of Chebyshev points (Cohen and Migliorati 2017): within 1e-3 or so.
+    total degree that TERMS allow (12 of three actions, 8 of four, 5 of six), by least squares over SPARE as many points, drawn
+    with the density of Chebyshev points (Cohen and Migliorati 2017): within 5e-4 of the
+    length of three actions, 1.5e-2 of four, 3e-2 of six (a strip bent by its tip's force and by curvatures).
 
     degrees       (terms, a) of the Chebyshev polynomials whose product a term is
     coefficients  (..., terms, 3) m
@@ -53,7 +54,7 @@ class Reach:
             angle = (degrees + 0.5) * (torch.pi / (DEGREE + 1))
         points = torch.cos(angle).to(scene.dtype).to(scene.device)
         degrees = degrees.to(scene.device)
-        state = tb.equilibrium(scene, **inputs(points.reshape(-1, *[1] * len(scene.batch_shape), actions)))
+        state = tb.equilibrium(scene, inputs=inputs(points.reshape(-1, *[1] * len(scene.batch_shape), actions)))
         value = state.tip.position if read is None else read(state)
         return cls(degrees, torch.einsum("tp,p...c->...tc", torch.linalg.pinv(_products(points, degrees)), value))
 
@@ -148,7 +149,7 @@ def holding_action(scene: tb.Scene, target: Tensor, actions: int, inputs: Callab
     @torch.enable_grad()
     def tip(action: Tensor) -> tuple[Tensor, Tensor]:
         a = action.detach().requires_grad_()
-        at = tb.equilibrium(scene, **inputs(a)).tip.position
+        at = tb.equilibrium(scene, inputs=inputs(a)).tip.position
         return at.detach(), torch.stack([torch.autograd.grad(at[:, i].sum(), a, retain_graph=True)[0] for i in range(3)], -2)
 
     return nearest_action(tip, target, torch.zeros(len(target), actions, dtype=scene.dtype, device=scene.device), iterations)

@@ -155,7 +155,7 @@ class Simulation:
         if not self.task.settles:
             start = plant.stepper.rest((count,))
         else:
-            start = tb.equilibrium(plant.scene, throw=False, **idle)
+            start = tb.equilibrium(plant.scene, throw=False, inputs=idle)
         return start, plant.stepper.begin(start, **idle) if isinstance(plant.stepper, tb.Stepper) else start
 
     def _with_room(self, episodes: Episodes | None, names: set[str]) -> Episodes | None:

@@ -21,14 +21,14 @@ REST, NOISE = np.array([0.0, 1.0, 0.0]), 1e-4  # N, m
 
 section = tb.Section.from_stiffness(EA=4e4, GA=1.48e4, GJ=0.769, EI=1.0, mass=0.2, inertia=5e-6)
 scene = tb.Scene(tb.Beam.straight(1.0, 8, section), [tb.TipLoad(force=tb.Input("force", 3)), tb.Damping(1e-3)])
-bent = tb.equilibrium(scene, force=torch.as_tensor(REST))
+bent = tb.equilibrium(scene, inputs={"force": torch.as_tensor(REST)})
 
 
 def tip(state: tb.State) -> torch.Tensor:
     return state.tip.position
 
 
-full = tb.linearize(scene, bent, tip, force=torch.as_tensor(REST))
+full = tb.linearize(scene, bent, tip, inputs={"force": torch.as_tensor(REST)})
 model = full.reduced(6).discrete(DT)
 A, B, C = (X.numpy() for X in (model.A, model.B, model.C))
 
@@ -47,7 +47,7 @@ def run() -> tuple[np.ndarray, np.ndarray]:
     """Tip errors (time, 2, 3) m, with and without control, and the control's force (time, 3) N."""
     noise = np.random.default_rng(0)
     stepper = tb.Stepper(scene, DT)
-    state = tb.equilibrium(scene, force=torch.tensor([0.0, 1.5, 0.3]).expand(2, 3)).at(0.0)
+    state = tb.equilibrium(scene, inputs={"force": torch.tensor([0.0, 1.5, 0.3]).expand(2, 3)}).at(0.0)
     z, errors, forces = np.zeros(len(A)), [], []
     for _ in range(STEPS):
         error = (tip(state) - tip(bent)).numpy()

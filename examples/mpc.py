@@ -57,7 +57,9 @@ class Lqr:
     """
 
     def __init__(self) -> None:
-        self.linear = tb.linearize(model, goal, (lambda s: s.tip.position, lambda s: s.tip.velocity), torque=torch.zeros(3))
+        self.linear = tb.linearize(
+            model, goal, (lambda s: s.tip.position, lambda s: s.tip.velocity), inputs={"torque": torch.zeros(3)}
+        )
         self.linear = self.linear.discrete(DT)
         A, B, C = self.linear.A, self.linear.B[:, 2:], self.linear.C[1::3]
         Q = C.mT @ torch.diag(torch.tensor([10.0, 3.0])) @ C + 1e-8 * torch.eye(len(A))

@@ -34,7 +34,7 @@ class LQR(Controller):
         if not env.task.HOLDS:
             raise ValueError("a task whose targets no constant action holds was given (a hub turns); LQR wants one that does")
         still = {name: env.high.new_zeros(1, size) for name, size in env.plant.scene.inputs.items()}
-        self.rest = tb.equilibrium(env.plant.scene, **still)
+        self.rest = tb.equilibrium(env.plant.scene, inputs=still)
         self.sizes = (12 * env.task.elements, env.sensors.size)  # of the whole state, of the readings
         self.forward = FeedForward(env, lambda state: torch.cat((self.whole(state), self.readings(env, state)), -1))
         self.A, self.B, whole, self.C = self._model(env, still)
@@ -60,7 +60,7 @@ class LQR(Controller):
     def _model(self, env: BeamVectorEnv, still: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """A, B of a control interval, from actions; C of the whole state and of the readings."""
         sensors = [self.whole, lambda state: self.readings(env, state)]
-        model = tb.linearize(env.plant.scene, self.rest, sensors, **still).discrete(env.config.control_interval)
+        model = tb.linearize(env.plant.scene, self.rest, sensors, inputs=still).discrete(env.config.control_interval)
         A, B, C = (x[0] if x.ndim > 2 else x for x in (model.A, model.B, model.C))
         B = torch.cat([B[:, model.inputs[drive.input]] @ drive.gain.mT for drive in env.task.drives], -1)
         return A, B, C[:self.sizes[0]], C[self.sizes[0]:]

@@ -150,14 +150,14 @@ def equilibrium(p: Problem) -> Found:
 
 
 def path(p: Problem) -> Found:
-    found = tb.path(p.scene, t=float(p.t), step=0.25, steps=60, tolerance=1e-11, **_held(p))
+    found = tb.path(p.scene, t=float(p.t), step=0.25, steps=60, tolerance=1e-11, inputs=_held(p))
     if found.state.status.any() or not found.reached.all():
         raise Unsolved
     return {"factor": (ONE, found.factor)} | states("path", found.state)
 
 
 def modes(p: Problem) -> Found:
-    found = tb.modes(p.scene, t=float(p.t), count=4, **_held(p))
+    found = tb.modes(p.scene, t=float(p.t), count=4, inputs=_held(p))
     rates = p.second * found.eigenvalue
     return {"frequency": (ONE, rates.imag.abs()), "growth": (ONE, rates.real)}
 
@@ -165,7 +165,7 @@ def modes(p: Problem) -> Found:
 def linearize(p: Problem) -> Found:
     """The answer of the tip at s = 1 per second to what the inputs are, and the resolvent's trace."""
     held = _held(p)
-    model = tb.linearize(p.scene, None, tb.sensors.TipPosition(), t=float(p.t), **held)
+    model = tb.linearize(p.scene, None, tb.sensors.TipPosition(), t=float(p.t), inputs=held)
     A = p.second * model.A
     eye = torch.eye(A.shape[-1])
     resolvent = torch.linalg.inv(eye - A)

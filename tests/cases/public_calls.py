@@ -14,7 +14,7 @@ START = tb.rest(SCENE)
 SOLUTION = tb.simulate(SCENE, [0.0, 0.1, 0.2], step=0.1)
 EQUILIBRIUM = tb.equilibrium(SCENE)
 MODES = tb.modes(SCENE)
-LINEAR = tb.linearize(DRIVEN, outputs=[S.TipPosition()], u=(0.0, 0, 0))
+LINEAR = tb.linearize(DRIVEN, outputs=[S.TipPosition()], inputs={"u": (0.0, 0, 0)})
 STEPPER = tb.Stepper(DRIVEN, 0.1)
 FORCE = (0, 0, 1.0)
 

@@ -17,11 +17,11 @@ def solved(case: Case, way: str) -> Callable[[Tensor], Tensor]:
         made = made if isinstance(made, dict) else dict(scene=made)
         scene, inputs = made["scene"], made.get("inputs", {})
         if way == "equilibrium":
-            return _state(tb.equilibrium(scene, **inputs))
+            return _state(tb.equilibrium(scene, inputs=inputs))
         if way == "modes":
-            return tb.modes(scene, count=3, **inputs).frequency
+            return tb.modes(scene, count=3, inputs=inputs).frequency
         if way == "linearize":
-            linear = tb.linearize(scene, outputs=tb.sensors.TipPosition(), **inputs)
+            linear = tb.linearize(scene, outputs=tb.sensors.TipPosition(), inputs=inputs)
             eye = torch.eye(linear.A.shape[-1])
             pushed = torch.linalg.solve(7.0 * eye - linear.A, torch.linspace(1, 2, linear.A.shape[-1])[:, None])
             return (linear.C @ pushed)[..., 0]

@@ -82,7 +82,7 @@ def test_holding_agrees_with_the_equilibria(planar):
     exact = holding_action(env.scene, target, env.task.actions, env.task.inputs)
     torch.testing.assert_close(action, exact, atol=1e-4, rtol=0)
     torch.testing.assert_close(holding.action(target, action + 0.05), exact, atol=2e-4, rtol=0)
-    middle = tb.equilibrium(env.scene, **env.task.inputs(exact)).nodes[..., 1, :]
+    middle = tb.equilibrium(env.scene, inputs=env.task.inputs(exact)).nodes[..., 1, :]
     torch.testing.assert_close(holding.at(action), middle, atol=1e-4 * env.task.length, rtol=0)
 
 
@@ -187,7 +187,7 @@ def test_baselines_take_more_actions_than_the_tip_has_directions(actions, error)
     env = make(8, **driven_by(actions))
     reach = env.task.reach
     share = 2 * torch.rand(100, actions, generator=torch.Generator().manual_seed(0), dtype=env.dtype) - 1
-    exact = tb.equilibrium(env.plant.scene, **env.task.inputs(0.8 * share)).tip.position
+    exact = tb.equilibrium(env.plant.scene, inputs=env.task.inputs(0.8 * share)).tip.position
     assert (reach.tip(share) - exact).norm(dim=-1).max() < error * env.task.length
     way = torch.eye(actions, dtype=env.dtype)[-1] * 1e-6
     slope = (reach.tip(0.9 * share + way) - reach.tip(0.9 * share - way)) / 2e-6
@@ -195,7 +195,7 @@ def test_baselines_take_more_actions_than_the_tip_has_directions(actions, error)
     env.reset(seed=0)
     target = env.state.goal
     for action in (Holding.of(env).action(target), holding_action(env.scene, target, actions, env.task.inputs)):
-        tip = tb.equilibrium(env.scene, **env.task.inputs(action)).tip.position
+        tip = tb.equilibrium(env.scene, inputs=env.task.inputs(action)).tip.position
         assert (tip - target).norm(dim=-1).max() < error * env.task.length
 
 

@@ -93,7 +93,7 @@ def test_targets_can_be_held():
     env.reset(seed=0)
     target = env.state.goal
     action = holding_action(env.scene, target, env.task.actions, env.task.inputs)
-    tip = tb.equilibrium(env.scene, **env.task.inputs(action)).tip.position
+    tip = tb.equilibrium(env.scene, inputs=env.task.inputs(action)).tip.position
     assert torch.linalg.vector_norm(tip - target, dim=-1).max() < 1e-5 * env.task.length
     assert torch.linalg.vector_norm(action, dim=-1).max() < 0.8 + 1e-3
 

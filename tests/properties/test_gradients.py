@@ -101,7 +101,7 @@ def test_failed_equilibrium_has_no_gradient_and_harms_none(bad):
     def gradient(moments):
         M = torch.tensor(moments, requires_grad=True)
         driven = tb.Scene(scene().beam, [tb.TipLoad(moment=tb.Input("M", 3))])
-        state = tb.equilibrium(driven, throw=False, M=torch.stack((0 * M, 0 * M, M), -1))
+        state = tb.equilibrium(driven, throw=False, inputs={"M": torch.stack((0 * M, 0 * M, M), -1)})
         return state.status, torch.autograd.grad(state.tip.position[:, 0].sum(), M)[0]
 
     status, with_bad = gradient([1.0, bad, 2.0])

@@ -223,7 +223,7 @@ CASES = {
     "rho_inf as text": (lambda: tb.Stepper(SCENE, 0.1, "generalized_alpha", rho_inf="x"), "rho_inf = 'x' was given"),
     "stepper's input axes": (lambda: tb.Stepper(DRIVEN, 0.1)(tb.rest(DRIVEN, (2,)), u=torch.ones(3, 3)),
         r"a scene, a state and inputs with the batch axes \(2,\) and \(3,\) were given"),
-    "static input's axes": (lambda: tb.equilibrium(BATCH, u=torch.ones(3, 3)), r"\(2,\) and \(3,\)"),
+    "static input's axes": (lambda: tb.equilibrium(BATCH, inputs={"u": torch.ones(3, 3)}), r"\(2,\) and \(3,\)"),
     "stepper's input missing": (step(), "input 'u' is missing; the scene wants u"),
     "stepper's unknown input": (step(u=(0, 0, 1.0), w=(0, 0, 1.0)), "input 'w' was given; the scene has u"),
     "stepper's input shape": (step(u=1.0), r"input 'u' of shape \(\)"),
@@ -287,7 +287,8 @@ CASES = {
     "time of a block rate": (lambda: tb.block_rate(SCENE, tb.consistent_state(SCENE), t=INF), "t holds inf"),
     "time of a path": (lambda: tb.path(SCENE, t=NAN), "t holds nan"),
     "a path's highest factor": (lambda: tb.path(SCENE, NAN), "highest = nan was given; one finite number"),
-    "a critical load's highest factor": (lambda: tb.critical_load(DRIVEN, "x", u=(0, 0, 1.0)), "'x' was given; numbers"),
+    "a critical load's highest factor": (lambda: tb.critical_load(DRIVEN, "x", inputs={"u": (0, 0, 1.0)}),
+        "'x' was given; numbers"),
     # shapes that no body has, axes that are none
     "a point mass above the triangle": (lambda: tb.PointMass(1.0, inertia=(1.0, 1.0, 3.0)), "above the sum of the two others"),
     "a section above the triangle": (lambda: tb.Section(torch.eye(6), matrix((3, 3, 3.0))), "above the sum of the two others"),

@@ -130,7 +130,8 @@ def test_a_circle_is_found():
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [("a", "b", "c")]
 
 
-@pytest.mark.parametrize("name", ["simulate", "identify", "identify_fields", "ExplicitStepper"])
+@pytest.mark.parametrize("name", ["simulate", "equilibrium", "path", "modes", "linearize", "critical_load", "identify",
+                                  "identify_fields", "ExplicitStepper"])
 def test_signatures_say_every_option(name):
     """What an editor completes is all there is: no **options."""
     parameters = inspect.signature(getattr(torchbeam, name)).parameters.values()

@@ -219,7 +219,7 @@ def test_actuated_stretch_and_input():
     state = tb.equilibrium(tb.Scene(beam, [tb.Actuation(strain=(0.1, 0, 0))]))
     assert_close(state.tip.position, torch.tensor([1.1, 0, 0]), rtol=0, atol=1e-12)
     scene = tb.Scene(beam, [tb.Actuation(curvature=tb.Input("k", 3), elements=range(2))])
-    state = tb.equilibrium(scene, k=torch.tensor([0, 0, 0.6]))
+    state = tb.equilibrium(scene, inputs={"k": torch.tensor([0, 0, 0.6])})
     assert_close(quat.logarithm(state.rotation[-1]), torch.tensor([0, 0, 0.3]), rtol=0, atol=1e-10)
 
 

@@ -128,6 +128,6 @@ def test_a_batch_of_loads_is_each_alone(batch):
     sections = [tb.Section.from_stiffness(EA=4e4, GA=1e4, GJ=0.8, EI=1.0, mass=m, inertia=5e-6) for m in (0.1, 0.2, 0.4, 0.8)]
     scene = tb.Scene(tb.Beam.straight(1.0, 4, sections), [tb.TipLoad(force=tb.Input("u", 3))])
     loads = torch.tensor([[0.0, 0.0, 0.5], [0.0, 1.0, 0.0], [0.3, 0.0, 2.0]])[:batch]
-    together = tb.modes(scene, count=3, u=loads).frequency
-    alone = torch.stack([tb.modes(scene, count=3, u=load).frequency for load in loads])
+    together = tb.modes(scene, count=3, inputs={"u": loads}).frequency
+    alone = torch.stack([tb.modes(scene, count=3, inputs={"u": load}).frequency for load in loads])
     torch.testing.assert_close(together, alone, rtol=1e-9, atol=0)

@@ -97,8 +97,18 @@ class Critical:
         return self.kind == FLUTTER
 
 
-def critical_load(scene: Factored | Scene, highest: float, *, lowest: float = 0.0, points: int = 17, count: int = 6,
-                  tolerance: float = 1e-6, t: float = 0.0, lumped: bool = False, **inputs: Any) -> Critical:
+def critical_load(
+    scene: Factored | Scene,
+    highest: float,
+    *,
+    lowest: float = 0.0,
+    points: int = 17,
+    count: int = 6,
+    tolerance: float = 1e-6,
+    t: float = 0.0,
+    lumped: bool = False,
+    inputs: dict[str, Any] | None = None,
+) -> Critical:
     """The smallest load factor between `lowest` and `highest` at which the equilibrium loses its stability.
 
     scene      factor -> Scene, for a factor (points, ...) that broadcasts with the batch axes of the scene's own tensors; or a
@@ -109,7 +119,7 @@ def critical_load(scene: Factored | Scene, highest: float, *, lowest: float = 0.
     inputs     by name, (..., size): at factor 1
 
     Where the scene has damping, even of the value 0, or turns, flutter is a real part that grows, else two frequencies that
-    meet (and half as many unknowns); for a value of 0 the frequency at flutter is one of two that are about to, off by 1e-4.
+    meet (and half as many unknowns); for a value of 0 the frequency at flutter is one of two that are about to, off by 4e-4.
 
     The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on. At a limit point it ends, or
     leaps; `path` finds those more quickly. Dense, O(N^3) a factor.
@@ -121,7 +131,7 @@ def critical_load(scene: Factored | Scene, highest: float, *, lowest: float = 0.
     check_tolerance("tolerance", tolerance)
     if not highest > lowest:
         raise ValueError(f"factors from {lowest:g} to {highest:g} were given; a highest above the lowest is wanted")
-    path = _Path(scene, inputs, t, boolean("lumped", lumped), check_count("count", count))
+    path = _Path(scene, inputs or {}, t, boolean("lumped", lumped), check_count("count", count))
     with no_derivatives():
         shape = path.batch_shape(lowest)
         even = torch.linspace(lowest, highest, check_count("points", points, least=2), device=path.device)

@@ -74,14 +74,14 @@ class Modes:
 
 
 def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize: str = "largest", t: float = 0.0,
-          lumped: bool = False, **inputs: Any) -> Modes:
+          lumped: bool = False, inputs: dict[str, Any] | None = None) -> Modes:
     """Natural frequencies, damping ratios and shapes of the nodal form.
 
     state      an equilibrium of the scene; None = the one under its loads at time t (s)
     count      pairs of eigenvalues, the slowest first; an overdamped pair counts as two
     normalize  of the shapes: "largest", their largest entry is 1; "mass", v^H M v = 1 kg m^2, their largest entry real
     lumped     as in `Stepper`: the mass of the explicit form
-    inputs     by name, (..., size): by keyword, or all in a dictionary inputs={...}
+    inputs     of the scene by name, (..., size)
 
     Follower loads are in K: flutter is a positive real part, divergence a positive eigenvalue without frequency. Sections
     without rotary inertia are taken as they are. An infinite stiffness is a very large one here: its own modes, far above
@@ -102,7 +102,7 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     model = discretise(scene, lumped)
     check_count("count", count)
     given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
-    state = equilibrium(scene, t=t, **inputs) if state is None else at_rest(model, state, time, given, lumped)
+    state = equilibrium(scene, t=t, inputs=inputs) if state is None else at_rest(model, state, time, given, lumped)
     free = model.constraints.count
     if count > free:
         raise ValueError(f"count = {count} was given; {scene.beam.element_count} elements have at most {free} modes")

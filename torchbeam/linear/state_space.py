@@ -36,7 +36,7 @@ SINGULAR = 1e-13
 
 
 def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterable[Sensor] = (), *, t: float = 0.0,
-              lumped: bool = False, **inputs: Any) -> Linear:
+              lumped: bool = False, inputs: dict[str, Any] | None = None) -> Linear:
     """Linear model of the nodal form's small motions about an equilibrium, from the scene's `Input`s to sensors.
 
     state    an equilibrium of the scene under its loads at time t (s) and `inputs`; None = that one
@@ -53,7 +53,9 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
     model = discretise(scene, lumped)
     given = scene.tensors(inputs)
     time = instant("t", t, scene.beam.nodes)
-    state = (equilibrium(scene, t=t, **inputs) if state is None else at_rest(model, state, time, given, lumped)).broadcast()
+    state = (
+        equilibrium(scene, t=t, inputs=inputs) if state is None else at_rest(model, state, time, given, lumped)
+    ).broadcast()
     M, D, K = matrices(model, state, time, given)
     M, K = torch.broadcast_tensors(M, K)
     near = Perturbation.of(model, state, time, given, M.shape[:-2])

@@ -197,10 +197,12 @@ class Scene(Tree):
         """Broadcast of the leading axes of every tensor in the scene (functions and inputs join later)."""
         return broadcast("a beam and what acts on it", *batch_shapes(self))
 
-    def tensors(self, given: dict[str, Any]) -> Inputs:
-        """Inputs as tensors, by keyword or in a dictionary inputs={...}, which has room for names that are keywords of a
-        function. Raises ValueError where one is missing, unknown, of the wrong size, or of axes that do not broadcast.
+    def tensors(self, given: dict[str, Any] | None) -> Inputs:
+        """Inputs as tensors, by name or in a dictionary inputs={...}, which has room for names that are keywords of a
+        function; None = there are none. Raises ValueError where one is missing, unknown, of the wrong size, or of
+        axes that do not broadcast.
         """
+        given = {} if given is None else given
         if not isinstance(given, dict):
             raise ValueError(f"inputs = {shown(given)} was given; a dictionary of values by name is wanted")
         if isinstance(given.get("inputs"), dict):

@@ -38,9 +38,18 @@ SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}  # of the softest pivot at
 LARGE = 1e4  # times the move that the loads bring about at first
 
 
-def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, tolerance: float | None = None,
-                throw: bool = True, branch: str = "first", relax: bool = False, engine: str = "auto", **inputs: Any
-                ) -> State:
+def equilibrium(
+    scene: Scene,
+    *,
+    initial: State | None = None,
+    t: float = 0.0,
+    tolerance: float | None = None,
+    throw: bool = True,
+    branch: str = "first",
+    relax: bool = False,
+    engine: str = "auto",
+    inputs: dict[str, Any] | None = None,
+) -> State:
     """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which stands
     as it does at t (its axes are the inertial ones at t = 0).
 
@@ -56,7 +65,7 @@ def equilibrium(scene: Scene, *, initial: State | None = None, t: float = 0.0, t
                "auto": compiled for many samples (32,768 and more, times elements; all those of a run of `monte_carlo` count)
                where llvmlite is installed and the scene is taken; else eager, of which a SlowPathWarning tells
                (TORCHBEAM_ENGINE in the environment says otherwise)
-    inputs     by name, (..., size): by keyword, or all in a dictionary inputs={...}
+    inputs     of the scene by name, (..., size)
 
     The load is raised in steps, per sample, where Newton's method needs it: a step in which it fails, or a node turns by more
     than 1 rad, is halved, and so is a long one that takes more than six iterations. Infinite stiffness is taken as it is.

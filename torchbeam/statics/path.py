@@ -86,9 +86,22 @@ class Path:
         return self.negative == 0
 
 
-def path(scene: Scene, highest: float = 1.0, *, lowest: float = -math.inf, load: str | None = None, step: float = 0.1,
-         steps: int = 200, control: Callable[[State], Tensor] | None = None, target: Any = None, branch: bool = False,
-         initial: State | None = None, t: float = 0.0, tolerance: float | None = None, **inputs: Any) -> Path:
+def path(
+    scene: Scene,
+    highest: float = 1.0,
+    *,
+    lowest: float = -math.inf,
+    load: str | None = None,
+    step: float = 0.1,
+    steps: int = 200,
+    control: Callable[[State], Tensor] | None = None,
+    target: Any = None,
+    branch: bool = False,
+    initial: State | None = None,
+    t: float = 0.0,
+    tolerance: float | None = None,
+    inputs: dict[str, Any] | None = None,
+) -> Path:
     """The equilibria of a scene from no load on, as its load factor changes.
 
     highest  the path of a sample ends where its factor reaches this, or `lowest`

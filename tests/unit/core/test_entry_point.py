@@ -72,9 +72,15 @@ def stepping(engine):
 
 
 def statics(engine):
-    state = tb.equilibrium(scene(), u=(0, 0.1, 0), engine=engine)
-    model = tb.linearize(scene(), state, tb.sensors.TipPosition(), u=(0, 0.1, 0))
-    return [state.position, state.axes, model.A, model.C, tb.modes(scene(), state, count=2, u=(0, 0.1, 0)).frequency]
+    state = tb.equilibrium(scene(), inputs={"u": (0, 0.1, 0)}, engine=engine)
+    model = tb.linearize(scene(), state, tb.sensors.TipPosition(), inputs={"u": (0, 0.1, 0)})
+    return [
+        state.position,
+        state.axes,
+        model.A,
+        model.C,
+        tb.modes(scene(), state, count=2, inputs={"u": (0, 0.1, 0)}).frequency,
+    ]
 
 
 def network(engine):

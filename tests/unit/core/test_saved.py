@@ -53,7 +53,7 @@ def test_a_scene_in_another_dtype():
     single = SCENE.to(torch.float32)
     assert {one.value.dtype for one in leaves(single) if isinstance(one.value, torch.Tensor)} == {torch.float32}
     assert replace(single, small=True).dtype == torch.float32
-    end, wanted = (tb.equilibrium(scene, m=M.to(scene.dtype)).tip.position for scene in (single, SCENE))
+    end, wanted = (tb.equilibrium(scene, inputs={"m": M.to(scene.dtype)}).tip.position for scene in (single, SCENE))
     assert_close(end.double(), wanted, rtol=0, atol=1e-5)
     EI = torch.tensor(1.0, requires_grad=True)
     section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=EI, mass=0.2)
@@ -69,14 +69,17 @@ def test_a_number_for_an_input_of_one():
         return u * torch.tensor([0.0, 0.0, 1.0]), None
 
     scene = tb.Scene(tb.Beam.straight(1.0, 2, SECTION), [tb.Load(push, node=-1, inputs={"u": 1})])
-    assert_close(tb.equilibrium(scene, u=0.1).tip.position, tb.equilibrium(scene, u=torch.tensor([0.1])).tip.position)
+    assert_close(
+        tb.equilibrium(scene, inputs={"u": 0.1}).tip.position,
+        tb.equilibrium(scene, inputs={"u": torch.tensor([0.1])}).tip.position,
+    )
     t = torch.linspace(0, 0.02, 3)
     given = (0.1, lambda t: 0.1 + 0 * t, torch.tensor([0.1]))
     ends = [tb.simulate(scene, t, step=0.01, inputs={"u": u}).tip.position for u in given]
     assert_close(ends[0], ends[2], rtol=0, atol=0)
     assert_close(ends[1], ends[2], rtol=0, atol=1e-14)
     with pytest.raises(ValueError, match="wanted"):
-        tb.equilibrium(scene, u=torch.tensor([0.1, 0.2]))
+        tb.equilibrium(scene, inputs={"u": torch.tensor([0.1, 0.2])})
 
 
 def straight(theta):
@@ -87,8 +90,8 @@ PLAIN = tb.Scene(SCENE.beam, [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
 LAW = {"a": tb.laws.Normal(0.0, 1.0), "b": tb.laws.Normal(1.0, 0.5)}
 RESULTS = {
     "Modes": lambda: tb.modes(tb.Scene(SCENE.beam), count=2),
-    "Linear": lambda: tb.linearize(PLAIN, None, tb.sensors.TipPosition(), u=torch.zeros(3)),
-    "Critical": lambda: tb.critical_load(PLAIN, 100.0, u=torch.tensor([-1.0, 0, 0])),
+    "Linear": lambda: tb.linearize(PLAIN, None, tb.sensors.TipPosition(), inputs={"u": torch.zeros(3)}),
+    "Critical": lambda: tb.critical_load(PLAIN, 100.0, inputs={"u": torch.tensor([-1.0, 0, 0])}),
     "Path": lambda: tb.path(tb.Scene(SCENE.beam, [tb.TipLoad(force=(0, 0, 0.1))], plane="xz")),
     "Prediction": lambda: tb.identify(straight, torch.tensor([0.0, 1, 2, 2, 4]), torch.ones(2)).predict(),
     "Estimate": lambda: tb.monte_carlo(lambda x: x[:, 0] + x[:, 1], LAW, 8).mean_interval(),

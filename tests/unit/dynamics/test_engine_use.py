@@ -139,7 +139,7 @@ def test_the_engine_is_told():
     (lambda t: t, "3"),
     (lambda t: tb.nothing, "nothing"),
 ])
-@pytest.mark.parametrize("call", [run, lambda load: tb.equilibrium(scene(load), u=(0, 0, 0.1))])
+@pytest.mark.parametrize("call", [run, lambda load: tb.equilibrium(scene(load), inputs={"u": (0, 0, 0.1)})])
 def test_a_mistake_in_a_function_is_told_as_that(call, function, sentence):
     """By the error alone, without a warning about native code before it. Functions of the motion, and of t."""
     found = []

@@ -65,7 +65,9 @@ def test_energy_of_a_beam_that_an_input_bends():
     bent = torch.tensor([0.0, 0.3, 0.0])
     actuated = tb.Scene(tb.Beam.straight(1.0, 3, SECTION), [tb.Actuation(curvature=tb.Input("bend", 3))])
     given = {"bend": tb.PerInterval(torch.stack((bent, 0 * bent)))}
-    energy = tb.simulate(actuated, [0.0, 0.02, 0.021], tb.equilibrium(actuated, bend=bent), step=0.01, inputs=given).energy
+    energy = tb.simulate(
+        actuated, [0.0, 0.02, 0.021], tb.equilibrium(actuated, inputs={"bend": bent}), step=0.01, inputs=given
+    ).energy
     assert energy.strain[1] < 1e-12 and energy.strain[2] > 0.04
 
 

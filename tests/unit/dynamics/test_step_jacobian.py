@@ -39,7 +39,7 @@ SCENES = {
 
 
 def model_of(scene):
-    return tb.linearize(scene, u=torch.zeros(3))
+    return tb.linearize(scene, inputs={"u": torch.zeros(3)})
 
 
 def coordinates(model, seed=1):
@@ -85,7 +85,7 @@ def test_is_the_slope_of_a_step(kind, engine):
 def test_of_an_arm_that_has_turned_far():
     """A hub free about all axes, turned by 1 rad and turning by 2 rad/s: the same slope; engines agree to 1e-9."""
     held, free = scene(*BODY, **HUB, N=2), scene(*BODY[:1], **HUB, N=2)  # the model is of the beam without gravity
-    model = tb.linearize(free, tb.rest(free), u=torch.zeros(3))
+    model = tb.linearize(free, tb.rest(free), inputs={"u": torch.zeros(3)})
     z = coordinates(model)
     half = len(z) // 2
     z[:3] += torch.tensor([0.5, -0.4, 0.8])

@@ -107,7 +107,7 @@ def test_sideways_under_a_tip_load():
     def of(N, GJ):
         section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=GJ, EI=(INF, 1.0), mass=1.0, inertia=0.0)
         beam = tb.Scene(tb.Beam.straight(1.0, N, section), [tb.TipLoad(force=tb.Input("P", 3))])
-        return tb.critical_load(beam, 12.0, P=torch.tensor([0.0, 0, 1.0]))
+        return tb.critical_load(beam, 12.0, inputs={"P": torch.tensor([0.0, 0, 1.0])})
 
     found = of(8, GJ)
     limit = extrapolated(found.factor.detach(), of(16, GJ.detach()).factor)
@@ -127,9 +127,9 @@ def test_the_way_up_ends_at_a_limit_point():
     arch = tb.Scene(arc, [tb.PointLoad(2, force=tb.Input("P", 3))], plane="xy",
                     supports=(tb.Support(0), tb.Support(-1, "xyz", "xy")))
     P = torch.tensor([0.0, -1.0, 0.0])
-    found = tb.critical_load(arch, 14.0, lowest=13.0, points=3, tolerance=1e-2, P=P)
+    found = tb.critical_load(arch, 14.0, lowest=13.0, points=3, tolerance=1e-2, inputs={"P": P})
     assert found.kind == 3 and found.frequency.isnan()
-    path = tb.path(arch, 14.0, load="P", step=0.1, steps=20, P=P)
+    path = tb.path(arch, 14.0, load="P", step=0.1, steps=20, inputs={"P": P})
     assert_close(found.factor, path.factor.max(), rtol=2e-2, atol=0)
 
 

@@ -38,8 +38,8 @@ def test_agrees_with_a_small_motion(inertia, damping):
     value; the lateral tip alone, which the first mode rules, 2e-3. With and without rotary inertia and damping.
     """
     beam = scene(*damping, inertia=inertia)
-    start = tb.equilibrium(beam, u=U, tolerance=1e-12)
-    model = tb.linearize(beam, start, SENSORS, u=U)
+    start = tb.equilibrium(beam, inputs={"u": U}, tolerance=1e-12)
+    model = tb.linearize(beam, start, SENSORS, inputs={"u": U})
     held, stepper, du = model.discrete(1e-3), tb.Stepper(beam, 1e-3, tolerance=1e-12), 1e-4 * torch.tensor([0.0, 0.5, -1.0])
     z, state, linear, full = torch.zeros(model.A.shape[-1]), start, [], []
     for _ in range(60):
@@ -60,8 +60,8 @@ def test_departure_reads_the_state(inertia, damping):
     (midpoint against the exact exponential); C z + D du is what the sensors then say, to 1e-3 (moves of 1e-5, found to 1e-9).
     """
     beam = scene(*damping, inertia=inertia)
-    start = tb.equilibrium(beam, u=U, tolerance=1e-12)
-    model = tb.linearize(beam, start, (tip, lambda s: s.tip.velocity), u=U)
+    start = tb.equilibrium(beam, inputs={"u": U}, tolerance=1e-12)
+    model = tb.linearize(beam, start, (tip, lambda s: s.tip.velocity), inputs={"u": U})
     held, stepper, du = model.discrete(1e-3), tb.Stepper(beam, 1e-3, tolerance=1e-12), 1e-4 * torch.tensor([0.0, 0.5, -1.0])
     z, state = torch.zeros(model.A.shape[-1]), start
     for _ in range(20):
@@ -81,9 +81,9 @@ def test_departure_reads_the_state(inertia, damping):
 def test_steady_response_is_the_equilibrium_next_door(inertia, damping):
     """D - C A^-1 B against the difference of two equilibria, 2e-4 N apart in 0.7: what is left is of second order, 1e-4."""
     beam = scene(*damping, inertia=inertia)
-    model = tb.linearize(beam, outputs=SENSORS, u=U)
+    model = tb.linearize(beam, outputs=SENSORS, inputs={"u": U})
     du = 1e-4 * torch.tensor([1.0, 0.5, -1.0])
-    there = tb.equilibrium(beam, u=U + du, tolerance=1e-12)
+    there = tb.equilibrium(beam, inputs={"u": U + du}, tolerance=1e-12)
     change = torch.cat([sensor(there) for sensor in SENSORS]) - model.output
     for k in (0, 2, 3):
         rows = model.outputs[k]
@@ -94,9 +94,9 @@ def test_steady_response_is_the_equilibrium_next_door(inertia, damping):
 @pytest.mark.parametrize(("inertia", "damping"), KINDS)
 def test_eigenvalues_are_the_modes(inertia, damping):
     beam = scene(*damping, inertia=inertia)
-    start = tb.equilibrium(beam, u=U)
-    modes = tb.modes(beam, start, count=3, u=U)
-    found = torch.linalg.eigvals(tb.linearize(beam, start, u=U).A)
+    start = tb.equilibrium(beam, inputs={"u": U})
+    modes = tb.modes(beam, start, count=3, inputs={"u": U})
+    found = torch.linalg.eigvals(tb.linearize(beam, start, inputs={"u": U}).A)
     found = found[found.imag > 0]
     assert_close(found[found.abs().argsort()][:3], modes.eigenvalue, rtol=1e-7, atol=1e-7)
 
@@ -118,9 +118,9 @@ def test_however_it_is_held(kind):
     beam = tb.Beam.straight(1.0, 4, section())
     held = tb.Scene(beam, [tb.PointLoad(2, force=tb.Input("u", 3))], **SCENES[kind])
     u, du = torch.tensor([0.1, 0.5, 0.0]), 1e-4 * torch.tensor([1.0, 0.5, 0.0])
-    start, there = (tb.equilibrium(held, u=v, tolerance=1e-12) for v in (u, u + du))
-    model = tb.linearize(held, start, lambda s: s.node(3).position, u=u)
-    modes = tb.modes(held, start, count=3, u=u)
+    start, there = (tb.equilibrium(held, inputs={"u": v}, tolerance=1e-12) for v in (u, u + du))
+    model = tb.linearize(held, start, lambda s: s.node(3).position, inputs={"u": u})
+    modes = tb.modes(held, start, count=3, inputs={"u": u})
     found = torch.linalg.eigvals(model.A)
     found = found[found.imag > 0]
     assert_close(found[found.abs().argsort()][:3], modes.eigenvalue, rtol=1e-7, atol=1e-7)
@@ -135,7 +135,7 @@ def test_however_it_is_held(kind):
 
 def test_inputs_held_where_A_is_singular():
     """A mass on a frictionless rail: x'' = u over dt is dt^2/2 and dt, exactly."""
-    model = tb.linearize(scene(N=1), outputs=tip, u=U)
+    model = tb.linearize(scene(N=1), outputs=tip, inputs={"u": U})
     rail = tb.Linear(A=torch.tensor([[0.0, 1], [0, 0]]), B=torch.tensor([[0.0], [1]]), C=torch.tensor([[1.0, 0]]),
                      D=torch.zeros(1, 1), state=model.state, output=torch.zeros(1), inputs={"u": slice(0, 1)},
                      outputs=(slice(0, 1),), reads=torch.zeros(2, 24), space=model.space).discrete(0.5)
@@ -149,7 +149,7 @@ def test_reduced_by_modes(follower):
     (first mode: 8 rad/s) what is missing is (3/omega)^2 of the modes left out: less than a hundredth of it.
     """
     beam, load = scene(follower=follower), torch.tensor([-1.0, 0.3, 0.2])
-    model = tb.linearize(beam, outputs=(tip, lambda s: s.root.moment), u=load)
+    model = tb.linearize(beam, outputs=(tip, lambda s: s.root.moment), inputs={"u": load})
     small = model.reduced(4, static=True)
     assert small.A.shape == (8, 8)
     assert_close(small.response(0.0), model.response(0.0), rtol=1e-9, atol=1e-11)
@@ -167,7 +167,14 @@ def test_a_batch_and_its_gradients():
     (1e-5 apart: 1e-6 of the value).
     """
     def gain(EI):
-        return tb.linearize(scene(N=3, EI=EI), outputs=SENSORS, u=U).discrete(0.01).response(3.0).abs().flatten(1).sum(-1)
+        return (
+            tb.linearize(scene(N=3, EI=EI), outputs=SENSORS, inputs={"u": U})
+            .discrete(0.01)
+            .response(3.0)
+            .abs()
+            .flatten(1)
+            .sum(-1)
+        )
 
     EI = torch.tensor([1.0, 2.0], requires_grad=True)
     both = gain(EI)
@@ -181,15 +188,15 @@ def test_a_batch_and_its_gradients():
 
 
 def test_refusals():
-    model = tb.linearize(scene(N=1), outputs=tip, u=U)
+    model = tb.linearize(scene(N=1), outputs=tip, inputs={"u": U})
     with pytest.raises(ValueError, match="a model in discrete time"):
         model.discrete(0.1).discrete(0.1)
     with pytest.raises(ValueError, match="count = 9 was given; the model has 6 modes"):
         model.reduced(9)
     with pytest.raises(ValueError, match="a sensor that returns float"):
-        tb.linearize(scene(N=1), outputs=lambda s: 1.0, u=U)
+        tb.linearize(scene(N=1), outputs=lambda s: 1.0, inputs={"u": U})
     with pytest.raises(ValueError, match="without rotary inertia"):
-        tb.linearize(scene(tb.Damping([0.1, 0.1, 0.1, 0, 0, 0]), N=1, inertia=0.0), u=U)
+        tb.linearize(scene(tb.Damping([0.1, 0.1, 0.1, 0, 0, 0]), N=1, inertia=0.0), inputs={"u": U})
     with pytest.raises(ValueError, match="the input 'u' is missing"):
         tb.linearize(scene(N=1))
 
@@ -216,7 +223,7 @@ def test_departure_of_a_turned_beam_is_a_turn_of_the_model():
     """z of a beam turned by 60 degrees as a whole, and turning, is that many times z of one turned by a small angle."""
     scene = arm()
     start = tb.rest(scene)
-    model = tb.linearize(scene, start, torque=torch.zeros(3))
+    model = tb.linearize(scene, start, inputs={"torque": torch.zeros(3)})
     small = model.departure(turned(start, 1e-3, 1e-3)) / 1e-3
     half = len(small) // 2
     found = model.departure(turned(start, math.pi / 3, 0.7))
@@ -230,7 +237,7 @@ def test_a_linear_regulator_turns_the_arm_by_60_degrees():
     """
     scene = arm()
     goal = tb.rest(scene)
-    model = tb.linearize(scene, goal, (tip, lambda s: s.tip.velocity), torque=torch.zeros(3)).discrete(0.02)
+    model = tb.linearize(scene, goal, (tip, lambda s: s.tip.velocity), inputs={"torque": torch.zeros(3)}).discrete(0.02)
     A, B, C = model.A, model.B[:, 2:], model.C[1::3]
     Q, P = C.mT @ torch.diag(torch.tensor([10.0, 0.1])) @ C + 1e-8 * torch.eye(len(A)), torch.eye(len(A))
     for _ in range(1000):
@@ -253,16 +260,16 @@ def test_an_actuation_is_an_input(plane):
     scene = tb.Scene(tb.Beam.straight(0.2, 3, section), effects, plane=plane)
     k = torch.tensor([0.0, -1.0, 0.0 if plane else 0.5])
     tip = tb.sensors.TipPosition()
-    model = tb.linearize(scene, tb.equilibrium(scene, k=k), tip, k=k)
+    model = tb.linearize(scene, tb.equilibrium(scene, inputs={"k": k}), tip, inputs={"k": k})
     gain = model.D - model.C @ torch.linalg.solve(model.A, model.B)
-    expected = torch.autograd.functional.jacobian(lambda k: tip(tb.equilibrium(scene, k=k)), k)
+    expected = torch.autograd.functional.jacobian(lambda k: tip(tb.equilibrium(scene, inputs={"k": k})), k)
     assert expected.abs().max() > 1e-3
     torch.testing.assert_close(gain.reshape(3, 3), expected, rtol=1e-6, atol=1e-9)
 
 
 def test_departure_of_a_beam_at_rest():
     """`rest` expands its batch axes, which dual numbers refuse; alone and in a batch the departure is that of a copy."""
-    model = tb.linearize(scene(), outputs=[tip], u=U)
+    model = tb.linearize(scene(), outputs=[tip], inputs={"u": U})
     for shape in ((), (2,)):
         state = tb.rest(scene(), shape)
         assert_close(model.departure(state), model.departure(state.clone()), rtol=0, atol=0)

@@ -379,9 +379,9 @@ def test_linear_model_is_the_derivative_of_the_motion():
     pushed = replace(scene, effects=[*scene.effects, tb.Load(lambda *m, z, u: (z + u, None), of=(), internal=3, inputs={"u": 3},
                                                                rate=lambda z, *m, u: 4 * (u - z))])
     u = torch.tensor([0.1, 0.2, -0.1])
-    state = tb.equilibrium(pushed, tolerance=1e-13, u=u)
+    state = tb.equilibrium(pushed, tolerance=1e-13, inputs={"u": u})
     tip, root = tb.sensors.NodePosition(-1), lambda state: state.reaction[..., 0, :] + 0 * state.t
-    linear = tb.linearize(pushed, state, [tip, root, lambda state: state.internal], u=u)
+    linear = tb.linearize(pushed, state, [tip, root, lambda state: state.internal], inputs={"u": u})
     states = 2 * 4 + 3 + 3
     n = linear.A.shape[-1]
     assert n == 36 + states and linear.B.shape == (n, 3) and linear.mass is None

@@ -48,16 +48,20 @@ def test_equilibria_rollouts_and_linear_models_take_it():
     """
     by_input, by_value = both("line")
     small = 1e-3 * VALUES
-    assert_close(tb.equilibrium(by_input, own=small).position, tb.equilibrium(by_value(small)).position, rtol=0, atol=1e-12)
+    assert_close(
+        tb.equilibrium(by_input, inputs={"own": small}).position, tb.equilibrium(by_value(small)).position, rtol=0, atol=1e-12
+    )
     stepper, every = tb.Stepper(by_input, 0.02), torch.stack((VALUES, 2 * VALUES, -VALUES), -2)
     state = tb.rest(by_input, (2,))
     for k in range(3):
         state = stepper(state, own=every[:, k])
     assert_close(tb.rollout(stepper, tb.rest(by_input, (2,)), 3, own=tb.PerInterval(every))[-1].position, state.position,
                  rtol=0, atol=1e-13)
-    model = tb.linearize(by_input, outputs=[tb.sensors.TipPosition()], own=torch.zeros(3 * N))
+    model = tb.linearize(by_input, outputs=[tb.sensors.TipPosition()], inputs={"own": torch.zeros(3 * N)})
     gain = model.D - model.C @ torch.linalg.solve(model.A, model.B)
-    wanted = torch.func.jacrev(lambda u: tb.equilibrium(by_input, own=u, tolerance=1e-12).tip.position)(torch.zeros(3 * N))
+    wanted = torch.func.jacrev(lambda u: tb.equilibrium(by_input, inputs={"own": u}, tolerance=1e-12).tip.position)(
+        torch.zeros(3 * N)
+    )
     assert_close(gain, wanted, rtol=0, atol=1e-8 * float(wanted.abs().max()))
 
 

@@ -51,7 +51,7 @@ def test_an_input_is_the_load_it_stands_for():
     """Equilibrium and a step under an input = the same under the load's value, bit for bit."""
     force = torch.tensor([0.1, 0.2, 0.3])
     fixed, driven = (tb.Scene(BEAM, [tb.TipLoad(force=f)]) for f in (force, tb.Input("u", 3)))
-    assert_close(tb.equilibrium(driven, u=force).position, tb.equilibrium(fixed).position, rtol=0, atol=0)
+    assert_close(tb.equilibrium(driven, inputs={"u": force}).position, tb.equilibrium(fixed).position, rtol=0, atol=0)
     one, other = tb.Stepper(fixed, 0.1), tb.Stepper(driven, 0.1)
     assert_close(other(other.rest(), u=force).position, one(one.rest()).position, rtol=0, atol=0)
 
@@ -64,7 +64,7 @@ def test_inputs_go_by_keyword_or_by_name():
     def ends(scene, **given):
         stepper = tb.Stepper(scene, 0.1)
         yield stepper(stepper.rest(), **given)
-        yield tb.equilibrium(scene, **given)
+        yield tb.equilibrium(scene, inputs=given)
         for form, how in FORMS.items():
             yield tb.simulate(scene, t, form=form, **how, **given).state[-1]
 

@@ -18,13 +18,13 @@ def scene(dtype=torch.float64):
 @pytest.mark.parametrize("of", [tb.modes, tb.linearize])
 def test_a_state_that_is_no_equilibrium_is_refused(of):
     """Of other inputs, and one of a batch: by its number."""
-    start = tb.equilibrium(scene(), u=(0.0, 0.0, 1.0))
-    of(scene(), start, u=(0.0, 0.0, 1.0))
-    of(scene(), start, u=(0.0, 0.0, 1.0 + 1e-4))  # nearer than can be seen of a frequency
+    start = tb.equilibrium(scene(), inputs={"u": (0.0, 0.0, 1.0)})
+    of(scene(), start, inputs={"u": (0.0, 0.0, 1.0)})
+    of(scene(), start, inputs={"u": (0.0, 0.0, 1.0 + 1e-4)})  # nearer than can be seen of a frequency
     with pytest.raises(ValueError, match=r"a state that is no equilibrium was given .* of what bends the beam"):
-        of(scene(), start, u=(0.0, 0.0, 0.5))
+        of(scene(), start, inputs={"u": (0.0, 0.0, 0.5)})
     with pytest.raises(ValueError, match=r"a state \(sample 1 of \(2,\)\) that is no equilibrium"):
-        of(scene(), start, u=torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, 0.5]]))
+        of(scene(), start, inputs={"u": torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, 0.5]])})
 
 
 @pytest.mark.parametrize("of", [tb.modes, tb.linearize])
@@ -44,7 +44,9 @@ def test_a_state_that_moves_is_refused(of):
 def test_equilibria_are_taken(dtype):
     """Far bent, in a frame that turns, and where nothing holds."""
     u = torch.tensor([[0.0, 0.1, 4.0], [-1.0, 0.0, 0.5]], dtype=dtype)
-    assert torch.isfinite(tb.modes(scene(dtype), tb.equilibrium(scene(dtype), u=u), 2, u=u).frequency).all()
+    assert torch.isfinite(
+        tb.modes(scene(dtype), tb.equilibrium(scene(dtype), inputs={"u": u}), 2, inputs={"u": u}).frequency
+    ).all()
     section = tb.Section(SECTION.compliance.to(dtype), SECTION.mass.to(dtype))
     turning = tb.Scene(tb.Beam.straight(1.0, 4, section), frame=tb.Frame(angular_velocity=(0.0, 3.0, 10.0)))
     tb.modes(turning, tb.equilibrium(turning), 2)
@@ -61,6 +63,6 @@ def test_what_has_come_to_rest_is_taken():
 
 
 def test_a_path_begins_at_an_equilibrium():
-    bent = tb.equilibrium(scene(), u=(0.0, 0.0, 1.0))
+    bent = tb.equilibrium(scene(), inputs={"u": (0.0, 0.0, 1.0)})
     with pytest.raises(ValueError, match="no equilibrium was given"):
-        tb.path(scene(), initial=bent, u=(0.0, 0.0, 1.0))
+        tb.path(scene(), initial=bent, inputs={"u": (0.0, 0.0, 1.0)})

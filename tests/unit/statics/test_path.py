@@ -42,9 +42,9 @@ def test_a_named_input_alone_is_scaled():
     """Gravity stays, the input rises: at factor 0 the beam is bent already."""
     section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=1.0, mass=1.0, inertia=0.01)
     scene = tb.Scene(tb.Beam.straight(1.0, 8, section), [tb.Gravity((0, 0, -1.0)), tb.TipLoad(force=tb.Input("u", 3))])
-    bent = tb.equilibrium(scene, u=torch.zeros(3))
+    bent = tb.equilibrium(scene, inputs={"u": torch.zeros(3)})
     u = torch.tensor([0.0, 1.0, 0])
-    path, want = tb.path(scene, load="u", initial=bent, u=u), tb.equilibrium(scene, u=u).tip.position
+    path, want = tb.path(scene, load="u", initial=bent, inputs={"u": u}), tb.equilibrium(scene, inputs={"u": u}).tip.position
     assert_close(path.state.tip.position[0], bent.tip.position, rtol=0, atol=1e-12)
     assert_close(path.state.tip.position[-1], want, rtol=0, atol=1e-6)  # 1e-8 of the load, times 12
 
@@ -77,7 +77,7 @@ def test_many_samples_take_the_path_that_each_takes_alone():
     def path(P, force="force"):
         load = tb.TipLoad(force=tb.Input("u", 3) if force == "u" else torch.stack((0 * P, 0 * P, P), -1))
         return tb.path(tb.Scene(tb.Beam.straight(1.0, 2, section), [load]), step=0.5, **(
-            dict(load="u", u=torch.stack((0 * P, 0 * P, P), -1)) if force == "u" else {}))
+            dict(load="u", inputs={"u": torch.stack((0 * P, 0 * P, P), -1)}) if force == "u" else {}))
     for force in ("force", "u"):
         all_, one = path(P, force), path(P[-1], force)
         assert all_.reached.all()
@@ -115,7 +115,7 @@ def pushed(N):
     section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=1.0, EI=(3.0, 1.0), mass=1.0, inertia=0.01)
     loads = [tb.TipLoad(force=(-1.3 * math.pi**2 / 4, 0, 0)), tb.TipLoad(force=tb.Input("u", 3))]
     scene = tb.Scene(tb.Beam.straight(1.0, N, section), loads)
-    return scene, tb.equilibrium(scene, branch="stable", u=torch.tensor([0.0, 1e-6, 0.0]))
+    return scene, tb.equilibrium(scene, branch="stable", inputs={"u": torch.tensor([0.0, 1e-6, 0.0])})
 
 
 def snapping_force():
@@ -154,7 +154,9 @@ def test_snap_through():
     wanted, found = snapping_force(), []
     for N, steps in ((8, 100), (16, 16)):
         scene, bent = pushed(N)
-        path = tb.path(scene, 1.0, lowest=-1.0, load="u", initial=bent, u=torch.tensor([0.0, -1.0, 0]), step=0.08, steps=steps)
+        path = tb.path(
+            scene, 1.0, lowest=-1.0, load="u", initial=bent, inputs={"u": torch.tensor([0.0, -1.0, 0])}, step=0.08, steps=steps
+        )
         y, F = path.state.tip.position[:, 1], path.factor
         first, *second = (path.kind == LIMIT_POINT).nonzero()[:, 0].tolist()
         peaks = [_peak(y, F, k) for k in (first, *second)]
@@ -177,12 +179,12 @@ def test_displacement_control_passes_the_same_points():
     """The same path by equal steps of the tip's y, as a batch of two targets: each as alone, and on the arc-length curve."""
     scene, bent = pushed(4)
     u, control = torch.tensor([0.0, -1.0, 0]), lambda s: s.tip.position[..., 1]
-    both = tb.path(scene, load="u", initial=bent, control=control, target=torch.tensor([-0.6, 0.2]), step=0.15, u=u)
-    alone = tb.path(scene, load="u", initial=bent, control=control, target=0.2, step=0.15, u=u)
+    both = tb.path(scene, load="u", initial=bent, control=control, target=torch.tensor([-0.6, 0.2]), step=0.15, inputs={"u": u})
+    alone = tb.path(scene, load="u", initial=bent, control=control, target=0.2, step=0.15, inputs={"u": u})
     assert both.reached.all() and both.factor.shape[1:] == (2,)
     assert_close(both.state.tip.position[-1, :, 1], torch.tensor([-0.6, 0.2]), rtol=0, atol=1e-8)
     assert_close(both.factor[:, 1], alone.factor, rtol=0, atol=1e-9)
-    arc = tb.path(scene, 0.5, lowest=-0.5, load="u", initial=bent, step=0.06, u=u)
+    arc = tb.path(scene, 0.5, lowest=-0.5, load="u", initial=bent, step=0.06, inputs={"u": u})
     on_arc = np.interp(-both.state.tip.position[:, 0, 1], -arc.state.tip.position[:, 1], arc.factor)
     assert_close(both.factor[:, 0], torch.tensor(on_arc), rtol=0, atol=5e-3)  # straight lines between steps of 0.06
 

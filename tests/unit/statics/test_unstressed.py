@@ -35,9 +35,9 @@ def test_a_turned_clamp_turns_the_beam(plane, section):
 def test_a_bent_start_straightens():
     """From the equilibrium under a force, without it."""
     scene = tb.Scene(tb.Beam.straight(1.0, 4, SECTION), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
-    bent = tb.equilibrium(scene, u=(0.3, 0.0, 1.5))
+    bent = tb.equilibrium(scene, inputs={"u": (0.3, 0.0, 1.5)})
     for engine in engines():
-        state = tb.equilibrium(scene, initial=bent, engine=engine, u=(0.0, 0.0, 0.0))
+        state = tb.equilibrium(scene, initial=bent, engine=engine, inputs={"u": (0.0, 0.0, 0.0)})
         assert_close(state.tip.position, torch.tensor([1.0, 0.0, 0.0]), rtol=0, atol=1e-12)
 
 
@@ -45,5 +45,5 @@ def test_the_smallest_loads_still_bend():
     """1e-9 N: the tip moves by P L^3/(3 EI) + P L/GA, but for the mesh (1/(4 N^2) of linear elements in the first)."""
     scene = tb.Scene(tb.Beam.straight(1.0, 8, SECTION), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz")
     for engine in engines():
-        tip = tb.equilibrium(scene, engine=engine, u=(0.0, 0.0, 1e-9)).tip.position[2]
+        tip = tb.equilibrium(scene, engine=engine, inputs={"u": (0.0, 0.0, 1e-9)}).tip.position[2]
         assert_close(tip, torch.tensor(1e-9 * (1 / 3 + 1 / 4e3)), rtol=1e-2, atol=0)

@@ -43,7 +43,9 @@ def damped_beck() -> tuple[Tensor, Tensor]:
 
 def sideways() -> tuple[Tensor, Tensor]:
     strip = section(GJ=0.5, EI=(INF, 1.0))
-    found = tb.critical_load(cantilever(N, tb.TipLoad(force=tb.Input("P", 3)), of=strip), 10.0, P=torch.tensor([0.0, 0, 1]))
+    found = tb.critical_load(
+        cantilever(N, tb.TipLoad(force=tb.Input("P", 3)), of=strip), 10.0, inputs={"P": torch.tensor([0.0, 0, 1])}
+    )
     return found.factor, torch.tensor(4.0126 * 0.5**0.5)
 
 

@@ -33,7 +33,8 @@ def same(found, wanted, tolerance=1e-12):
     assert_close(found.status, wanted.status)
 
 
-def both(scene, **options):
+def both(scene, u=None, **options):
+    options |= {} if u is None else {"inputs": {"u": u}}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of unstable samples, which a test of its own compares
         return [tb.equilibrium(scene, throw=False, engine=engine, **options) for engine in ("compiled", "eager")]
@@ -154,7 +155,7 @@ def test_what_is_left_of_an_equilibrium_is_below_its_tolerance(engine):
     above 1e-8. The last update, made once it is below, leaves but rounding.
     """
     scene, u = cantilever(), pulls(200, 4.0)
-    model, found = discretise(scene), tb.equilibrium(scene, u=u, engine=engine)
+    model, found = discretise(scene), tb.equilibrium(scene, inputs={"u": u}, engine=engine)
     x = model.space.start(found)
     problem = SteadyProblem(model, torch.zeros(()), {"u": u}, torch.ones(()))
     residual, _ = problem.residual(Configuration(x.position, x.rotation, x.stress))
@@ -165,7 +166,7 @@ def test_what_is_left_of_an_equilibrium_is_below_its_tolerance(engine):
 def test_from_another_shape_and_to_another_tolerance():
     scene = cantilever()
     u = pulls(3, 4.0)
-    start = replace(tb.equilibrium(scene, u=u), status=torch.zeros(3, dtype=torch.long))
+    start = replace(tb.equilibrium(scene, inputs={"u": u}), status=torch.zeros(3, dtype=torch.long))
     found, wanted = both(scene, u=-u, initial=start, tolerance=1e-3)
     same(found, wanted)
     assert (found.position - both(scene, u=-u)[0].position).abs().max() > 1e-9
@@ -192,7 +193,7 @@ def test_gradients_are_the_eager_ones():
         moved = torch.tensor([0.0, 0.0, 0.1], requires_grad=True)
         scene = tb.Scene(straight(8, section(EI=EI)), [tb.TipLoad(force=tb.Input("u", 3))], plane="xz", supports=[
             tb.Support(0), tb.Support(4, position="z", rotation="", displacement=moved)])
-        state = tb.equilibrium(scene, u=u, throw=False, engine=engine)
+        state = tb.equilibrium(scene, inputs={"u": u}, throw=False, engine=engine)
         value = (state.position.square().sum((-1, -2)) + state.stress.sum((-1, -2)) + state.reaction.square().sum((-1, -2)))
         return torch.autograd.grad(value[state.status == 0].sum(), (u, EI, moved))
 
@@ -200,7 +201,7 @@ def test_gradients_are_the_eager_ones():
         assert_close(a, b, rtol=0, atol=1e-9 * float(b.abs().max()))
 
     def tip(engine):
-        return lambda u: tb.equilibrium(cantilever(4), u=u, engine=engine).tip.position
+        return lambda u: tb.equilibrium(cantilever(4), inputs={"u": u}, engine=engine).tip.position
 
     u = pulls(1, 3.0)[0]
     for derivative in (lambda f: torch.func.jvp(f, (u,), (torch.ones(3),))[1], lambda f: torch.func.jacrev(f)(u)):
@@ -216,7 +217,7 @@ def test_unstable_samples_are_named_alike(N, order):
         u = torch.zeros(80, 3)
         u[:, 0] = -torch.linspace(0, 9.0, 80)
         with pytest.warns(RuntimeWarning, match="unstable equilibrium") as found:
-            tb.equilibrium(scene, u=u, engine=engine)
+            tb.equilibrium(scene, inputs={"u": u}, engine=engine)
         said.append(str(found[0].message))
     assert said[0] == said[1]
     model = discretise(scene)
@@ -247,7 +248,7 @@ def test_auto_compiles_for_many_samples(monkeypatch):
 
     def made(scene=None, **options):
         found.clear()
-        tb.equilibrium(scene or cantilever(), u=u, **options)
+        tb.equilibrium(scene or cantilever(), inputs={"u": u}, **options)
         return len(found)
 
     monkeypatch.setenv("TORCHBEAM_ENGINE", "auto")
@@ -289,9 +290,9 @@ def test_what_is_not_covered_is_refused_by_name(reason, scene, options):
 def test_without_llvmlite_the_extra_is_named(monkeypatch):
     monkeypatch.setattr("torchbeam.statics.compiled.climb.find_spec", lambda name: None)
     with pytest.raises(ValueError, match=r"pip install torchbeam\[fast\]"):
-        tb.equilibrium(cantilever(), u=torch.zeros(3), engine="compiled")
+        tb.equilibrium(cantilever(), inputs={"u": torch.zeros(3)}, engine="compiled")
     with pytest.raises(ValueError, match="engine = 'native' was given"):
-        tb.equilibrium(cantilever(), u=torch.zeros(3), engine="native")
+        tb.equilibrium(cantilever(), inputs={"u": torch.zeros(3)}, engine="native")
 
 
 def test_within_torch_func_the_answer_is_eager():
