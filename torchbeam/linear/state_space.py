@@ -22,6 +22,7 @@ from torch.nn.functional import pad
 
 from ..core.arguments import function as check_function
 from ..core.arguments import instant, listed
+from ..core.validation import unmapped
 from ..math.dense import solve
 from ..nodal.discretise import discretise
 from ..scene.scene import Scene
@@ -61,7 +62,7 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
     near = Perturbation.of(model, state, time, given, M.shape[:-2])
     free, states = len(near.free), model.internal_states
     T = near.axes if not states else _both(near.axes, torch.eye(states, dtype=K.dtype, device=K.device))
-    M, K = T.mT @ M @ T, T.mT @ K @ T
+    M, K = unmapped("linearize", T.mT @ M @ T), unmapped("linearize", T.mT @ K @ T)
     D = torch.zeros_like(K) if D is None else T.mT @ D @ T
     outputs = (outputs,) if callable(outputs) else listed(outputs)
     for sensor in outputs:

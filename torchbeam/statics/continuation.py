@@ -21,6 +21,7 @@ import torch
 from torch import Tensor
 
 from ..core.status import DIVERGED
+from ..core.validation import unmapped
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..solvers.newton import newton
@@ -95,7 +96,7 @@ class Continuation:
         attempts, the status (...) of each sample, and whether (...) it reached the end.
         """
         zero = self.model.length.new_zeros(())
-        shape = self.loaded(zero).residual(start)[0].measure().shape
+        shape = unmapped("the path of a load", self.loaded(zero).residual(start)[0].measure()).shape
         if self.control is not None:
             shape = broadcast_shapes(shape, self.target.shape)
         start = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in start))
