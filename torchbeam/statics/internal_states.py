@@ -64,4 +64,4 @@ def _stays(before: Tensor, after: Tensor) -> Tensor:
 
 def _states(problem: SteadyProblem, x: Configuration, shape: torch.Size) -> Tensor:
     """(..., z)"""
-    return internal(problem.model, problem.nodes(x), problem.t, problem.inputs, shape)
+    return internal(problem.model, problem.nodes(x), problem.conditions, shape)
