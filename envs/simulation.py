@@ -103,11 +103,13 @@ class Simulation:
         values |= {name: given[rows] for name, given in (params or {}).items()}
         plant = self._plant(values, rows) if self.varying else self.plant
         start, first = self._at_rest(plant, rows)
+        beam = self.task.initial_state(start, goal)
+        beam = first if beam is start else self._begun(plant, beam)
         key = torch.tensor([int(s.integers(2**63)) for s in own] if self.config.noise else [0] * len(rows), device=rows.device)
         zero = torch.zeros(len(rows), dtype=torch.long, device=rows.device)
         idle = self.high.new_zeros(len(rows), self.task.actions)
-        now = Episodes(plant, rows, start, self.task.initial_state(first, goal), goal, key, idle,
-                       idle[:, None].expand(-1, self.config.delay, -1), zero, zero.bool(), zero.bool(), idle, measures={})
+        now = Episodes(plant, rows, start, beam, goal, key, idle, idle[:, None].expand(-1, self.config.delay, -1),
+                       zero, zero.bool(), zero.bool(), idle, measures={})
         now = self._told(now)
         now = replace(now, observation=self._observation(now))
         if len(rows) == self.count:
@@ -150,13 +152,22 @@ class Simulation:
 
     def _settled(self, plant: Plant, count: int) -> tuple[tb.State, tb.State]:
         """The beam in equilibrium without action, and the same with what the method remembers of a step without action."""
-        idle = {name: torch.zeros(count, size, dtype=self.task.dtype, device=self.task.device)
-                for name, size in plant.scene.inputs.items()}
+        idle = self._idle(plant, count)
         if not self.task.settles:
             start = plant.stepper.rest((count,))
         else:
             start = tb.equilibrium(plant.scene, throw=False, inputs=idle)
-        return start, plant.stepper.begin(start, **idle) if isinstance(plant.stepper, tb.Stepper) else start
+        return start, self._begun(plant, start)
+
+    def _begun(self, plant: Plant, beam: tb.State) -> tb.State:
+        """A state (n,) with what the method remembers of a step from there without action."""
+        idle = self._idle(plant, len(beam.status))
+        return plant.stepper.begin(beam, **idle) if isinstance(plant.stepper, tb.Stepper) else beam
+
+    def _idle(self, plant: Plant, count: int) -> dict[str, Tensor]:
+        """The scene's inputs without action."""
+        return {name: torch.zeros(count, size, dtype=self.task.dtype, device=self.task.device)
+                for name, size in plant.scene.inputs.items()}
 
     def _with_room(self, episodes: Episodes | None, names: set[str]) -> Episodes | None:
         """The episodes with room for values of these parameters in their plants."""

@@ -163,6 +163,18 @@ def test_flutter_grows_unless_it_is_held():
     assert info["distance"][held == 1].max() < 1e-3 and info["lost"].tolist() == lost.tolist()
 
 
+def test_a_kicked_strip_remembers_how_it_starts_to_move():
+    """What generalized alpha remembers of the start is that of the kicked strip, which damping brakes, not of one at rest."""
+    env = torchbeam_envs.FlutterHoldVectorEnv(2, method="generalized_alpha", **SMALL)
+    env.reset(seed=0)
+    beam, plant = env.state.beam, env.state.plant
+    idle = {name: torch.zeros(2, size, dtype=beam.velocity.dtype) for name, size in plant.scene.inputs.items()}
+    wanted = plant.stepper.begin(beam.plain(), **idle)
+    assert wanted.straining.abs().max() > 0.01
+    for name in ("acceleration", "straining"):
+        torch.testing.assert_close(getattr(beam, name), getattr(wanted, name), rtol=1e-5, atol=1e-6)
+
+
 # Slew
 
 @pytest.mark.parametrize("up", [None, (0.0, 1.0, 0.0)])

@@ -216,6 +216,39 @@ def test_vmap_keeps_failures_apart():
             torch.tensor([1.0, 100.0]))
 
 
+def bent(EI, elements=2):
+    section = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=torch.stack((EI, 2 * EI), -1), mass=0.2, inertia=1e-3)
+    return tb.Scene(tb.Beam.straight(1.0, elements, section), [tb.TipLoad(force=(0.0, 0.1, -0.2))])
+
+
+@pytest.mark.parametrize("elements", [2, 18])
+def test_vmap_over_modes(elements):
+    """Two frequencies, of a chain long enough for subspace iteration too, and their derivatives by EI are those of the samples
+    one by one: 1e-9, where sweeps end with the last sample's.
+    """
+    def frequency(x):
+        return tb.modes(bent(x, elements), count=2).frequency
+
+    EI = torch.tensor([1.0, 1.5])
+    for f in (frequency, torch.func.jacrev(frequency), torch.func.jacfwd(frequency))[:1 if elements > 2 else 3]:
+        assert_close(torch.func.vmap(f)(EI), torch.stack([f(x) for x in EI]), rtol=1e-9, atol=0)
+
+
+REFUSED_UNDER_VMAP = {
+    "linearize": lambda x: tb.linearize(bent(x)).A,
+    "path": lambda x: tb.path(bent(x)).factor[-1],
+    "critical_load": lambda x: tb.critical_load(lambda factor: tb.Scene(bent(x).beam, [tb.TipLoad(
+        force=factor[..., None] * torch.tensor([-1.0, 0, 0]))]), 1.0, points=2, count=2).factor,
+}
+
+
+@pytest.mark.parametrize("what", REFUSED_UNDER_VMAP)
+def test_what_decides_by_numbers_refuses_vmap(what):
+    """In a sentence; a batch of scenes is taken."""
+    with pytest.raises(ValueError, match=r"within torch\.func\.vmap was given, where samples cannot go ways of their own"):
+        torch.func.vmap(REFUSED_UNDER_VMAP[what])(torch.tensor([1.0, 1.5]))
+
+
 SECTION = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=(1.0, 3.0), mass=0.2, inertia=1e-3)
 ALONE = {
     "the motion of an elastic clamp": lambda a: tb.Scene(

@@ -128,8 +128,7 @@ WAYS = {
 REFUSED = "first ones only"
 OTHERWISE = {  # what is refused in ways of its own, which have nothing to do with second derivatives
     "checkpoint": "don't yet support saved tensor hooks|saved tensor hooks",
-    "tolerance": "within torch.func.vmap", "event": "within torch.func.vmap",
-    "modes": "vmap", "damped modes": "vmap", "modes of an equilibrium": "vmap", "shape": "vmap"}
+    "tolerance": "within torch.func.vmap", "event": "within torch.func.vmap"}
 
 
 def differences(f, p, h=1e-4):

@@ -79,6 +79,18 @@ def test_folders_import_from_those_above_alone():
     assert wrong == []
 
 
+PHYSICS = ("nodal.assembly", "nodal.balance", "nodal.frame", "nodal.lever", "nodal.loads", "nodal.mass", "nodal.rotary",
+           "nodal.rows", "dynamics.alpha_kinematics", "dynamics.energy_projection", "dynamics.step_element",
+           "dynamics.step_kinematics", "dynamics.support_motion", "statics.steady_motion")
+
+
+def test_physics_reads_rows_and_no_scene():
+    """What is said of nodes and elements by themselves imports neither a scene nor the model of one."""
+    arrows, wholes = graph("torchbeam"), {"torchbeam.scene.scene", "torchbeam.nodal.model", "torchbeam.scene.beam"}
+    for name in PHYSICS:
+        assert not arrows[f"torchbeam.{name}"] & wholes, name
+
+
 def test_torchbeam_knows_neither_environments_nor_gymnasium():
     for path in modules("torchbeam").values():
         for node in ast.walk(parsed(path)):

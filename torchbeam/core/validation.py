@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
-from torch._C import _functorch as functorch
 
+from ..math.concrete import concrete, mapped
 from ..math.shapes import broadcast_shapes
 
 Value = Any  # a tensor, a NumPy array or scalar, a Python number, or a (nested) sequence of them
@@ -154,11 +154,12 @@ def broadcast(what: str, *shapes: torch.Size) -> torch.Size:
         raise ValueError(f"{what} with the batch axes {given} were given; axes that broadcast are wanted") from None
 
 
-def concrete(x: Tensor) -> Tensor:
-    """The numbers in x, to decide by: those of every sample, where torch.func.vmap shows one at a time."""
-    while functorch.is_functorch_wrapped_tensor(x):
-        x = functorch.get_unwrapped(x)
-    return x
+def unmapped(what: str, value: Tensor) -> Tensor:
+    """`value` if it is not one at a time of samples that torch.func.vmap has; ValueError otherwise."""
+    if mapped(value):
+        raise ValueError(f"{what} within torch.func.vmap was given, where samples cannot go ways of their own; batch axes of "
+                         "the scene are wanted")
+    return value
 
 
 def axis_last(name: str, value: Any, size: int) -> Any:

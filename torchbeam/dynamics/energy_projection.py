@@ -7,13 +7,13 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ..nodal.model import Model
+from ..nodal.rows import Rows
 from ..state.state import State
 
 MOST = 0.01  # of the kinetic energy, that one step may take or give
 
 
-def conserved(model: Model, start: State, after: State, dt: Tensor, own: Tensor | float = 0.0) -> State:
+def conserved(model: Rows, start: State, after: State, dt: Tensor, own: Tensor | float = 0.0) -> State:
     """`after` with its velocities scaled so that kinetic + strain energy changes by the work of the loads less what damping
     takes, see `projected`. `own`: the strain that the beam takes by itself over this step, which holds no energy.
     """
@@ -24,13 +24,13 @@ def conserved(model: Model, start: State, after: State, dt: Tensor, own: Tensor 
     return replace(after, velocity=scale * after.velocity, spin=scale * after.spin, defect=defect)
 
 
-def kinetic_rise(model: Model, start: State, after: State) -> tuple[Tensor, Tensor]:
+def kinetic_rise(model: Rows, start: State, after: State) -> tuple[Tensor, Tensor]:
     """(...) J: kinetic energy at the end, and what it has risen by."""
     kinetic = model.kinetic_energy(after.rotation, after.velocity, after.spin)
     return kinetic, kinetic - model.kinetic_energy(start.rotation, start.velocity, start.spin)
 
 
-def strain_rise(model: Model, start: State, after: State, dt: Tensor, own: Tensor | float) -> Tensor:
+def strain_rise(model: Rows, start: State, after: State, dt: Tensor, own: Tensor | float) -> Tensor:
     """(...) J: what the strain energy rises by, and damping takes."""
     rise = (model.strain_energy(after.position, after.rotation, own)
             - model.strain_energy(start.position, start.rotation, own))

@@ -15,6 +15,7 @@ from ..core.derivatives import no_derivatives
 from ..core.status import SUCCESS
 from ..core.validation import concrete
 from ..math.shapes import broadcast_shapes
+from ..nodal.conditions import conditions
 from ..nodal.loads import external
 from ..nodal.model import Model
 from ..scene.effects import Effect
@@ -74,7 +75,8 @@ class Failure(NamedTuple):
         """The loads (..., N+1, w) that depend on how the beam stands or moves, as functions of the unknowns."""
         problem, model = self.problem, self.problem.model
         for load in model.loads[0]:
-            yield _name(load), lambda x, load=load: external(model, problem.seen(x), problem.t, problem.inputs, (load,))
+            now = conditions(model, problem.t, problem.inputs, loads=(load,))
+            yield _name(load), lambda x, now=now: external(model, problem.seen(x), now)
 
     def _in_time(self) -> Iterator[tuple[str, Callable[[Tensor], Tensor]]]:
         """Motions (..., 1, 3 or 7), eigenstrains (..., N or 1, 6) and loads (..., N+1, w), the beam as at the start, as
@@ -98,7 +100,8 @@ class Failure(NamedTuple):
             yield _name(effect), lambda s, one=effect: one.eigenstrain(at(s), problem.inputs, model.length,
                                                                        scene.beam.element_count)
         for load in scene.loads:
-            yield _name(load), lambda s, load=load: external(model, start, at(s), problem.inputs, (load,))
+            yield _name(load), lambda s, load=load: external(
+                model, start, conditions(model, at(s), problem.inputs, loads=(load,)))
 
     def _between(self, a: Any, b: Any, share: Tensor) -> Any:
         share = share[..., None, None]

@@ -30,6 +30,7 @@ from ..core.derivatives import cached
 from ..core.leaves import leaf, wants_gradient
 from ..core.validation import concrete, shown
 from ..nodal import loads as external
+from ..nodal.conditions import Conditions, conditions
 from ..nodal.model import Model
 from ..state.state import State
 from .alpha_kinematics import EndKinematics, EndMotion, EndTangent, GeneralizedAlpha
@@ -125,9 +126,15 @@ class GeneralizedAlphaProblem(MidpointProblem):
                        stress=x.stress, reaction=reaction, work=work, t=start.t + self.dt,
                        acceleration=torch.cat((true, a), -1), straining=self.straining(way))
 
+    @cached
+    def conditions_before(self) -> Conditions:
+        """At the start."""
+        return conditions(self.model, self.t - self.dt, self.inputs)
+
     def external_before(self) -> Tensor | float:
         """Loads at the nodes (..., N+1, w), at the start."""
-        return external.external(self.model, self.motion.nodes_before(self.model.read), self.t - self.dt, self.inputs)
+        before = self.conditions_before
+        return external.external(self.model, self.motion.nodes_before(before.reads), before, total=before.dead)
 
     def straining(self, way: EndKinematics) -> Tensor:
         """See `AlphaState`, at the end; nothing asks for it where strains are not damped."""

@@ -29,10 +29,11 @@ from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
 from ..nodal import loads as external
 from ..nodal.balance import CondensedTangent, Linearisation, Residual, largest, restrained_forces, size_of_strain
+from ..nodal.conditions import Conditions, conditions
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import InertiaForces
 from ..nodal.loads import Nodes
-from ..nodal.model import Model
+from ..nodal.rows import Rows
 from ..scene.effects import Inputs
 from ..state.state import State
 from ..state.supported_nodes import set_node
@@ -54,13 +55,13 @@ class MidpointUnknowns(NamedTuple):
 @dataclass(frozen=True)
 class MidpointProblem(Tree):
     """A step of length dt (0-dim or (...)) from `start`, with loads as at time t (0-dim, or (...) each sample's own) and
-    inputs held over it.
+    inputs held over it. model: `Model`; where others say what the `conditions` are, rows of it.
 
     conserve  scale the velocities at the end so that kinetic + strain energy changes by the work of the loads less what
               damping takes, exactly; by at most 1/2 %, the rest waits for a step with more kinetic energy
     """
 
-    model: Model
+    model: Rows
     start: State
     dt: Tensor = leaf(0)
     t: Tensor = leaf(0)
@@ -83,19 +84,24 @@ class MidpointProblem(Tree):
         return self.model.tangent_stiffness(self.dt.detach())
 
     @cached
+    def conditions(self) -> Conditions:
+        """Of the instant at which loads are taken, and of supports at the end."""
+        return conditions(self.model, self.t, self.inputs, self.t + (1 - self.INSTANT) * self.dt)
+
+    @property
     def eigenstrain(self) -> Tensor | float:
         """What the beam bends by itself."""
-        return self.model.eigenstrain(self.t, self.inputs)
+        return self.conditions.eigenstrain
 
-    @cached
+    @property
     def frame(self) -> FixedFrame:
-        """Frame a at mid step."""
-        return self.model.frame(self.t)
+        """Frame a at that instant."""
+        return self.conditions.frame
 
     @cached
     def support_motions(self) -> SupportMotions:
         """The supports that move, in frame a or with it."""
-        return support_motions(self.model, self.start, self.t + (1 - self.INSTANT) * self.dt, self.PART)
+        return support_motions(self.model.space, self.conditions.supports, self.start, self.PART)
 
     @cached
     def motion(self) -> MidpointMotion:
@@ -135,11 +141,13 @@ class MidpointProblem(Tree):
     def _dead(self) -> Tensor | float:
         start = self.start
         nodes = Nodes(start.position, start.rotation, frame=self._frame_middle, internal=start.internal, dt=self.dt)
-        return external.external(self.model, nodes, self.t, self.inputs, self.model.loads[1])
+        now = self.conditions
+        return external.external(self.model, nodes, now, now.still, now.dead)
 
     @cached
     def _frame_middle(self) -> Tensor | None:
-        return self.frame.orientation(self.start.frame, self.dt / 2)
+        given = self.conditions.orientation
+        return self.frame.orientation(self.start.frame, self.dt / 2) if given is None else given
 
     def predictor(self) -> MidpointUnknowns:
         """Constant velocity, and the stress of the step before."""
@@ -164,7 +172,7 @@ class MidpointProblem(Tree):
 
     def nodes(self, way: StepKinematics) -> Nodes:
         """What loads see."""
-        nodes = self.motion.nodes(way, self.model.read)
+        nodes = self.motion.nodes(way, self.conditions.reads)
         return nodes._replace(frame=self._frame_middle, internal=self.start.internal, dt=self.dt)
 
     def seen(self, x: MidpointUnknowns) -> Nodes:
@@ -174,8 +182,8 @@ class MidpointProblem(Tree):
 
     def external(self, way: StepKinematics) -> Tensor | float:
         """Loads at the nodes (..., N+1, w)."""
-        model, moving = self.model, self.model.loads[0]
-        return self._dead + external.external(model, self.nodes(way), self.t, self.inputs, moving) if moving else self._dead
+        now = self.conditions
+        return self._dead + external.external(self.model, self.nodes(way), now, now.moving) if now.moving else self._dead
 
     def node_balance(self, x: MidpointUnknowns) -> tuple[StepKinematics, InertiaForces, Tensor | float]:
         """Motion of the nodes, what it asks of them, and loads; each node's own, but for the mass that neighbours share."""
@@ -186,7 +194,7 @@ class MidpointProblem(Tree):
         """Derivatives of the motion, and those of inertia less loads, by the nodes' moves."""
         nodes = self.TANGENT(self.motion, way)
         matrix = nodes.inertia(inertia)
-        return nodes, matrix.minus(self.load_tangent(nodes)) if self.model.loads[0] else matrix
+        return nodes, matrix.minus(self.load_tangent(nodes)) if self.conditions.moving else matrix
 
     def element_balance(self, x: MidpointUnknowns, way: StepKinematics) -> ElementBalance:
         """The elements, whose nodes move so."""
@@ -217,9 +225,8 @@ class MidpointProblem(Tree):
 
     def load_tangent(self, nodes: MidpointTangent) -> Tensor | float:
         """Derivative of `external` by the nodes' moves, (..., N+1, w, w)."""
-        model = self.model
-        by = external.motion_jacobian(nodes, model.read)
-        return external.tangent(model, self.nodes(nodes.way), self.t, self.inputs, model.loads[0], by)
+        by = external.motion_jacobian(nodes, self.conditions.reads)
+        return external.tangent(self.model, self.nodes(nodes.way), self.conditions, by)
 
     def finish(self, x: MidpointUnknowns, reaction: Tensor) -> State:
         """The state at the end of the step."""
@@ -239,5 +246,5 @@ class MidpointProblem(Tree):
         after = replace(
             start, position=way.position_end, rotation=way.q_end, velocity=velocity, spin=spin, stress=x.stress,
             reaction=reaction, work=work, t=start.t + self.dt, frame=self.frame.orientation(start.frame, self.dt),
-            internal=external.advanced(model, self.nodes(way), self.t, self.inputs))
+            internal=external.advanced(model, self.nodes(way), self.conditions))
         return conserved(self.model, start, after, self.dt, self.eigenstrain) if self.conserve else after

@@ -286,7 +286,7 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     first = instants[0]
     y0 = rates.pack(_begin(rates.model, initial, first))
     broadcast("a scene, an initial state and begin", y0.shape[:-1], first.shape)
-    acting = rates.balance(first, rates.unpack(first, y0)[0])[0]  # functions and inputs may have axes too
+    acting = rates.balance(rates.conditions(first), rates.unpack(first, y0)[0])[0]  # functions and inputs may have axes too
     y0 = y0.expand(*broadcast_shapes(y0.shape[:-1], acting.shape[:-2], first.shape), -1)
     ys, status, evaluations = integrate(rhs, y0, t, method=method, rtol=rtol, atol=atol, options=options, adjoint=adjoint,
                                         parameters=leaves(rhs, y0.detach(), t, adjoint))

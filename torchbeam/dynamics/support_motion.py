@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from ..nodal.model import Model
+from ..nodal.conditions import SupportConditions
+from ..nodal.coordinates.spatial import Space
 from ..state.state import State
 
 
@@ -40,19 +41,17 @@ class SupportMotions(NamedTuple):
     clamps: tuple[ClampMotion, ...] = ()
 
 
-def support_motions(model: Model, start: State, end: Tensor, part: float) -> SupportMotions:
-    """From `start` to the time `end`; u and m lead a part (1/2 or 1) of the way."""
-    if not model.scene.has_prescribed_motion:
-        return SupportMotions()
-    space, poses, clamps = model.space, [], []
-    for support, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True):
-        at = support.node
-        if support.moves:
-            position, rotation = space.of_nodes(at).pose(*model.prescribed_motion.pose(support, end))
+def support_motions(space: Space, supports: tuple[SupportConditions, ...], start: State, part: float) -> SupportMotions:
+    """From `start` to where supports are at the end; u and m lead a part (1/2 or 1) of the way."""
+    poses, clamps = [], []
+    for one in supports:
+        at, own = one.node, space.of_nodes(one.node)
+        if one.pose is not None:
+            position, rotation = own.pose(*one.pose)
             m = space.multiply(space.inverse(start.rotation[..., at, :]), rotation)
-            whole = bool(fixed[space.position:].all())
-            poses.append(SupportPose(at, fixed[:space.position] > 0, whole, (position - start.position[..., at, :]) * part,
+            whole = bool(one.fixed[space.position:].all())
+            poses.append(SupportPose(at, one.fixed[:space.position] > 0, whole, (position - start.position[..., at, :]) * part,
                                      space.sqrt(m) if part == 0.5 else m))
-        if support.clamp:
-            clamps.append(ClampMotion(at, *space.motion(*model.prescribed_motion.absolute(support, end))))
-    return SupportMotions(model.constraints.nodes, tuple(poses), tuple(clamps))
+        if one.motion is not None:
+            clamps.append(ClampMotion(at, *space.motion(*one.motion)))
+    return SupportMotions(tuple(one.node for one in supports), tuple(poses), tuple(clamps))

@@ -27,7 +27,7 @@ from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.summary import kind, lines, span
-from ..core.validation import concrete
+from ..core.validation import concrete, unmapped
 from ..math.dense import solve_unchecked
 from ..math.first_derivative import Once
 from ..math.quadratic_eigen import rounding, slow_first, spectrum, upright
@@ -137,6 +137,7 @@ def critical_load(
         even = torch.linspace(lowest, highest, check_count("points", points, least=2), device=path.device)
         factors = even.reshape(-1, *[1] * len(shape)).expand(len(even), *shape)
         coarse = path.spectrum(factors)
+        unmapped("critical_load", coarse.kind)
         doubtful = coarse.kind[0] != STABLE
         if (doubtful | coarse.neutral[0]).any() and (loose := path.loose(lowest)):
             raise ValueError(f"a beam of which nothing holds {loose} was given; supports that hold it, or a plane without that "

@@ -116,7 +116,7 @@ class Perturbation:
             load = -problem.residual(start)[0].nodes.expand(*self.shape, -1, -1).flatten(-2)[..., self.free]
             load = (self.axes.mT @ load[..., None])[..., 0]
             if problem.internal is not None:
-                rates = advanced_rates(self.model, problem.nodes(start), self.t, inputs)
+                rates = advanced_rates(self.model, problem.nodes(start), problem.conditions)
                 load = torch.cat((load, rates.expand(*self.shape, -1)), -1)
             return load, self.read(outputs, self.at(zero, zero, inputs))[0]
 

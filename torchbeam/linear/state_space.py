@@ -22,6 +22,8 @@ from torch.nn.functional import pad
 
 from ..core.arguments import function as check_function
 from ..core.arguments import instant, listed
+from ..core.leaves import wants_gradient
+from ..core.validation import unmapped
 from ..math.dense import solve
 from ..nodal.discretise import discretise
 from ..scene.scene import Scene
@@ -45,10 +47,12 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
     lumped   as in `Stepper`
     inputs   by name, (..., size), at the equilibrium
 
-    Dense: n = 12 a free node. Differentiable. A load that turns with the beam is in A. An infinite stiffness is a very large
-    one here. Raises ValueError for what the nodal form does not take, for a state that moves or is no equilibrium (where that
-    could bend the beam by 1e-3 rad), for damping that leaves a coordinate without inertia undamped, or where internal states of
-    loads follow the rate of one that is undamped.
+    Dense: n = 12 a free node. Differentiable; a derivative by a rotary inertia that is 0, or by damping of what has none, lacks
+    what would follow the rate of an input, that of a moment on such a turn: a small inertia has all of it. A load that turns
+    with the beam is in A. An infinite stiffness is a very large one here. Raises ValueError for what the nodal form does not
+    take, for a state that moves or is no equilibrium (where that could bend the beam by 1e-3 rad), for damping that leaves a
+    coordinate without inertia undamped, where internal states of loads follow the rate of one that is undamped, or within
+    torch.func.vmap.
     """
     model = discretise(scene, lumped)
     given = scene.tensors(inputs)
@@ -61,7 +65,7 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
     near = Perturbation.of(model, state, time, given, M.shape[:-2])
     free, states = len(near.free), model.internal_states
     T = near.axes if not states else _both(near.axes, torch.eye(states, dtype=K.dtype, device=K.device))
-    M, K = T.mT @ M @ T, T.mT @ K @ T
+    M, K = unmapped("linearize", T.mT @ M @ T), unmapped("linearize", T.mT @ K @ T)
     D = torch.zeros_like(K) if D is None else T.mT @ D @ T
     outputs = (outputs,) if callable(outputs) else listed(outputs)
     for sensor in outputs:
@@ -132,7 +136,7 @@ def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor
 
     K11, K10, K01, K00 = parts(K)
     D11, D10, D01, D00 = parts(D)
-    M11, _, M01, _ = parts(M)
+    M11, M10, M01, M00 = parts(M)
     G1, G0 = G[..., one, :], G[..., none, :]
     Y1, Y0, V1, V0 = Y[..., one], Y[..., none], Y_v[..., one], Y_v[..., none]
     eye = torch.eye(len(one), dtype=K.dtype, device=K.device).expand_as(K11)
@@ -149,6 +153,12 @@ def _assemble(M: Tensor, D: Tensor, K: Tensor, G: Tensor, Y: Tensor, Y_v: Tensor
     creep = creep + pushed @ rows
     n = 2 * len(one) + len(none)
     top = torch.cat((zero, torch.zeros_like(K10), eye), -1)
+    if wants_gradient(M00, M10):  # they are 0, and their derivatives are not: q_0'' is that of the creep
+        whole = torch.cat((torch.cat((top, torch.zeros_like(G1)), -1), creep, rows), -2)
+        turns = creep[..., :n] @ whole
+        late = solve(D00, M00 @ turns)
+        less = solve(M11 + D10 @ pushed, M10 @ turns - D10 @ late)
+        creep, rows = creep - late - pushed @ less, rows - less
     A = torch.cat((top, creep[..., :n], rows[..., :n]), -2)
     B = torch.cat((torch.zeros_like(G1), creep[..., n:], rows[..., n:]), -2)
     C = torch.cat((Y1, Y0, V1), -1) + V0 @ creep[..., :n]

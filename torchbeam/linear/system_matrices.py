@@ -88,19 +88,19 @@ def of_nodes(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
     D = model.assembly.to_matrix(hB @ model.law.damping_by(B)) if model.law.damped else None
     M = model.inertia.matrix(x.rotation, model.inertia.offset.turned(x.rotation))
     K, D = total(K, problem.motion.tangent(*x[:2])), total(D, problem.motion.gyroscopic(*x[:2]))
-    moving, lagging = model.loads[0], None
-    if moving or model.internal_states:
+    now, lagging = problem.conditions, None
+    if now.moving or model.internal_states:
         nodes, frame = problem.nodes(x), problem.frame
         still = frame.steady_jacobian()
         eyes = (torch.eye(n, dtype=B.dtype, device=B.device)[None] for n in (space.position, space.spin))
         moved = frame.moving_jacobian(*eyes)
         if model.adds_mass:
-            M = M.plus(external.added_mass(model, nodes, t, inputs))
-        at = external.tangent(model, nodes, t, inputs, moving, still)
+            M = M.plus(external.added_mass(model, nodes, now))
+        at = external.tangent(model, nodes, now, still)
         K = K.minus(at)
-        lagging = external.lags(model, nodes, t, inputs, still, moved)
+        lagging = external.lags(model, nodes, now, still, moved)
         if model.read.intersection(moved):
-            rate = at - external.tangent(model, nodes, t, inputs, moving, moved)
+            rate = at - external.tangent(model, nodes, now, moved)
             D = model.topology.diagonal(rate) if D is None else D.plus(rate)
     return M, D, K, lagging
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from .concrete import concrete
 from .dense import inverse_unchecked, solve
 from .first_derivative import first_only
 from .subspace import subspace
@@ -86,7 +87,7 @@ def _symmetric(M: Any, K: Any, count: int, definite: Callable[[Any], Tensor], so
     """
     shift = _shift(M, K)
     raised = _plus(K, shift, M)
-    if not definite(raised).all():
+    if not concrete(definite(raised)).all():
         return None
     value, vectors = solve(M, raised, count + 1)
     square = 1 / value - shift[..., None]
@@ -226,7 +227,7 @@ class _Distinct(torch.autograd.Function):
 
 
 def _refuse(x: Tensor, repeated: Tensor) -> Tensor:
-    if (repeated & (x != 0)).any():
+    if concrete(repeated & (x != 0)).any():
         raise RuntimeError("the derivative of a repeated eigenvalue, or of its shape, was asked for; it has none of its own: "
                            "distinct ones are wanted (two bending stiffnesses that differ)")
     return x
@@ -234,6 +235,8 @@ def _refuse(x: Tensor, repeated: Tensor) -> Tensor:
 
 class _Shape(torch.autograd.Function):
     """v, whose derivative solves the bordered system [Q, slope; e_k^T, 0] [dv; d lambda] = -[missing; 0], mode by mode."""
+
+    generate_vmap_rule = True
 
     @staticmethod
     def forward(missing, M, D, K, value, v, slope, largest) -> Tensor:

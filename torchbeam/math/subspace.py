@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from .concrete import concrete
 from .shapes import broadcast_shapes
 from .symmetric_chain import SymmetricChain
 
@@ -44,7 +45,7 @@ def subspace(M: SymmetricChain, K: SymmetricChain, count: int) -> tuple[Tensor, 
         new, before = new.flip(-1), value
         value, load, vectors = new, MX @ mix[..., None, :, :], flat @ mix
         if before is not None:
-            change = ((value - before)[..., :count].abs() / value[..., :count]).amax()
+            change = concrete((value - before)[..., :count].abs() / value[..., :count]).amax()
             if change <= CONVERGED[value.dtype] or (sweep >= LATE and change > STUCK * last):
                 break
             last = change

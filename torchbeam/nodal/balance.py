@@ -20,11 +20,11 @@ import torch
 from torch import Tensor
 
 from ..math.shapes import broadcast_shapes
-from ..topology.protocols import Matrix, Rows, System, total
+from ..topology.protocols import Matrix, MatrixRows, System, total
 from .assembly import Assembly
 from .constitutive_law import times
 from .constraints import Constraints
-from .model import Model
+from .rows import Rows
 
 
 class Residual(NamedTuple):
@@ -82,14 +82,14 @@ class Linearisation(NamedTuple):
     assembly: Assembly
     constraints: Constraints
     system: System  # of the unknowns
-    rows: Rows  # of the supports' balances
+    rows: MatrixRows  # of the supports' balances
     hB: Tensor  # (..., N, k, p + 2 s) h B
     C: Tensor
     E: Tensor  # (..., N, k, p + 2 s)
     law: Tensor  # S^-1 as the law has it, which C may differ from
 
     @classmethod
-    def of(cls, model: Model, tangent: CondensedTangent) -> Linearisation:
+    def of(cls, model: Rows, tangent: CondensedTangent) -> Linearisation:
         """With the supports of a model."""
         matrix, constraints = tangent.matrix, model.constraints
         return cls(model.assembly, constraints, matrix.restricted(constraints.unknowns), matrix.rows(constraints.nodes),
@@ -128,7 +128,7 @@ def dstress(C: Tensor, E: Tensor, g_strain: Tensor, move: Tensor) -> Tensor:
     return times(C, g_strain[..., None] + E @ move[..., None])[..., 0]
 
 
-def restrained_forces(model: Model, kin: Any, own: Tensor | float, h: Tensor) -> Tensor | float:
+def restrained_forces(model: Rows, kin: Any, own: Tensor | float, h: Tensor) -> Tensor | float:
     """Element forces that the beam's eigenstrain would take to hold back: what it is measured against where nothing else acts;
     0.0 where there is none.
     """

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..scene.scene import Scene
-from ..topology.protocols import Rows, Topology, Unknowns
+from ..topology.protocols import MatrixRows, Topology, Unknowns
 from .coordinates.spatial import Space
 
 
@@ -49,7 +49,7 @@ class Constraints:
         """How many unknowns there are."""
         return int(self.moving.sum())
 
-    def reaction(self, rows: Rows, balance: Tensor, move: Tensor) -> Tensor:
+    def reaction(self, rows: MatrixRows, balance: Tensor, move: Tensor) -> Tensor:
         """(..., K, w): the balance (..., N+1, w) at the supports after the moves (..., N+1, w)."""
         if not self.nodes:
             return balance[..., :0, :]

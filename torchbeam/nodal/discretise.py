@@ -15,6 +15,7 @@ from ..scene.effects import PerElement
 from ..scene.scene import Scene
 from ..topology.protocols import Topology
 from .assembly import Assembly
+from .conditions import conditions
 from .constitutive_law import law_of
 from .constraints import Constraints
 from .coordinates.planar import PLANES, Plane
@@ -51,7 +52,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
         inertia=inertia, length=h,
         reference=space.project_strain(rest) if space.turns else torch.zeros_like(rest),
         law=law_of(scene, space),
-        section_mass=section_mass, tributary_length=share,
+        section_mass=section_mass, tributary_length=share, s=topology.arclength(beam.length),
     )
     if space.plane is not None:
         check_plane(model, discretise(replace(scene, plane=None), lumped, topology))
@@ -82,7 +83,7 @@ def check_plane(model: Model, whole: Model) -> None:
     t = still.new_zeros(())
     for load in scene.loads:
         if constant(load):
-            wrench = external(whole, Nodes(beam.nodes, beam.frames, still, still), t, {}, (load,))
+            wrench = external(whole, Nodes(beam.nodes, beam.frames, still, still), conditions(whole, t, {}, loads=(load,)))
             _refuse(space, load.called, wrench, space.embed(space.project(wrench)))
         if isinstance(load.anchor, Tensor):  # slack at rest, a spring pulls nowhere
             to = load.anchor - beam.nodes[..., load.node, :]

@@ -24,8 +24,9 @@ from ..scene.effects.load_point import (
     derivatives,
     together,
 )
+from .conditions import ActingLoad, Conditions
 from .coordinates.spatial import Space
-from .model import Model
+from .rows import Rows
 
 ANGULAR = (ROTATION, SPIN, ANGULAR_ACCELERATION)
 AT_NODES = ("position", "rotation", "velocity", "spin", "acceleration", "angular_acceleration")  # of the fields of `Nodes`
@@ -74,33 +75,32 @@ def motion_jacobian(derivatives: Any, read: frozenset[str]) -> MotionJacobian:
     return {name: getattr(derivatives, name) for name in CHANGING if name in read}
 
 
-def external(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[Any, ...] | None = None) -> Tensor | float:
-    """Loads, all of the scene's unless given, summed at nodes: (..., N+1, w) force N and moment N m, frame a; 0.0 where there
-    is none.
+def external(rows: Rows, nodes: Nodes, now: Conditions, loads: tuple[ActingLoad, ...] | None = None,
+             total: Tensor | float = 0.0) -> Tensor | float:
+    """Loads, all that act unless given, summed at nodes: (..., N+1, w) force N and moment N m, frame a; 0.0 where there is
+    none. total: what they are added to.
     """
-    total = 0.0
-    for load, point in _points(model, nodes, t, model.scene.loads if loads is None else loads):
-        total = total + _spread(model, load, wrench(model.space, load, point, t, inputs), 1)
+    for one, point in _points(rows, nodes, now, now.loads if loads is None else loads):
+        total = total + _spread(rows, one, wrench(rows.space, one.load, point, now.t, now.inputs), 1)
     return total
 
 
-def tangent(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, loads: tuple[Any, ...], by: MotionJacobian = STAYS
-            ) -> Tensor | float:
+def tangent(rows: Rows, nodes: Nodes, now: Conditions, by: MotionJacobian = STAYS) -> Tensor | float:
     """Derivative of `external` by the nodes' moves, (..., N+1, w, w); 0.0 where there is none."""
     total = 0.0
-    for load, point in _points(model, nodes, t, loads):
-        found = wrench_tangent(model.space, load, point, t, inputs, _of_node(load, by))
-        total = total if isinstance(found, float) else total + _spread(model, load, found, 2)
+    for one, point in _points(rows, nodes, now, now.moving):
+        found = wrench_tangent(rows.space, one.load, point, now.t, now.inputs, _of_node(one, by))
+        total = total if isinstance(found, float) else total + _spread(rows, one, found, 2)
     return total
 
 
-def added_mass(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor | float:
+def added_mass(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
     """Mass (..., N+1, w, w) that loads add by their derivative by the accelerations; 0.0 where there is none."""
-    total, loads = 0.0, tuple(load for load in model.scene.loads if model.depends_on(load).intersection(INERTIAL))
-    for load, point in _points(model, nodes, t, loads):
-        blocks = load.tangent(point, t, inputs)
-        mass = sum(_block(model.space, name, blocks[name]) for name in INERTIAL if name in blocks)
-        total = total - _spread(model, load, mass, 2)
+    total, loads = 0.0, tuple(one for one in now.loads if one.reads.intersection(INERTIAL))
+    for one, point in _points(rows, nodes, now, loads):
+        blocks = one.load.tangent(point, now.t, now.inputs)
+        mass = sum(_block(rows.space, name, blocks[name]) for name in INERTIAL if name in blocks)
+        total = total - _spread(rows, one, mass, 2)
     return total
 
 
@@ -129,11 +129,11 @@ def wrench_tangent(space: Space, load: Any, point: LoadPoint, t: Tensor, inputs:
     return sum((_chained(space, name, _block(space, name, block), by) for name, block in blocks.items()), 0.0)
 
 
-def _of_node(load: Any, by: MotionJacobian) -> MotionJacobian:
+def _of_node(one: ActingLoad, by: MotionJacobian) -> MotionJacobian:
     """Of the node that a load acts on, without an axis of nodes; along the beam as it is."""
-    if load.node is None:
+    if one.node is None:
         return by
-    return {name: x[..., load.node if x.shape[-3] > 1 else 0, :, :] for name, x in by.items()}
+    return {name: x[..., one.node if x.shape[-3] > 1 else 0, :, :] for name, x in by.items()}
 
 
 def _moved(space: Space, name: str, by: MotionJacobian) -> bool:
@@ -157,24 +157,24 @@ def _block(space: Space, name: str, block: Tensor) -> Tensor:
     return space.project_map(pad(block, (3, 0) if name in ANGULAR else (0, 3)))
 
 
-def internal(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, shape: tuple[int, ...]) -> Tensor | None:
+def internal(rows: Rows, nodes: Nodes, now: Conditions, shape: tuple[int, ...]) -> Tensor | None:
     """Internal states of user loads in equilibrium, (*shape, z); None where there are none."""
-    found = [_flat(load, load.advance(point, point.internal, t, inputs, point.dt))
-             for load, point in _points(model, nodes, t, _remembering(model))]
+    found = [_flat(one, one.load.advance(point, point.internal, now.t, now.inputs, point.dt))
+             for one, point in _points(rows, nodes, now, _remembering(now))]
     return _joined([z.expand(*shape, z.shape[-1]) for z in found]) if found else None
 
 
-def advanced(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor | None:
+def advanced(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | None:
     """The same at the end of a step in whose middle the nodes are."""
-    found = [_flat(load, 2 * load.advance(point, point.internal, t, inputs, point.dt) - point.internal)
-             for load, point in _points(model, nodes, t, _remembering(model))]
+    found = [_flat(one, 2 * one.load.advance(point, point.internal, now.t, now.inputs, point.dt) - point.internal)
+             for one, point in _points(rows, nodes, now, _remembering(now))]
     return _joined(found) if found else None
 
 
-def advanced_rates(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs) -> Tensor:
+def advanced_rates(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor:
     """Rates (..., z) of the internal states."""
-    return _joined([_flat(load, load.rates(point, point.internal, t, inputs))
-                    for load, point in _points(model, nodes, t, _remembering(model))])
+    return _joined([_flat(one, one.load.rates(point, point.internal, now.t, now.inputs))
+                    for one, point in _points(rows, nodes, now, _remembering(now))])
 
 
 class Lags(NamedTuple):
@@ -189,14 +189,14 @@ class Lags(NamedTuple):
     H_a: Tensor
 
 
-def lags(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, still: MotionJacobian, moved: MotionJacobian) -> Lags | None:
+def lags(rows: Rows, nodes: Nodes, now: Conditions, still: MotionJacobian, moved: MotionJacobian) -> Lags | None:
     """Derivatives of rates and loads where the internal states are `nodes.internal`; None where there are none. `still` has the
     derivatives of the nodes' motion by their moves, `moved` those by moves and their rates.
     """
-    space, rows = model.space, []
-    for load, point in _points(model, nodes, t, _remembering(model)):
-        by = load.rates_tangent(point, t, inputs)
-        L = derivatives(lambda at, load=load: together(load.wrench(at, t, inputs), at.R), point, (INTERNAL,))[INTERNAL]
+    space, parts = rows.space, []
+    for one, point in _points(rows, nodes, now, _remembering(now)):
+        load, by = one.load, one.load.rates_tangent(point, now.t, now.inputs)
+        L = derivatives(lambda at, load=load: together(load.wrench(at, now.t, now.inputs), at.R), point, (INTERNAL,))[INTERNAL]
         L, G = space.project(L.mT).mT, by.pop(INTERNAL)
         by = {name: space.project(pad(block, (3, 0) if name in ANGULAR else (0, 3))) for name, block in by.items()}
         zero = torch.zeros_like(space.project(G.new_zeros(*G.shape[:-1], 6)))
@@ -204,26 +204,26 @@ def lags(model: Model, nodes: Nodes, t: Tensor, inputs: Inputs, still: MotionJac
         def total(way: MotionJacobian, by: dict[str, Tensor] = by, zero: Tensor = zero) -> Tensor:
             return sum((_chained(space, name, block, way) for name, block in by.items() if _moved(space, name, way)), zero)
 
-        H = total(_of_node(load, still))
-        H = H, total(_of_node(load, moved)) - H, sum((by[name] for name in INERTIAL if name in by), zero)
-        if load.node is None:
-            eye = torch.eye(model.node_count, dtype=G.dtype, device=G.device)[:, None, :, None]
+        H = total(_of_node(one, still))
+        H = H, total(_of_node(one, moved)) - H, sum((by[name] for name in INERTIAL if name in by), zero)
+        if one.node is None:
+            eye = torch.eye(rows.node_count, dtype=G.dtype, device=G.device)[:, None, :, None]
             L, G, *H = ((x[..., None, :] * eye).flatten(-4, -3).flatten(-2)
-                        for x in (model.tributary_length[..., None] * L, G, *H))
+                        for x in (rows.tributary_length[..., None] * L, G, *H))
         else:
-            at, w = load.node % model.node_count, space.unknowns
-            around = at * w, (model.node_count - 1 - at) * w
+            w = space.unknowns
+            around = one.node * w, (rows.node_count - 1 - one.node) * w
             L, *H = pad(L, (0, 0, *around)), *(pad(x, around) for x in H)
-        rows.append((L, G, *H))
-    if not rows:
+        parts.append((L, G, *H))
+    if not parts:
         return None
-    shape = broadcast_shapes(*(x.shape[:-2] for row in rows for x in row))
-    rows, at, states = [[x.expand(*shape, *x.shape[-2:]) for x in row] for row in rows], 0, model.internal_states
+    shape = broadcast_shapes(*(x.shape[:-2] for part in parts for x in part))
+    parts, at, states = [[x.expand(*shape, *x.shape[-2:]) for x in part] for part in parts], 0, nodes.internal.shape[-1]
     G = []
-    for row in rows:
+    for row in parts:
         G.append(pad(row[1], (at, states - at - row[1].shape[-1])))
         at += row[1].shape[-1]
-    L, _, *H = zip(*rows, strict=True)
+    L, _, *H = zip(*parts, strict=True)
     return Lags(torch.cat(L, -1), torch.cat(G, -2), *(torch.cat(x, -2) for x in H))
 
 
@@ -232,52 +232,40 @@ def _joined(parts: list[Tensor]) -> Tensor:
     return torch.cat([x.expand(*shape, x.shape[-1]) for x in parts], -1)
 
 
-def _remembering(model: Model) -> tuple[Any, ...]:
+def _remembering(now: Conditions) -> tuple[ActingLoad, ...]:
     """Loads with internal states."""
-    return tuple(load for load, size in zip(model.scene.loads, model.scene.internal_states, strict=True) if size)
+    return tuple(one for one in now.loads if one.internal is not None)
 
 
-def _flat(load: Any, z: Tensor) -> Tensor:
+def _flat(one: ActingLoad, z: Tensor) -> Tensor:
     """A load's internal states in one row."""
-    return z if load.node is not None else z.flatten(-2)
+    return z if one.node is not None else z.flatten(-2)
 
 
-def internal_slices(model: Model) -> dict[int, slice]:
-    """Where the internal states of each load are among those of all, by the load's id."""
-    found, at = {}, 0
-    for load, size in zip(model.scene.loads, model.scene.internal_states, strict=True):
-        if size:
-            found[id(load)] = slice(at, at + size)
-            at += size
-    return found
-
-
-def _points(model: Model, nodes: Nodes, t: Tensor, loads: tuple[Any, ...]) -> Iterator[tuple[Any, LoadPoint]]:
-    places = internal_slices(model)
-    for load in loads:
-        reads = model.depends_on(load)
-        if load.node is None:
-            place = dict(mass=model.section_mass, s=model.s, elements=model.scene.beam.element_count)
-            space, at = model.space, nodes
+def _points(rows: Rows, nodes: Nodes, now: Conditions, loads: tuple[ActingLoad, ...]) -> Iterator[tuple[ActingLoad, LoadPoint]]:
+    for one in loads:
+        load, internal = one.load, one.internal is not None
+        if one.node is None:
+            place = dict(mass=rows.section_mass, s=rows.s, elements=now.elements)
+            space, at = rows.space, nodes
         else:
-            space, at, place = model.space.of_nodes(load.node), nodes.of(load.node, reads), {}
-        if id(load) in places and nodes.internal is not None:
-            z = nodes.internal[..., places[id(load)]]
-            place["internal"] = z if load.node is not None else z.unflatten(-1, (-1, load.internal))
-        if id(load) in places:
+            space, at, place = rows.space.of_nodes(one.node), nodes.of(one.node, one.reads), {}
+        if internal and nodes.internal is not None:
+            z = nodes.internal[..., one.internal]
+            place["internal"] = z if one.node is not None else z.unflatten(-1, (-1, load.internal))
+        if internal:
             place["dt"] = nodes.dt
         if nodes.frame is not None:
-            place["axes"] = quat.matrix(model.space.public_frame(nodes.frame)).mT
+            place["axes"] = quat.matrix(rows.space.public_frame(nodes.frame)).mT
         if load.wants_support:
-            place["support"] = model.prescribed_motion.root_pose(t)
+            place["support"] = now.root
         if load.wants_frame:
-            place["frame"] = model.prescribed_motion.frame(t)
-        yield load, load_point(space, load, reads, at, **place)
+            place["frame"] = now.velocities
+        yield one, load_point(space, load, one.reads, at, **place)
 
 
-def _spread(model: Model, load: Any, x: Tensor, axes: int) -> Tensor:
+def _spread(rows: Rows, one: ActingLoad, x: Tensor, axes: int) -> Tensor:
     """What a load brings, per length or on its node (..., *), on all nodes (..., N+1, *)."""
-    if load.node is None:
-        return model.tributary_length[(..., *(None,) * (axes - 1))] * x
-    at, last = load.node % model.node_count, model.node_count - 1
-    return pad(x.unsqueeze(-1 - axes), (0, 0) * axes + (at, last - at))
+    if one.node is None:
+        return rows.tributary_length[(..., *(None,) * (axes - 1))] * x
+    return pad(x.unsqueeze(-1 - axes), (0, 0) * axes + (one.node, rows.node_count - 1 - one.node))

@@ -8,61 +8,18 @@ from typing import Any
 from torch import Tensor
 
 from ..core.derivatives import cached
-from ..core.functions_of_time import past_hooks
-from ..core.leaves import Tree, leaf
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
-from ..topology.protocols import Topology
-from .assembly import Assembly
-from .constitutive_law import ElasticLaw
-from .constraints import Constraints
-from .coordinates.spatial import Space
 from .frame import FixedFrame, frame_of
-from .inertia import Inertia
+from .rows import Rows
 
 
 @dataclass(frozen=True)
-class Model(Tree):
-    """Constants of the nodal form; leading axes are batch axes; w, k: a node's unknowns and an element's strains in `space`.
-
-    length     (..., N, 1) m
-    reference  (..., N, k) strain of the undeformed beam
-    law        the constitutive law
-    section_mass  (..., N+1, 6, 6) mean mass per length about each node, with what is fixed to it: for line loads
-    tributary_length  (..., N+1, 1) m of beam that belong to each node
-    """
+class Model(Rows):
+    """Rows of all of a scene, and what acts and is prescribed in it."""
 
     scene: Scene
-    space: Space
-    topology: Topology
-    constraints: Constraints
-    inertia: Inertia
-    length: Tensor = leaf(2)
-    reference: Tensor = leaf(2)
-    law: ElasticLaw
-    section_mass: Tensor = leaf(3)
-    tributary_length: Tensor = leaf(2)
-
-    @property
-    def node_count(self) -> int:
-        return self.topology.node_count
-
-    @property
-    def station_count(self) -> int:
-        """Of stress: of elements of order 1 one each, of order 2 two."""
-        return self.length.shape[-2]
-
-    @cached
-    def assembly(self) -> Assembly:
-        """From nodes to elements and back."""
-        return Assembly(self.topology, self.space.interpolation, self.space.position)
-
-    @cached
-    def s(self) -> Tensor:
-        """(..., N+1) m, arclength of the nodes."""
-        with past_hooks():
-            return self.topology.arclength(self.length[..., 0])
 
     @property
     def turning(self) -> bool:
@@ -92,10 +49,6 @@ class Model(Tree):
         frame = orientation(self.scene, t.shape, t)
         return None if frame is None else self.space.reduced_frame(frame)
 
-    def depends_on(self, load: Any) -> frozenset[str]:
-        """What a load's wrench depends on."""
-        return load.depends_on(self.inertia.offset.present)
-
     @cached
     def adds_mass(self) -> bool:
         """Whether a load depends on an acceleration."""
@@ -123,21 +76,3 @@ class Model(Tree):
     def tangent_stiffness(self, dt: Tensor | None = None) -> Tensor:
         """S^-1 for the tangent of a balance, or of a step of dt (0-dim or (...)), see `ElasticLaw.tangent_stiffness`."""
         return self.law.tangent_stiffness(self.length, self.inertia.mass / self.tributary_length, dt)
-
-    def kinematics(self, position: Tensor, rotation: Tensor) -> Any:
-        """Of all elements, from nodes in the space's coordinates: see `element.Kinematics`."""
-        return self.space.kinematics(*self.assembly.poses(position, rotation), self.length)
-
-    def strain(self, kin: Any) -> Tensor:
-        """(..., N, k), less that of the undeformed beam."""
-        return self.space.strains(kin, self.length, self.reference)
-
-    def kinetic_energy(self, rotation: Tensor, velocity: Tensor, spin: Tensor) -> Tensor:
-        """(...) J"""
-        return self.inertia.kinetic_energy(rotation, velocity, spin)
-
-    def strain_energy(self, position: Tensor, rotation: Tensor, eigenstrain: Tensor | float = 0.0) -> Tensor:
-        """(...) J; an impossible strain stores none, whatever a start or rounding has left of it."""
-        e = self.strain(self.kinematics(position, rotation)) - eigenstrain
-        return (self.length * self.law.energy(e)).sum((-1, -2))
-

@@ -15,6 +15,7 @@ from ..scene.effects import INERTIAL, Inputs
 from ..scene.scene import Scene
 from ..scene.supports import Support
 from ..state.state import State
+from .conditions import Conditions, conditions
 from .discretise import discretise
 from .inertia import Inertia
 from .loads import Nodes, added_mass, advanced_rates, external
@@ -136,7 +137,10 @@ class Rates:
                 accelerations = tuple(self.joined(self.unknown(x), own) for x, own in zip(accelerations, known, strict=True))
         return Nodes(r, q, v, space.to_frame(q, spin), frame, internal, None, *accelerations), spin, raw
 
-    def stress(self, nodes: Nodes, t: Tensor) -> Tensor:
+    def conditions(self, t: Tensor) -> Conditions:
+        return conditions(self.model, t, self.inputs)
+
+    def stress(self, nodes: Nodes, now: Conditions) -> Tensor:
         """[F; M] (..., N, k) of the strain and, where there is damping, of its rate."""
         model, space = self.model, self.model.space
         kin = model.kinematics(nodes.position, nodes.rotation)
@@ -145,39 +149,39 @@ class Rates:
             moving = model.assembly.to_elements(torch.cat((nodes.velocity, nodes.spin), -1))
             return (space.strain_operator(kin, model.length) @ moving[..., None])[..., 0]
 
-        strain = model.strain(kin) - model.eigenstrain(t, self.inputs)
+        strain = model.strain(kin) - now.eigenstrain
         return model.law.stress(model.law.felt(strain, rate))
 
-    def balance(self, t: Tensor, nodes: Nodes) -> tuple[Tensor, Tensor]:
+    def balance(self, now: Conditions, nodes: Nodes) -> tuple[Tensor, Tensor]:
         """(loads less internal forces (..., N+1, w) in frame a, loads)"""
         model, space = self.model, self.model.space
         kin = model.kinematics(nodes.position, nodes.rotation)
-        internal = model.assembly.to_nodes(space.forces(kin, self.stress(nodes, t), model.length))
-        loads = external(model, nodes, t, self.inputs) + torch.zeros_like(internal)
+        internal = model.assembly.to_nodes(space.forces(kin, self.stress(nodes, now), model.length))
+        loads = external(model, nodes, now) + torch.zeros_like(internal)
         return loads - internal, loads
 
-    def accelerations(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
+    def accelerations(self, now: Conditions, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
         """v' (frame a) and Omega' (section axes) of the nodes with unknowns."""
         model, inertia, space = self.model, self.free, self.free.space
         p, q = space.position, self.unknown(nodes.rotation)
         if inertia.offset.present or self.partly_held is not None or model.adds_mass:
-            found, _ = self._solved(t, nodes, spin, net)
+            found, _ = self._solved(now, nodes, spin, net)
             return found[..., :p], space.to_section(q, found[..., p:])
         v, spin, net = map(self.unknown, (nodes.velocity, spin, net))
         torque = space.to_section(q, net[..., p:]) - inertia.rotary.gyroscopic(spin)
-        return (model.frame(t).rate(net[..., :p] / inertia.mass, lambda: -v),
+        return (now.frame.rate(net[..., :p] / inertia.mass, lambda: -v),
                 torch.linalg.solve(inertia.rotary.J, torque[..., None])[..., 0])
 
-    def _solved(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
+    def _solved(self, now: Conditions, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
         """[v'; R Omega'] (..., n, w) of the nodes with unknowns, frame a, and what their balance lacks: zero, but where
         supports hold them.
         """
         model, free = self.model, self.partly_held
         q, v, spin, net = map(self.unknown, (nodes.rotation, nodes.velocity, spin, net))
-        block, known = self._asked(self.free, t, q, v, spin)
+        block, known = self._asked(self.free, now, q, v, spin)
         if model.adds_mass:
-            p, transport = model.space.position, model.frame(t).rate(torch.zeros_like(v), lambda: v)
-            fluid = self.unknown(added_mass(model, nodes, t, self.inputs), 2)
+            p, transport = model.space.position, now.frame.rate(torch.zeros_like(v), lambda: v)
+            fluid = self.unknown(added_mass(model, nodes, now), 2)
             block, known = block + fluid, known + (fluid[..., :p] @ transport[..., None])[..., 0]
         right, whole = net - known, block
         if free is not None:
@@ -185,19 +189,19 @@ class Rates:
         found = torch.linalg.solve(block, (right if free is None else right * free)[..., None])[..., 0]
         return found, (whole @ found[..., None])[..., 0] - right
 
-    def _asked(self, inertia: Inertia, t: Tensor, q: Tensor, v: Tensor, spin: Tensor) -> tuple[Tensor, Tensor]:
+    def _asked(self, inertia: Inertia, now: Conditions, q: Tensor, v: Tensor, spin: Tensor) -> tuple[Tensor, Tensor]:
         """Mass (..., n, w, w) by [v'; R Omega'] of nodes with this inertia, and what else their motion asks for (..., n, w)."""
-        frame, space, lever = self.model.frame(t), inertia.space, inertia.offset.turned(q)
+        frame, space, lever = now.frame, inertia.space, inertia.offset.turned(q)
         bias = lever.acceleration(frame.rate(torch.zeros_like(v), lambda: v), lambda: space.to_frame(q, spin))
         known = lever.wrench(inertia.mass * bias, space.to_frame(q, inertia.rotary.gyroscopic(spin)))
         return inertia.matrix(q, lever).diagonal, known
 
     def __call__(self, t: Tensor, y: Tensor) -> Tensor:
         model, space = self.model, self.free.space
-        nodes, spin, raw = self.unpack(t, y)
-        net, loads = self.balance(t, nodes)
-        acceleration, spin_rate = self.accelerations(t, nodes, spin, net)
-        frame = model.frame(t)
+        now, (nodes, spin, raw) = self.conditions(t), self.unpack(t, y)
+        net, loads = self.balance(now, nodes)
+        acceleration, spin_rate = self.accelerations(now, nodes, spin, net)
+        frame = now.frame
         position, rotation, moving, turning = map(self.unknown, (nodes.position, nodes.rotation, nodes.velocity, spin))
         velocity, turn = frame.relative_velocity(moving, position), frame.relative_spin(turning, rotation)
         parts = [x.flatten(-2) for x in (velocity, space.rotation_rate(raw, turn), acceleration, spin_rate)]
@@ -206,26 +210,26 @@ class Rates:
         power = (loads * torch.cat((nodes.velocity, nodes.spin), -1)).sum((-1, -2))
         if model.adds_mass:
             rates = frame.rate(acceleration, lambda: moving), space.to_frame(rotation, spin_rate)
-            fluid = self.unknown(added_mass(model, nodes, t, self.inputs), 2) @ torch.cat(rates, -1)[..., None]
+            fluid = self.unknown(added_mass(model, nodes, now), 2) @ torch.cat(rates, -1)[..., None]
             power = power - (fluid[..., 0] * torch.cat((moving, self.unknown(nodes.spin)), -1)).sum((-1, -2))
             known = (x.index_select(-2, self.places[1]) for x in (nodes.acceleration, nodes.angular_acceleration))
             nodes = nodes._replace(**dict(zip(INERTIAL, map(self.joined, rates, known), strict=True)))
         if nodes.internal is not None:
-            parts.append(advanced_rates(model, nodes, t, self.inputs))
+            parts.append(advanced_rates(model, nodes, now))
         if self.carried:
             motion = torch.cat((nodes.velocity, nodes.spin), -1).index_select(-2, self.places[1])
-            power = power + (self._clamp_reaction(t, nodes, spin, net) * motion).sum((-1, -2))
+            power = power + (self._clamp_reaction(now, nodes, spin, net) * motion).sum((-1, -2))
         return torch.cat([x.expand(*y.shape[:-1], x.shape[-1]) for x in (*parts, power[..., None])], -1)
 
-    def reaction(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> Tensor:
+    def reaction(self, now: Conditions, nodes: Nodes, spin: Tensor, net: Tensor) -> Tensor:
         """(..., K, w): what the balance lacks at the supports, inertia included: of clamps that move, and of a mass that
         moves though its node is held in part.
         """
         constraints, clamped = self.model.constraints, -net.index_select(-2, self.places[1])
         if not constraints.nodes:
             return net[..., :0, :]
-        free = self._solved(t, nodes, spin, net)[1] if self.partly_held is not None else -self.unknown(net)
-        lacks = self.joined(free, self._clamp_reaction(t, nodes, spin, net) if self.carried else clamped)
+        free = self._solved(now, nodes, spin, net)[1] if self.partly_held is not None else -self.unknown(net)
+        lacks = self.joined(free, self._clamp_reaction(now, nodes, spin, net) if self.carried else clamped)
         return constraints.fixed * lacks[..., list(constraints.nodes), :]
 
     # Clamps: each by its support, (..., n), then side by side, (..., K, n)
@@ -248,19 +252,19 @@ class Rates:
         a, alpha = self.model.prescribed_motion.acceleration(support, t).unbind(-2)
         return space.project_vector(a), space.project_spin(alpha)
 
-    def _clamp_reaction(self, t: Tensor, nodes: Nodes, spin: Tensor, net: Tensor) -> Tensor:
+    def _clamp_reaction(self, now: Conditions, nodes: Nodes, spin: Tensor, net: Tensor) -> Tensor:
         """(..., K, w): what the clamps' motion asks for, less what else acts there."""
         q, v, spin, net = (x.index_select(-2, self.places[1]) for x in (nodes.rotation, nodes.velocity, spin, net))
-        a, alpha = self._of_clamps(self._accelerations, t)
-        block, known = self._asked(self.clamped, t, q, v, spin)
-        rates = torch.cat(broadcast_matrices(self.model.frame(t).rate(a, lambda: -v), alpha), -1)
+        a, alpha = self._of_clamps(self._accelerations, now.t)
+        block, known = self._asked(self.clamped, now, q, v, spin)
+        rates = torch.cat(broadcast_matrices(now.frame.rate(a, lambda: -v), alpha), -1)
         return (block @ rates[..., None])[..., 0] + known - net
 
     def state(self, t: Tensor, y: Tensor, status: Tensor) -> State:
         """The state at time t; stress and reaction are those of the instant."""
-        nodes, spin, _ = self.unpack(t, y)
-        net, _ = self.balance(t, nodes)
+        now, (nodes, spin, _) = self.conditions(t), self.unpack(t, y)
+        net, _ = self.balance(now, nodes)
         work = y[..., -1]
         return self.model.space.to_public(State(
-            *nodes[:3], spin, self.stress(nodes, t), self.reaction(t, nodes, spin, net), work, torch.zeros_like(work),
+            *nodes[:3], spin, self.stress(nodes, now), self.reaction(now, nodes, spin, net), work, torch.zeros_like(work),
             t.expand(work.shape), status, frame=nodes.frame, internal=nodes.internal))

@@ -90,7 +90,8 @@ class NodeAcceleration(_OfNode):
         state = space.to_reduced(state)
         q, spin = state.rotation, state.spin
         nodes = Nodes(state.position, q, state.velocity, space.to_frame(q, spin), state.frame, state.internal)
-        right, _ = self.rates.balance(t, nodes)
+        now = self.rates.conditions(t)
+        right, _ = self.rates.balance(now, nodes)
         eye, moving = torch.eye(p, dtype=right.dtype, device=right.device), model.constraints.moving
         lever, rotary = inertia.offset.turned(q), inertia.rotary
         matrix = lever.matrix(inertia.masses(eye), lambda: lever.A)
@@ -103,7 +104,7 @@ class NodeAcceleration(_OfNode):
             pull = inertia.translational.momentum(lever.acceleration(torch.zeros_like(state.velocity), lambda: nodes.spin))
             right = right - lever.wrench(pull, torch.zeros_like(spin))
         if model.adds_mass:
-            matrix = matrix.plus(added_mass(model, nodes, t, self.rates.inputs))
+            matrix = matrix.plus(added_mass(model, nodes, now))
         free = moving.to(right)
         given = self.given(t, free) if model.scene.has_prescribed_motion else torch.zeros_like(free)
         system = matrix.restricted(model.topology.unknowns(moving, right))

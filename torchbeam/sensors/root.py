@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..core.arguments import instance, whole
 from ..core.functions_of_time import shared
+from ..nodal.conditions import conditions
 from ..nodal.discretise import discretise
 from ..nodal.loads import Nodes, external
 from ..nodal.model import Model
@@ -117,4 +118,4 @@ class RootSpringLoad(Sensor):
         state = space.to_reduced(state)
         nodes = Nodes(state.position, state.rotation, state.velocity, space.to_frame(state.rotation, state.spin), state.frame,
                       state.internal)
-        return space.embed(external(self.model, nodes, t, {}, self._springs)[..., 0, :])
+        return space.embed(external(self.model, nodes, conditions(self.model, t, {}, loads=self._springs))[..., 0, :])

@@ -7,7 +7,7 @@ a + b d(factor), and the other equation gives d(factor).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -18,6 +18,7 @@ from ..core.leaves import Tree, leaf
 from ..nodal.balance import Linearisation, Residual
 from ..nodal.model import Model
 from ..scene.effects import Inputs
+from .internal_states import linearised
 from .steady import Configuration, SteadyProblem
 
 
@@ -49,6 +50,11 @@ class LoadedProblem(Tree):
             return SteadyProblem(self.model, self.t, self.inputs, factor)
         inputs = {**self.inputs, self.load: factor[..., None] * self.inputs[self.load]}
         return SteadyProblem(self.model, self.t, inputs, torch.ones_like(factor))
+
+    def at(self, x: PathPoint) -> SteadyProblem:
+        """The same at a point of the path, with laws of internal states linearised where these come to rest there."""
+        still = self(x.factor[..., 0, 0])
+        return linearised(still, x.shape) if self.model.internal_states else still
 
 
 class Balance(NamedTuple):
@@ -83,7 +89,7 @@ class ArcLengthProblem(Tree):
     control: Callable[[Configuration], Tensor] | None = leaf(None, default=None)
 
     def residual(self, x: PathPoint) -> tuple[Balance, Any, Tensor, Tensor]:
-        still = self.loaded(x.factor[..., 0, 0])
+        still = self.loaded.at(x)
         residual, kin = still.residual(x.shape)
         if self.control is None:
             row, said = self.row, (self.row * x.way).sum((-1, -2)) + self.by_factor * (x.factor[..., 0, 0] - self.start)
@@ -92,7 +98,7 @@ class ArcLengthProblem(Tree):
         return Balance(residual, self.goal - said, self.size), kin, row, self.goal - said
 
     def linearise(self, x: PathPoint, kin: Any, row: Tensor, missing: Tensor) -> ArcLengthTangent:
-        inner = self.loaded(x.factor[..., 0, 0]).linearise(x.shape, kin)
+        inner = self.loaded.at(x).linearise(x.shape, kin)
         return ArcLengthTangent(inner, *load_slope(self.loaded, x), row, self.by_factor, missing)
 
     def update(self, x: PathPoint, move: Tensor, dstress: Tensor, dfactor: Tensor) -> PathPoint:
@@ -134,8 +140,10 @@ def load_slope(loaded: LoadedProblem, x: PathPoint) -> tuple[Tensor, Tensor]:
     """Derivatives of the residual, nodes (..., N+1, w) and strain (..., N, k), by the factor: with it go loads, eigenstrain and
     the motion of supports.
     """
+    near = loaded.at(x).near
+
     def residual(factor: Tensor) -> tuple[Tensor, Tensor]:
-        found = loaded(factor).residual(x.shape)[0]
+        found = replace(loaded(factor), near=near).residual(x.shape)[0]
         return found.nodes, found.strain
 
     factor = x.factor[..., 0, 0].contiguous()

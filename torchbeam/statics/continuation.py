@@ -21,6 +21,7 @@ import torch
 from torch import Tensor
 
 from ..core.status import DIVERGED
+from ..core.validation import unmapped
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..solvers.newton import newton
@@ -95,7 +96,7 @@ class Continuation:
         attempts, the status (...) of each sample, and whether (...) it reached the end.
         """
         zero = self.model.length.new_zeros(())
-        shape = self.loaded(zero).residual(start)[0].measure().shape
+        shape = unmapped("the path of a load", self.loaded(zero).residual(start)[0].measure()).shape
         if self.control is not None:
             shape = broadcast_shapes(shape, self.target.shape)
         start = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in start))
@@ -166,8 +167,8 @@ class Continuation:
         """Stability and tangent at an equilibrium that was come to from the factor `before`, its supports where that of `x` has
         them; the tangent leads on.
         """
-        still = self.loaded(x.factor[..., 0, 0])
-        x = PathPoint(*still.apply_supports(x.shape), x.factor, x.way)
+        x = PathPoint(*self.loaded(x.factor[..., 0, 0]).apply_supports(x.shape), x.factor, x.way)
+        still = self.loaded.at(x)
         residual, *about = still.residual(x.shape)
         tangent = still.linearise(x.shape, *about)
         blocks, sound = tangent.system.pivots()  # where one is not, the point is no place to stop at
@@ -198,7 +199,7 @@ class Continuation:
 
     def mode(self, now: PathState, behind: PathState) -> Tensor:
         """The critical shape, by inverse iteration, of unit length, to the side to which the beam went before."""
-        still = self.loaded(now.factor)
+        still = self.loaded.at(now.place)
         residual, *about = still.residual(now.place.shape)
         tangent = still.linearise(now.place.shape, *about)
         any_ = torch.cos(1.7 * torch.arange(now.move.shape[-2:].numel(), device=now.move.device) + 0.3)

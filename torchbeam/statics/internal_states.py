@@ -10,6 +10,7 @@ from torch import Tensor
 from ..core.derivatives import no_derivatives
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import concrete
+from ..math.shapes import broadcast_shapes
 from ..nodal.loads import internal
 from ..solvers.newton import newton
 from .steady import Configuration, SteadyProblem
@@ -24,13 +25,11 @@ def resting(problem: SteadyProblem, x: Configuration, reaction: Tensor, status: 
     where the states are: Newton's method for z' = 0 beside that for the shape, until the states stay; the problem so, shape,
     reaction, status. Where laws are linear they are as they were.
     """
-    limit = torch.finfo(x.position.dtype).eps**STAYS
     with no_derivatives():
         for _ in range(LIMIT):
-            found = _states(problem, x, status)
-            after = _states(replace(problem, near=found), x, status)
-            stays = ((after - found).abs() <= limit * after.abs().amax(-1, keepdim=True)).all(-1)
-            going = going & (status == SUCCESS) & ~stays
+            found = _states(problem, x, status.shape)
+            after = _states(replace(problem, near=found), x, status.shape)
+            going = going & (status == SUCCESS) & ~_stays(found, after)
             if not concrete(going).any():
                 return problem, x, reaction, status
             problem = replace(problem, near=torch.where(going[..., None], after, found))
@@ -41,6 +40,28 @@ def resting(problem: SteadyProblem, x: Configuration, reaction: Tensor, status: 
     return problem, x, reaction, torch.where(going, DIVERGED, status)
 
 
-def _states(problem: SteadyProblem, x: Configuration, status: Tensor) -> Tensor:
+def linearised(problem: SteadyProblem, x: Configuration) -> SteadyProblem:
+    """The same with laws of internal states linearised where these come to rest at x; a sample whose states do not settle has
+    no balance (NaN).
+    """
+    shape = broadcast_shapes(x.position.shape[:-2], problem.model.scene.batch_shape, problem.load_factor.shape,
+                             *(value.shape[:-1] for value in problem.inputs.values()))
+    with no_derivatives():
+        z = _states(problem, x, shape)
+        for _ in range(LIMIT):
+            before, z = z, _states(replace(problem, near=z), x, shape)
+            stays = _stays(before, z)
+            if stays.all():
+                break
+        return replace(problem, near=torch.where(stays[..., None], z, torch.nan))
+
+
+def _stays(before: Tensor, after: Tensor) -> Tensor:
+    """(...) whether internal states (..., z) do."""
+    limit = torch.finfo(after.dtype).eps**STAYS
+    return ((after - before).abs() <= limit * after.abs().amax(-1, keepdim=True)).all(-1)
+
+
+def _states(problem: SteadyProblem, x: Configuration, shape: torch.Size) -> Tensor:
     """(..., z)"""
-    return internal(problem.model, problem.nodes(x), problem.t, problem.inputs, status.shape)
+    return internal(problem.model, problem.nodes(x), problem.conditions, shape)

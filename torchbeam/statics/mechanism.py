@@ -198,8 +198,8 @@ def _stiffness(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple
     stress = space.geometric_stiffness(model.kinematics(x.position, x.rotation), x.stress, model.length)
     ends, size = model.assembly.to_elements(moves), _largest(stress)
     work = torch.einsum("...anw,...nwv,...bnv->...ab", ends, stress, ends)
-    if model.loads[0]:
-        by = external.tangent(model, problem.nodes(x), problem.t, problem.inputs, model.loads[0])
+    if problem.conditions.moving:
+        by = external.tangent(model, problem.nodes(x), problem.conditions)
         if not isinstance(by, float):
             work, size = work - torch.einsum("...anw,...nwv,...bnv->...ab", moves, by, moves), torch.maximum(size, _largest(by))
     return work, size * _largest(moves) ** 2

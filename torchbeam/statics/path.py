@@ -21,9 +21,10 @@ from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.scene import Scene
 from ..state.state import State, check_state, rest
-from .arc_length import LoadedProblem
+from .arc_length import LoadedProblem, PathPoint
 from .balance_check import check_balance
 from .continuation import BRANCH_POINT, LIMIT_POINT, REGULAR, Attempt, Continuation, move_weights
+from .internal_states import linearised
 from .steady import Configuration
 
 STEP, STEPS = 0.1, 200  # of the way to a stable branch
@@ -75,9 +76,9 @@ class Path:
             return stacked.gather(0, index.expand(-1, *stacked.shape[1:]))
 
         points = [point for point, *_ in record]
-        shape = Configuration(*(chosen([getattr(p.place, name) for p in points]) for name in Configuration._fields))
-        factor = chosen([p.factor for p in points])
-        state = loaded(factor).state(shape, chosen([p.reaction for p in points]), status.expand(valid.shape))
+        place = PathPoint(*(chosen(list(values)) for values in zip(*(p.place for p in points), strict=True)))
+        factor = place.factor[..., 0, 0]
+        state = loaded.at(place).state(place.shape, chosen([p.reaction for p in points]), status.expand(valid.shape))
         kind = torch.where(valid, chosen([k for _, k, _ in record]), REGULAR)
         return cls(factor, state, chosen([p.negative for p in points]), chosen([p.sign for p in points]), kind, valid, reached)
 
@@ -155,7 +156,8 @@ def path(
         start = model.space.start(rest(scene) if initial is None else check_state(initial, scene))
         start = Configuration(start.position, start.rotation, start.stress)
         if initial is not None:
-            check_balance(loaded(time.new_zeros(())), start)
+            still = loaded(time.new_zeros(()))
+            check_balance(linearised(still, start) if model.internal_states else still, start)
         record = walk(start, check_count("steps", steps))
         return Path.of(loaded, *record)
 

@@ -13,6 +13,7 @@ from ..core.leaves import Tree, leaf
 from ..dynamics.step_element import ElementBalance
 from ..nodal import loads as external
 from ..nodal.balance import CondensedTangent, Linearisation, Residual, largest, restrained_forces, size_of_strain
+from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Space
 from ..nodal.frame import FixedFrame
@@ -52,13 +53,23 @@ class SteadyProblem(Tree):
     near: Tensor | None = leaf(1, default=None, kw_only=True)
 
     @cached
+    def conditions(self) -> Conditions:
+        """Of the instant; their eigenstrain is that of the whole load."""
+        return replace(conditions(self.model, self.t, self.inputs), orientation=self.model.orientation(self.t))
+
+    @property
     def frame(self) -> FixedFrame:
-        return self.model.frame(self.t)
+        return self.conditions.frame
 
     @cached
+    def C(self) -> Tensor:
+        """S^-1 of the tangent."""
+        return self.model.tangent_stiffness()
+
+    @property
     def orientation(self) -> Tensor | None:
         """Of frame a, see `Model.orientation`."""
-        return self.model.orientation(self.t)
+        return self.conditions.orientation
 
     @cached
     def motion(self) -> AtRest:
@@ -68,7 +79,7 @@ class SteadyProblem(Tree):
     @cached
     def eigenstrain(self) -> Tensor | float:
         """What the beam bends by itself, as far as it is raised."""
-        own = self.model.eigenstrain(self.t, self.inputs)
+        own = self.conditions.eigenstrain
         return own if isinstance(own, float) else self.load_factor[..., None, None] * own
 
     def update(self, x: Configuration, move: Tensor, dstress: Tensor) -> Configuration:
@@ -86,7 +97,7 @@ class SteadyProblem(Tree):
     def nodes(self, x: Configuration) -> Nodes:
         velocity, spin = self.velocity(x)
         nodes = Nodes(x.position, x.rotation, velocity, spin, self.orientation, **self.frame.steady_acceleration(velocity))
-        sizes = self.model.internal_states
+        sizes = self.conditions.internal_states
         if not sizes:
             return nodes
         if self.internal is not None:
@@ -97,7 +108,7 @@ class SteadyProblem(Tree):
     def holding(self, x: Configuration, internal: Tensor | None) -> SteadyProblem:
         """The same with the internal states of the loads held: at these, or (None) where they come to rest at x."""
         if internal is None:
-            internal = external.internal(self.model, self.nodes(x), self.t, self.inputs, x.position.shape[:-2])
+            internal = external.internal(self.model, self.nodes(x), self.conditions, x.position.shape[:-2])
         elif internal.shape[-1] != self.model.internal_states:
             raise ValueError(f"a state with {internal.shape[-1]} internal states was given; the scene's loads have "
                              f"{self.model.internal_states}")
@@ -110,7 +121,7 @@ class SteadyProblem(Tree):
 
     def load(self, x: Configuration) -> Tensor | float:
         """Loads less the inertia of the nodes, as far as they are raised, (..., N+1, w); 0.0 where there is none."""
-        load = external.external(self.model, self.nodes(x), self.t, self.inputs)
+        load = external.external(self.model, self.nodes(x), self.conditions, total=self.conditions.dead)
         load = self.motion.less(load, *x[:2])
         return load if isinstance(load, float) else self.load_factor[..., None, None] * load
 
@@ -119,10 +130,10 @@ class SteadyProblem(Tree):
         model, load_factor = self.model, self.load_factor[..., None, None, None]
         inertia = self.motion.tangent(*x[:2])
         inertia = None if inertia is None else inertia.each(lambda block: load_factor * block)
-        if not model.loads[0]:
+        if not self.conditions.moving:
             return inertia
         by = self.frame.steady_jacobian()
-        tangent = external.tangent(model, self.nodes(x), self.t, self.inputs, model.loads[0], by)
+        tangent = external.tangent(model, self.nodes(x), self.conditions, by)
         return inertia if isinstance(tangent, float) else total(model.topology.diagonal(-load_factor * tangent), inertia)
 
     def element_balance(self, x: Configuration) -> ElementBalance:
@@ -145,7 +156,7 @@ class SteadyProblem(Tree):
         model, space = self.model, self.model.space
         B = space.strain_operator(kin, model.length)
         return CondensedTangent.of(model.assembly, space.geometric_stiffness(kin, x.stress, model.length), self.load_tangent(x),
-                                     model.length[..., None] * B, model.tangent_stiffness(), B)
+                                     model.length[..., None] * B, self.C, B)
 
     def linearise(self, x: Configuration, kin: Any) -> Linearisation:
         return Linearisation.of(self.model, self.tangent(x, kin))
@@ -159,8 +170,7 @@ class SteadyProblem(Tree):
             *x[:2], velocity=velocity, spin=space.to_section(x.rotation, spin), stress=x.stress, reaction=reaction, work=zero,
             defect=zero, t=self.t.expand(shape), status=status,
             frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
-            internal=external.internal(model, self.nodes(x), self.t, self.inputs, shape),
-            supports=model.constraints.nodes))
+            internal=external.internal(model, self.nodes(x), self.conditions, shape), supports=model.constraints.nodes))
 
     def apply_supports(self, x: Configuration) -> Configuration:
         """x with the supports where they have to be."""

@@ -106,7 +106,7 @@ class Matrix(Protocol):
         """(..., w nodes, w nodes)."""
         ...
 
-    def rows(self, nodes: tuple[int, ...]) -> Rows:
+    def rows(self, nodes: tuple[int, ...]) -> MatrixRows:
         """Those of some nodes."""
         ...
 
@@ -122,14 +122,14 @@ class Matrix(Protocol):
         ...
 
 
-class Rows(Protocol):
-    """Some nodes' rows of a matrix."""
+class MatrixRows(Protocol):
+    """Some nodes of a matrix."""
 
     def times(self, x: Tensor) -> Tensor:
         """The product (..., K, w) with moves (..., nodes, w)."""
         ...
 
-    def detach(self) -> Rows: ...
+    def detach(self) -> MatrixRows: ...
 
 
 class System(Protocol):

@@ -11,6 +11,7 @@ from torch.utils.checkpoint import checkpoint as recompute
 import torchbeam as tb
 from torchbeam.dynamics.midpoint import MidpointProblem
 from torchbeam.math import quaternions as quat
+from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.loads import Nodes, external
 from torchbeam.statics.steady import Configuration, SteadyProblem
@@ -83,7 +84,8 @@ def test_momentum_balance_with_loads():
     before = state(of)
     after = stepper(before)
     middle = (before.position + after.position) / 2
-    load = external(stepper.model, Nodes(middle, quat.half_way(before.rotation, after.rotation)), stepper.dt / 2, {})
+    load = external(stepper.model, Nodes(middle, quat.half_way(before.rotation, after.rotation)),
+                    conditions(stepper.model, stepper.dt / 2, {}))
     (P0, L0), (P1, L1) = momentum(stepper.model, before), momentum(stepper.model, after)
     F, M = after.root
     force, moment = load[..., :3].sum(-2) + F, (torch.linalg.cross(middle, load[..., :3]) + load[..., 3:]).sum(-2)

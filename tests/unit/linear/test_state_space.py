@@ -273,3 +273,23 @@ def test_departure_of_a_beam_at_rest():
     for shape in ((), (2,)):
         state = tb.rest(scene(), shape)
         assert_close(model.departure(state), model.departure(state.clone()), rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("damping", [None, 0.01, 0.1])
+def test_derivative_by_a_rotary_inertia_of_zero(damping):
+    """Of the answer of the tip to a force that oscillates with 2 rad/s, where turns without inertia follow, or creep: against
+    one-sided differences of second order, whose models have those turns as states; 1e-8 of what was subtracted, over 1e-5.
+    """
+    def answer(inertia):
+        section = tb.Section.from_stiffness(EA=1e3, GA=5e2, GJ=0.8, EI=(1.0, 1.7), mass=0.3, inertia=inertia)
+        effects = [tb.TipLoad(force=tb.Input("u", 3)), *([] if damping is None else [tb.Damping(damping)])]
+        scene = tb.Scene(tb.Beam.straight(1.0, 2, section), effects)
+        linear = tb.linearize(scene, outputs=lambda state: state.tip.position, inputs={"u": torch.tensor([0.0, 0.1, -0.2])})
+        moving = 2j * torch.eye(linear.A.shape[-1]) - linear.A
+        found = linear.C.to(moving) @ torch.linalg.solve(moving, linear.B.to(moving)) + linear.D
+        return torch.view_as_real(found).sum()
+
+    zero, h = torch.zeros((), requires_grad=True), 1e-5
+    (slope,) = torch.autograd.grad(answer(zero), zero)
+    at = [answer(torch.tensor(k * h)) for k in range(3)]
+    assert_close(slope, (-3 * at[0] + 4 * at[1] - at[2]) / (2 * h), rtol=1e-6, atol=0)

@@ -164,7 +164,7 @@ def test_everything_turned_is_the_motion_turned(name):
 def acceleration(scene, state):
     rates = Rates.of(scene, {})
     nodes, spin, _ = rates.unpack(T, rates.pack(state))
-    return rates.accelerations(T, nodes, spin, rates.balance(T, nodes)[0])
+    return rates.accelerations(rates.conditions(T), nodes, spin, rates.balance(rates.conditions(T), nodes)[0])
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if name != "propped"])
@@ -189,18 +189,19 @@ def test_energy_grows_by_the_power_of_what_acts(name):
     y_rate = rates(T, y)
     _, (gained, strain_rate) = torch.func.jvp(energies, (T, y), (torch.ones_like(T), y_rate))
     nodes = rates.unpack(T, y)[0]
-    net, _ = rates.balance(T, nodes)
-    found, frame = rates.accelerations(T, nodes, rates.unpack(T, y)[1], net)[0], model.frame(T)
+    now = rates.conditions(T)
+    net, _ = rates.balance(now, nodes)
+    found, frame = rates.accelerations(now, nodes, rates.unpack(T, y)[1], net)[0], model.frame(T)
     if nodes.acceleration is not None:  # what an added mass is multiplied by, of free nodes too
         if frame.turns:
             found = found + torch.linalg.cross(*torch.broadcast_tensors(frame.omega, nodes.velocity[1:]))
         nodes = nodes._replace(acceleration=torch.cat((nodes.acceleration[:1], found)))
-    loads = external(model, nodes, T, {})
+    loads = external(model, nodes, now)
     motion = torch.cat((nodes.velocity, nodes.spin), -1)
     each = (loads * motion).sum(-1)
     power = each.sum()
     if scene.has_prescribed_motion:
-        power = power + (rates.reaction(T, nodes, rates.unpack(T, y)[1], net)[..., 0, :] * motion[..., 0, :]).sum()
+        power = power + (rates.reaction(now, nodes, rates.unpack(T, y)[1], net)[..., 0, :] * motion[..., 0, :]).sum()
     if model.law.damped:
         stress = times(model.law.C, times(model.law.retardation, strain_rate[..., None]))[..., 0]
         lost = (model.length * strain_rate * stress).sum()

@@ -14,6 +14,7 @@ from torchbeam.dynamics.step_element import Ends
 from torchbeam.dynamics.step_kinematics import MidpointMotion
 from torchbeam.nodal import loads as external
 from torchbeam.nodal.assembly import Assembly
+from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.constitutive_law import times
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.mass import SharedMass
@@ -192,8 +193,9 @@ def test_loads_are_the_sum_of_each_on_each_node(kind):
     model, t = problem.model, problem.t
     way = problem.residual(somewhere(problem))[1]
     nodes, motion = problem.nodes(way), problem.TANGENT(problem.motion, way)
-    whole = external.external(model, nodes, t, {})
-    wanted = external.tangent(model, nodes, t, {}, model.loads[0], external.motion_jacobian(motion, model.read))
+    now = conditions(model, t, {})
+    whole = external.external(model, nodes, now)
+    wanted = external.tangent(model, nodes, now, external.motion_jacobian(motion, model.read))
 
     axes = {} if nodes.frame is None else {"axes": tb.math.quaternions.matrix(model.space.public_frame(nodes.frame)).mT}
     force, stiffness = torch.zeros_like(whole), torch.zeros_like(wanted)

@@ -15,6 +15,7 @@ from torchbeam.dynamics.simulate import simulate
 from torchbeam.math import quaternions as quat
 from torchbeam.math.quadratic import at_points, threes
 from torchbeam.nodal.assembly import Assembly
+from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.coordinates.planar import Plane
 from torchbeam.nodal.coordinates.quadratic import QuadraticPlane, QuadraticSpace
 from torchbeam.nodal.discretise import discretise
@@ -228,7 +229,7 @@ def test_places_and_loads_where_midside_nodes_are_off_the_middle():
     for force, total in ((by_place, 1.1**2 / 2), (by_element, (each * s[::2].diff()).sum())):
         model = discretise(tb.Scene(beam, [tb.LineLoad(force=force)]))
         assert_close(model.s, s)
-        load = external(model, Nodes(beam.nodes, beam.frames), torch.tensor(0.0), {})
+        load = external(model, Nodes(beam.nodes, beam.frames), conditions(model, torch.tensor(0.0), {}))
         assert_close(load[:, :3].sum(0), total * q)
     values, _ = at_points(s)
     assert_close(stations_of(beam.length), (values @ torch.stack(threes(s, 0), -1)[..., None])[..., 0].flatten())

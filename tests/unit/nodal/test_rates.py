@@ -53,7 +53,8 @@ def test_momentum_rates(rates):
     _, (p_rate, H_rate) = torch.func.jvp(momenta, (y,), (rates(t, y),))
     nodes = rates.unpack(t, y)[0]
     kin = model.kinematics(start.position, start.rotation)
-    net = external(model, nodes, t, {}) - model.assembly.to_nodes(forces(kin, rates.stress(nodes, t), model.length))
+    net = external(model, nodes, rates.conditions(t)) - model.assembly.to_nodes(
+        forces(kin, rates.stress(nodes, rates.conditions(t)), model.length))
     assert_close(torch.cat((p_rate, H_rate), -1)[..., 1:, :], net[..., 1:, :], rtol=0, atol=1e-11)
     assert_close(rates.state(t, y, start.status).reaction[..., 0, :], -net[..., 0, :], rtol=0, atol=1e-12)
 
@@ -71,7 +72,7 @@ def test_stress_follows_strain_and_strain_rate(rates):
     if model.law.damped:
         retardation = model.law.retardation
         value = value + ((retardation @ rate[..., None])[..., 0] if retardation.shape[-1] == 6 else retardation[..., 0] * rate)
-    stress = rates.stress(rates.unpack(T, y)[0], T)
+    stress = rates.stress(rates.unpack(T, y)[0], rates.conditions(T))
     assert_close((model.law.S @ stress[..., None])[..., 0], value, rtol=0, atol=1e-11)
 
 
@@ -124,7 +125,7 @@ def test_reactions_balance_the_rate_of_momentum(supports):
         return P.sum(-2), (torch.linalg.cross(centre, P) + H).sum(-2)
 
     _, (P_rate, H_rate) = torch.func.jvp(momenta, (t, y), (torch.ones_like(t), rates(t, y)))
-    load = external(rates.model, rates.unpack(t, y)[0], t, {})
+    load = external(rates.model, rates.unpack(t, y)[0], rates.conditions(t))
     for support, reaction in zip(of.supports, rates.state(t, y, start.status).reaction, strict=True):
         load[support.node] += reaction
     assert_close(load[:, :3].sum(0), P_rate, rtol=0, atol=1e-11)

@@ -10,6 +10,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 import torchbeam as tb
 from torchbeam.dynamics.midpoint import MidpointProblem
+from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.loads import Nodes, external
 
@@ -93,8 +94,9 @@ def operations(*effects):
     x = problem.predictor()
     with Counter() as whole:
         problem.residual(x)
+    now = conditions(model, t, {})
     with Counter() as loads:
-        external(model, Nodes(start.position, start.rotation, start.velocity, start.spin, None, start.internal), t, {})
+        external(model, Nodes(start.position, start.rotation, start.velocity, start.spin, None, start.internal), now)
     return whole.count, loads.count
 
 

@@ -130,8 +130,9 @@ def test_small_motions_and_rates_of_two_chains():
     for model, own in zip(both(force, lumped=True), (False, True), strict=True):
         rates = Rates(model, {})
         nodes, spin, _ = rates.unpack(torch.tensor(0.2), rates.pack(stars(start) if own else start))
-        net, _ = rates.balance(torch.tensor(0.2), nodes)
-        a, alpha = rates.accelerations(torch.tensor(0.2), nodes, spin, net)
+        now = rates.conditions(torch.tensor(0.2))
+        net, _ = rates.balance(now, nodes)
+        a, alpha = rates.accelerations(now, nodes, spin, net)
         accelerations.append(rates.joined(torch.cat((a, alpha), -1), torch.zeros(2, 1, w)))
     assert_close(in_the_stars_order(accelerations[0]), accelerations[1], rtol=1e-11, atol=1e-11)
 

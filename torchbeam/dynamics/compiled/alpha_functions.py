@@ -10,6 +10,8 @@ from typing import Any
 
 from torch import Tensor
 
+from ...nodal.conditions import Conditions, acting
+from ...nodal.rows import Rows
 from ...scene.effects import Pose
 from ...state.state import State
 from ..alpha_kinematics import EndKinematics
@@ -17,20 +19,20 @@ from ..generalized_alpha import AlphaState, EndUnknowns, GeneralizedAlphaProblem
 from .chain_constants import Common, filled
 from .kinds import NodeKind
 from .local_functions import LocalFunctions
-from .local_problem import NODE, Fields, LocalModel, acting_loads, dead_load
+from .local_problem import NODE, Fields, Given, acting_loads
 
 STRAINING = "straining"
 
 
 @dataclass(frozen=True)
-class LocalAlphaProblem(GeneralizedAlphaProblem):
-    """A step from `start`; before: the model with loads as at its start, None = they are the same there."""
+class LocalAlphaProblem(Given, GeneralizedAlphaProblem):
+    """A step of one node, or of one element; before: conditions at its start, None = they are the same there."""
 
-    before: LocalModel | None = None
+    before: Conditions | None = None
 
-    def external_before(self) -> Tensor | float:
-        problem = self if self.before is None else replace(self, model=self.before, before=None)
-        return GeneralizedAlphaProblem.external_before(problem)
+    @property
+    def conditions_before(self) -> Conditions:
+        return replace(self.before or self.given, t=self.t - self.dt)
 
     def straining(self, way: EndKinematics) -> Tensor:
         return super().straining(way) if self.model.topology.element_count else self.start.straining
@@ -61,17 +63,18 @@ class AlphaFunctions(LocalFunctions):
         rows, common = filled(self.nodes, lambda k: fields[f"node.{k}"][None]).before, self._common(fields).before
         if common is None:
             return problem, x
-        model, scene = problem.model, problem.model.scene
-        loads = *dead_load(model.space, rows.dead), *acting_loads(kind, rows.loads, common.loads)
+        loads = acting_loads(kind, rows.loads, common.loads)
         root = None if common.support is None else Pose(*vars(common.support).values())
-        before = replace(model, scene=replace(scene, loads=loads), motion=model.motion._replace(root=root))
+        before = replace(problem.given, root=root, dead=0.0 if rows.dead is None else rows.dead, loads=acting(
+            problem.model, loads, tuple(load.internal for load in loads), 0))
         return replace(problem, before=before), x
 
-    def _stepping(self, model: LocalModel, start: State, common: Common, given: Fields) -> LocalAlphaProblem:
-        stations = model.topology.element_count * self.order
-        straining = given.get(STRAINING, start.position.new_zeros(stations, 2 * model.space.strain))
+    def _stepping(self, rows: Rows, start: State, common: Common, given: Fields, now: Conditions, C: Tensor | None
+                  ) -> LocalAlphaProblem:
+        stations = rows.topology.element_count * self.order
+        straining = given.get(STRAINING, start.position.new_zeros(stations, 2 * rows.space.strain))
         start = AlphaState(**vars(start), acceleration=given["acceleration"], straining=straining)
-        return LocalAlphaProblem(model, start, common.dt, common.t, common.inputs, rho_inf=self.rho_inf)
+        return LocalAlphaProblem(rows, start, common.dt, common.t, common.inputs, rho_inf=self.rho_inf, given=now, stiffness=C)
 
     def finish_element(self, kind: Any, **fields: Tensor) -> Fields:
         """The element's state at the end of the step."""

@@ -16,9 +16,10 @@ from ...core.surroundings import Surroundings
 from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
+from ...nodal.conditions import acting, conditions, supports
 from ...nodal.coordinates.linearised import Small
 from ...nodal.coordinates.planar import Plane
-from ...nodal.loads import Nodes, advanced, external, internal_slices
+from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
 from ...scene.effects import Effect, Input, Inputs, Pose
 from ...scene.effects.values import value_at
@@ -119,9 +120,9 @@ class Constants:
         """Those that are dead, what the others have by time, and where the root's support stands."""
         model, found = self.model, {}
         if self.given or self.asked:
-            dead = self._held("dead", lambda: external(model, self.still, t, inputs, self.given))
-            found["dead"] = (dead + external(model, self.still._replace(frame=frame), t, inputs, self.asked) if self.asked
-                             else dead)
+            dead = self._held("dead", lambda: external(model, self.still, conditions(model, t, inputs, loads=self.given)))
+            asked = conditions(model, t, inputs, loads=self.asked)
+            found["dead"] = external(model, self.still._replace(frame=frame), asked, total=dead) if self.asked else dead
         if self.wants_support:
             pose = (self._held("support", lambda: model.prescribed_motion.root_pose(t)) if self.rests
                     else model.prescribed_motion.root_pose(t))
@@ -146,13 +147,11 @@ class Constants:
 
     def _prescribed(self, end: Tensor) -> dict[str, Tensor]:
         """The motion of supports at the time `end`."""
-        scene, motion, like, found = self.model.scene, self.model.prescribed_motion, self.model.length, {}
-        if scene.supports:
-            none = {"pose": (like.new_zeros(3), like.new_zeros(4)), "absolute": (like.new_zeros(3),) * 2}
-            rows = [(*(motion.pose(one, end) if one.moves else none["pose"]),
-                     *(motion.absolute(one, end) if one.clamp else none["absolute"])) for one in scene.supports]
-            for name, parts in zip(HELD, zip(*rows, strict=True), strict=True):
-                found[f"held {name}"] = torch.stack(torch.broadcast_tensors(*parts), -2)
+        like, found = self.model.length, {}
+        still = (like.new_zeros(3), like.new_zeros(4)), (like.new_zeros(3),) * 2
+        rows = [(*(one.pose or still[0]), *(one.motion or still[1])) for one in supports(self.model, end)]
+        for name, parts in zip(HELD, zip(*rows, strict=True), strict=rows != []):
+            found[f"held {name}"] = torch.stack(torch.broadcast_tensors(*parts), -2)
         return found
 
     def orientations(self, start: Tensor, dt: Tensor, t: Tensor) -> tuple[Tensor, Tensor]:
@@ -169,11 +168,17 @@ class Constants:
         begin = torch.cat((start.expand(1, *end.shape[1:]), end[:-1]))
         return space.multiply(begin, half), end
 
+    @property
+    def _internal(self) -> dict[int, slice]:
+        """Where the internal states of each load are among those of all, by the load's id."""
+        scene = self.model.scene
+        return {id(one.load): one.internal for one in acting(self.model, scene.loads, scene.internal_states)}
+
     def internal_rows(self, internal: Tensor) -> Tensor:
         """Internal states (..., z) of a state as rows of nodes (..., N+1, Z): of each load in turn, zeros where it does not
         act.
         """
-        nodes, found, places = self.model.node_count, [], internal_slices(self.model)
+        nodes, found, places = self.model.node_count, [], self._internal
         for load in self.loads:
             if load.internal:
                 j = 0 if load.node is None else load.node % nodes
@@ -183,7 +188,7 @@ class Constants:
 
     def of_rows(self, rows: Tensor) -> Tensor:
         """The inverse."""
-        remembering, places = [load for load in self.loads if load.internal], internal_slices(self.model)
+        remembering, places = [load for load in self.loads if load.internal], self._internal
         parts = zip(remembering, rows.split([load.internal for load in remembering], -1), strict=True)
         found = {places[id(load)].start: own.flatten(-2) if load.node is None else own[..., load.node, :]
                  for load, own in parts}
@@ -227,7 +232,8 @@ class Constants:
         zero, turn = torch.zeros_like(position), torch.zeros_like(position[..., :model.space.spin])
         still = Nodes(position, rotation, zero, turn, common.frame, position.new_zeros(model.internal_states), common.dt, zero,
                       turn)
-        return external(model, still, common.t, common.inputs), advanced(model, still, common.t, common.inputs)
+        now = conditions(model, common.t, common.inputs, loads=model.scene.loads)
+        return external(model, still, now), advanced(model, still, now)
 
     def _held(self, name: str, value: Callable[[], Any]) -> Any:
         """A value that is the same at all steps: kept, unless a derivative by what it is made from is recorded."""

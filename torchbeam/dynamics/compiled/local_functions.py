@@ -19,7 +19,7 @@ from torch import Tensor
 from ...core.status import BROKEN, DIVERGED, SUCCESS
 from ...math.block_tridiagonal import eliminated
 from ...nodal.balance import CondensedTangent, dstress, mixed, pushed_by, restrained_forces, scaled
-from ...nodal.model import Model
+from ...nodal.rows import Rows
 from ...solvers.newton import converged
 from ...state.state import State
 from ...topology.chain_unknowns import masked
@@ -93,9 +93,9 @@ class LocalFunctions(LocalProblems):
         element = problem.element_balance(x, way)
         tangent = problem.tangent(x, way, element, inertia)
         wrench = None if self.elements.coupling is None else inertia.wrench
-        return self.of_nodes(problem.model, element, problem.model.own, tangent, wrench)
+        return self.of_nodes(problem.model, element, problem.eigenstrain, tangent, wrench)
 
-    def of_nodes(self, model: Model, element: ElementBalance, own: Tensor | float, tangent: CondensedTangent,
+    def of_nodes(self, model: Rows, element: ElementBalance, own: Tensor | float, tangent: CondensedTangent,
                  wrench: Tensor | None) -> Fields:
         """Fields of `element`, of which `own` is the eigenstrain, and `wrench` the inertia if it has any."""
         p, assembly = model.space.position, model.assembly

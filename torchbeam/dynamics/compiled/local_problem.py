@@ -1,27 +1,30 @@
-"""Local problem: the house's own step, `MidpointProblem`, on a chain that is one node alone, or one element and its nodes,
+"""Local problem: the house's own step, `MidpointProblem`, of the rows of one node alone, or of one element and its nodes,
 without mass. An element knows what mass its nodes share; a node its inertia and its loads.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from ...core.derivatives import cached
-from ...core.leaves import leaf, own_leaves, with_values
+from ...core.leaves import Tree, leaf, own_leaves, with_values
 from ...nodal.assembly import Assembly
+from ...nodal.conditions import Conditions, SupportConditions, acting
 from ...nodal.constraints import Constraints
 from ...nodal.coordinates.linearised import Small
 from ...nodal.coordinates.planar import Plane
+from ...nodal.frame import frame_of
 from ...nodal.inertia import Inertia
 from ...nodal.lever import Lever, NoLever
 from ...nodal.mass import LumpedMass, SharedMass
 from ...nodal.model import Model
 from ...nodal.rotary import NoRotaryInertia, RotaryInertia
-from ...scene.effects import Pose, TipLoad
+from ...nodal.rows import Rows
+from ...scene.effects import Pose
 from ...solvers.compiled.trace import NotTraceable
 from ...state.state import State
 from ...topology.chain import Chain
@@ -34,87 +37,20 @@ NODE = ("position", "rotation", "velocity", "spin")  # of a state
 INTERNAL = "internal"
 
 
-class LocalSupport(NamedTuple):
-    """A support of a local chain's node."""
+@dataclass(frozen=True)
+class Given(Tree):
+    """A problem of rows, under conditions that are given: stiffness is S^-1 of the tangent, None = there are no elements."""
 
-    node: int
-    kind: SupportKind
-    at: SupportConstants
+    given: Conditions = field(kw_only=True)
+    stiffness: Tensor | None = leaf(3, kw_only=True)
 
-    moves = property(lambda self: self.kind.moves)
-    clamp = property(lambda self: self.kind.clamp)
-
-
-class LocalMotion(NamedTuple):
-    """Prescribed motion, as it is at the time of the problem: see `PrescribedMotion`."""
-
-    root: Pose | None
-    velocity: Tensor | None
-    angular_velocity: Tensor | None
-    orientation: Tensor | None
-
-    def frame(self, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
-        return self.velocity, self.angular_velocity
-
-    def root_pose(self, t: Tensor) -> Pose | None:
-        return self.root
-
-    def pose(self, support: LocalSupport, t: Tensor) -> tuple[Tensor, Tensor]:
-        return support.at.position, support.at.rotation
-
-    def absolute(self, support: LocalSupport, t: Tensor) -> tuple[Tensor, Tensor]:
-        return support.at.velocity, support.at.spin
+    conditions = property(lambda self: self.given)
+    C = property(lambda self: self.stiffness)
 
 
 @dataclass(frozen=True)
-class LocalScene:
-    """What a model of one node or element asks of its scene."""
-
-    beam: Any
-    loads: tuple[Any, ...] = ()
-    supports: tuple[LocalSupport, ...] = ()
-    eigenstrains: tuple[Any, ...] = ()
-
-    @property
-    def has_prescribed_motion(self) -> bool:
-        return bool(self.supports)
-
-    @property
-    def internal_states(self) -> tuple[int, ...]:
-        return tuple(load.internal for load in self.loads)
-
-
-@dataclass(frozen=True)
-class LocalModel(Model):
-    """A model of one node or element, for which what depends on all of the chain, or on time, is given: C of the tangent, the
-    eigenstrain, the arclength of the nodes, what is prescribed.
-    """
-
-    C: Tensor | None = leaf(3)
-    own: Tensor | float = leaf(2)
-    arclength: Tensor = leaf(1)
-    motion: LocalMotion
-
-    s = property(lambda self: self.arclength)
-    prescribed_motion = property(lambda self: self.motion)
-
-    def orientation(self, t: Tensor) -> Tensor | None:
-        return self.motion.orientation
-
-    def eigenstrain(self, t: Tensor, inputs: dict[str, Tensor]) -> Tensor | float:
-        return self.own
-
-    def tangent_stiffness(self, dt: Tensor | None = None) -> Tensor | None:
-        return self.C
-
-
-@dataclass(frozen=True)
-class LocalProblem(MidpointProblem):
-    """A step from `start`, whose orientation of frame a is that of the middle of the step."""
-
-    @cached
-    def _frame_middle(self) -> Tensor | None:
-        return self.start.frame
+class LocalProblem(Given, MidpointProblem):
+    """A step of one node, or of one element."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +133,8 @@ class LocalProblems:
             parts = fields[INTERNAL].split(self.internal)
             given[INTERNAL] = torch.cat([parts[k] for k in kind.acting] or [fields[INTERNAL][:0]])
         supports = () if kind.support is None else (self._support(fields, "", 0, kind.support),)
-        return self._problem(rows, None, common, loads, given, supports, _hinges(kind))
+        own = self._rows(rows, None, common, supports, _hinges(kind))
+        return self._problem(own, None, common, given, self._conditions(own, common, loads, rows.dead, None, supports))
 
     def of_element(self, fields: Fields, kind: ElementKind) -> tuple[MidpointProblem, MidpointUnknowns]:
         def nodes(name: str) -> Tensor:
@@ -209,57 +146,64 @@ class LocalProblems:
         given |= {name: fields[name] for name in ("stress", *self.element_state)}
         supports = tuple(self._support(fields, f"{side}.", k, one.support)
                          for k, (side, one) in enumerate(zip(self.sides, kind, strict=True)) if one.support is not None)
-        return self._problem(rows, self.element_constants(fields), self._common(fields), (), given, supports, _hinges(*kind))
+        element, common = self.element_constants(fields), self._common(fields)
+        own = self._rows(rows, element, common, supports, _hinges(*kind))
+        now = self._conditions(own, common, (), None, element.eigenstrain, supports)
+        return self._problem(own, element, common, given, now)
 
     def element_constants(self, fields: Fields) -> ElementConstants:
         """Of one element."""
         return filled(self.elements, lambda k: fields[f"element.{k}"])
 
-    def _support(self, fields: Fields, of: str, node: int, kind: SupportKind) -> LocalSupport:
-        return LocalSupport(node, kind, filled(self.supports, lambda k: fields[f"{of}support.{k}"]))
+    def _support(self, fields: Fields, of: str, node: int, kind: SupportKind) -> SupportConditions:
+        at = filled(self.supports, lambda k: fields[f"{of}support.{k}"])
+        return SupportConditions(node, at.position.new_tensor(kind.fixed), (at.position, at.rotation) if kind.moves else None,
+                                 (at.velocity, at.spin) if kind.clamp else None)
 
     def _common(self, fields: Fields) -> Common:
         return filled(self.common, lambda k: fields[f"common.{k}"])
 
-    def _problem(self, rows: NodeConstants, element: ElementConstants | None, common: Common, loads: tuple[Any, ...],
-                 given: Fields, supports: tuple[LocalSupport, ...], hinges: tuple[tuple[int, tuple[float, ...]], ...]
-                 ) -> tuple[MidpointProblem, MidpointUnknowns]:
-        whole, space, position = self.model, self.model.space, given["position"]
-        linear = None if element is None else element.linear
-        space = (type(space)(rows.frames, rows.R, linear) if isinstance(space, Small)
+    def _rows(self, nodes: NodeConstants, element: ElementConstants | None, common: Common,
+              supports: tuple[SupportConditions, ...], hinges: tuple[tuple[int, tuple[float, ...]], ...]) -> Rows:
+        space, like = self.model.space, nodes.mass
+        linear, law, length, reference, coupling = (None,) * 5 if element is None else (
+            getattr(element, name) for name in ("linear", "law", "length", "reference", "coupling"))
+        space = (type(space)(nodes.frames, nodes.R, linear) if isinstance(space, Small)
                  else replace(space, place=common.place) if isinstance(space, Plane) else space)
-        zero, none = position.new_zeros(()), position.new_zeros(0, space.strain)
         topology = Chain(self.order, 0 if element is None else 1)
         free = torch.ones(topology.node_count, space.unknowns, dtype=torch.bool)
-        fixed = position.new_tensor([one.kind.fixed for one in supports]).reshape(-1, space.unknowns)
-        hinges = tuple((node, position.new_tensor(axis)) for node, axis in hinges)
-        constraints = Constraints(tuple(one.node for one in supports), fixed, free, topology.unknowns(free, position),
-                                  rows.slide, rows.turn, hinges)
-        if element is None:
-            loads = (*dead_load(space, rows.dead), *loads)
-        law, length, reference, C, own = (None,) * 5
-        if element is not None:
-            law, length, reference, C, own = (
-                getattr(element, name) for name in ("law", "length", "reference", "C", "eigenstrain"))
-        coupling = None if element is None else element.coupling
-        inertia = Inertia(
-            space, LumpedMass(topology, rows.mass) if coupling is None else SharedMass(
-                topology, rows.mass, coupling, whole.inertia.translational.difference),
-            NoRotaryInertia(space) if rows.J is None else RotaryInertia(space, rows.J),
-            NoLever() if rows.offset is None else Lever(space, rows.offset))
-        root = None if common.support is None else Pose(*vars(common.support).values())
-        motion = LocalMotion(root, common.velocity, common.angular_velocity, common.frame)
-        model = LocalModel(
-            LocalScene(whole.scene.beam, loads, supports), space, topology, constraints, inertia, length, reference, law,
-            rows.section_mass, rows.tributary_length, C=C, own=0.0 if own is None else own,
-            arclength=rows.s, motion=motion)
-        stress = given.get("stress", none)
-        start = State(*(given[name] for name in NODE), stress, position.new_zeros(0, space.unknowns), zero, zero, zero, zero,
-                      frame=common.frame, internal=given.get(INTERNAL))
-        return self._stepping(model, start, common, given), self.UNKNOWNS(given.get("u"), given.get("m"), stress)
+        fixed = torch.stack([one.fixed for one in supports]) if supports else like.new_zeros(0, space.unknowns)
+        constraints = Constraints(tuple(one.node for one in supports), fixed, free, topology.unknowns(free, like), nodes.slide,
+                                  nodes.turn, tuple((node, like.new_tensor(axis)) for node, axis in hinges))
+        mass = LumpedMass(topology, nodes.mass) if coupling is None else SharedMass(
+            topology, nodes.mass, coupling, self.model.inertia.translational.difference)
+        rotary = NoRotaryInertia(space) if nodes.J is None else RotaryInertia(space, nodes.J)
+        inertia = Inertia(space, mass, rotary, NoLever() if nodes.offset is None else Lever(space, nodes.offset))
+        return Rows(space, topology, constraints, inertia, length, reference, law, nodes.section_mass, nodes.tributary_length,
+                    nodes.s)
 
-    def _stepping(self, model: LocalModel, start: State, common: Common, given: Fields) -> MidpointProblem:
-        return LocalProblem(model, start, common.dt, common.t, common.inputs)
+    def _conditions(self, rows: Rows, common: Common, loads: tuple[Any, ...], dead: Tensor | None,
+                    eigenstrain: Tensor | None, supports: tuple[SupportConditions, ...]) -> Conditions:
+        velocities = common.velocity, common.angular_velocity
+        root = None if common.support is None else Pose(*vars(common.support).values())
+        return Conditions(
+            common.t, common.inputs, frame_of(rows.space, *velocities), velocities,
+            acting(rows, loads, tuple(load.internal for load in loads), 0), 0.0 if dead is None else dead,
+            0.0 if eigenstrain is None else eigenstrain, supports, root, common.frame, self.model.scene.beam.element_count)
+
+    def _problem(self, rows: Rows, element: ElementConstants | None, common: Common, given: Fields, now: Conditions
+                 ) -> tuple[MidpointProblem, MidpointUnknowns]:
+        position = given["position"]
+        zero, none = position.new_zeros(()), position.new_zeros(0, rows.space.strain)
+        stress = given.get("stress", none)
+        start = State(*(given[name] for name in NODE), stress, position.new_zeros(0, rows.space.unknowns), zero, zero, zero,
+                      zero, frame=common.frame, internal=given.get(INTERNAL))
+        x = self.UNKNOWNS(given.get("u"), given.get("m"), stress)
+        return self._stepping(rows, start, common, given, now, None if element is None else element.C), x
+
+    def _stepping(self, rows: Rows, start: State, common: Common, given: Fields, now: Conditions, C: Tensor | None
+                  ) -> MidpointProblem:
+        return LocalProblem(rows, start, common.dt, common.t, common.inputs, given=now, stiffness=C)
 
 
 class OwnBatch(NotTraceable):
@@ -292,27 +236,11 @@ def _of_one_sample(load: Any) -> Any:
                                 for own in own_leaves(load) if own.axes is None and callable(own.value)})
 
 
-DEAD = TipLoad(force=torch.zeros(3), moment=torch.zeros(3))
-
-
-def dead_load(space: Any, wrench: Tensor | None) -> tuple[Any, ...]:
-    """The load of a node whose wrench (1, w) depends on no motion, None = there is none."""
-    if wrench is None:
-        return ()
-    force, moment = space.embed(wrench[0]).split(3, -1)
-    return (filled(DEAD, lambda k: (force, moment)[k]),)
-
-
 def acting_loads(kind: NodeKind, rows: tuple[Any, ...], loads: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Loads of a node, for a chain that is this node alone; see `Common`."""
-    return tuple(_at_only_node(rows[k] or loads[k]) for k in kind.acting)
+    """Loads of a node; see `Common`."""
+    return tuple(rows[k] or loads[k] for k in kind.acting)
 
 
 def _hinges(*nodes: NodeKind | EndKind) -> tuple[tuple[int, tuple[float, ...]], ...]:
     """Node and axis of each."""
     return tuple((k, one.hinge) for k, one in enumerate(nodes) if one.hinge is not None)
-
-
-def _at_only_node(load: Any) -> Any:
-    """A load at a node, for a chain that is this node alone."""
-    return load if vars(load).get("node") is None else with_values(load, node=-1)

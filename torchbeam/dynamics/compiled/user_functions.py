@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ...core.leaves import AXES, own_leaves
 from ...core.surroundings import Read, Surroundings, Unsteady, of_class
+from ...nodal.conditions import conditions
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
 from ...solvers.compiled.readings import Readings
@@ -112,4 +113,5 @@ def _in_motion(model: Model, still: Nodes, shift: Tensor) -> tuple[Tensor | floa
     t, inputs = shift.new_zeros(()), {name: shift.new_zeros(size) for name, size in model.scene.inputs.items()}
     rotation = model.space.normalize(model.space.multiply(model.space.cayley(turn), still.rotation))
     nodes = Nodes(still.position + shift, rotation, shift, turn, still.frame, internal, t + 0.01, shift, turn)
-    return external(model, nodes, t, inputs, tuple(by_function(model))), advanced(model, nodes, t, inputs)
+    return (external(model, nodes, conditions(model, t, inputs, loads=tuple(by_function(model)))),
+            advanced(model, nodes, conditions(model, t, inputs, loads=model.scene.loads)))

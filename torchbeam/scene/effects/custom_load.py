@@ -48,10 +48,9 @@ class Load(LoadEffect):
 
         z_mid = z_n + (I - dt/2 dg/dz)^-1 dt/2 g(z_n, ...),    z_{n+1} = 2 z_mid - z_n
 
-    which for a linear law is the midpoint rule, and is stable for any lag (Rosenbrock 1963). An equilibrium has z where it
-    comes to rest; a `path`, where the law linearised at z = 0 does. A load of accelerations adds mass, its derivative by them;
-    an explicit method wants it linear in them. In `State.internal` the loads' states stand one load after the other,
-    (sites x internal) row by row.
+    which for a linear law is the midpoint rule, and is stable for any lag (Rosenbrock 1963). An equilibrium, and each of a
+    `path`, has z where it comes to rest. A load of accelerations adds mass, its derivative by them; an explicit method wants it
+    linear in them. In `State.internal` the loads' states stand one load after the other, (sites x internal) row by row.
 
     Raises ValueError for internal states without a rate, a rate without them, unknown names in `of`, "s" at a node, or two
     arguments of one name; when it acts, for a function that returns anything but force and moment of the right shape.

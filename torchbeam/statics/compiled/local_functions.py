@@ -15,8 +15,7 @@ from torch import Tensor
 from ...core.status import SUCCESS
 from ...dynamics.compiled.kinds import ElementKind, EndKind
 from ...dynamics.compiled.local_functions import LocalFunctions
-from ...dynamics.compiled.local_problem import Fields, unbatched
-from ...dynamics.midpoint import MidpointProblem
+from ...dynamics.compiled.local_problem import Fields, Given, LocalProblem, unbatched
 from ...scene.prescribed_motion import moved
 from .. import load_steps
 from ..steady import Configuration, SteadyProblem, placed
@@ -39,6 +38,11 @@ class SteadyKind(NamedTuple):
 
 
 @dataclass(frozen=True)
+class LocalSteadyProblem(Given, SteadyProblem):
+    """An equilibrium of one node, or of one element."""
+
+
+@dataclass(frozen=True)
 class SteadyFunctions(LocalFunctions):
     """Functions of nodes, of elements, of rows of the chain, of samples."""
 
@@ -47,11 +51,12 @@ class SteadyFunctions(LocalFunctions):
         """Loads with internal states have them where they come to rest."""
         return self.NODE
 
-    def _steady(self, problem: MidpointProblem, load_factor: Tensor) -> tuple[SteadyProblem, Configuration]:
+    def _steady(self, problem: LocalProblem, load_factor: Tensor) -> tuple[SteadyProblem, Configuration]:
         """What a step starts from, as an equilibrium."""
         start = problem.start
         x = Configuration(start.position, start.rotation, start.stress)
-        return SteadyProblem(problem.model, problem.t, problem.inputs, load_factor), x
+        return LocalSteadyProblem(problem.model, problem.t, problem.inputs, load_factor, given=problem.given,
+                                  stiffness=problem.stiffness), x
 
     def node(self, kind: SteadyKind, load_factor: Tensor, **fields: Tensor) -> Fields:
         """Balance (w) of the node's loads, less its inertia in a frame that turns, its derivative D (w, w); the loads."""

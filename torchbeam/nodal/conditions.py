@@ -1,0 +1,116 @@
+"""Conditions of rows at one instant: what acts there, and what is prescribed. They are made here of a model, for all of its
+rows; native code has those of one node, or of one element.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from torch import Tensor
+
+from ..core.derivatives import cached
+from ..scene.effects import Inputs, Pose
+from .frame import FixedFrame, frame_of
+from .model import Model
+from .rows import Rows
+
+
+class ActingLoad(NamedTuple):
+    """A load; node: the row that it acts on, None = it acts along all of them; what it reads of a node's motion; which of the
+    internal states are its own, None = it has none.
+    """
+
+    load: Any
+    node: int | None
+    reads: frozenset[str]
+    internal: slice | None
+
+
+class SupportConditions(NamedTuple):
+    """Of a support of a row, where anything moves: fixed (w) 1 where it holds, else 0; pose: position (..., 3) and quaternion
+    (..., 4), None = it does not move in frame a; motion: velocity (..., 3), absolute, frame a, and spin (..., 3), absolute,
+    section axes, None = it is no clamp.
+    """
+
+    node: int
+    fixed: Tensor
+    pose: tuple[Tensor, Tensor] | None
+    motion: tuple[Tensor, Tensor] | None
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """t and inputs: of functions that loads hold. velocities: of frame a, see `PrescribedMotion.frame`. dead (..., N+1, w): of
+    loads that are summed already, 0.0 = none. eigenstrain (..., N or 1, k), 0.0 = none. supports: at the end of a step; none
+    where nothing moves. root: where the support of node 0 stands, if a load asks. orientation: of frame a at this instant, None
+    = it does not turn, or follows from a state. elements: of the beam.
+    """
+
+    t: Tensor
+    inputs: Inputs
+    frame: FixedFrame
+    velocities: tuple[Tensor | None, Tensor | None]
+    loads: tuple[ActingLoad, ...]
+    dead: Tensor | float
+    eigenstrain: Tensor | float
+    supports: tuple[SupportConditions, ...]
+    root: Pose | None
+    orientation: Tensor | None
+    elements: int
+
+    @cached
+    def moving(self) -> tuple[ActingLoad, ...]:
+        """Loads that depend on how the nodes stand or move."""
+        return tuple(one for one in self.loads if one.reads)
+
+    @cached
+    def still(self) -> tuple[ActingLoad, ...]:
+        """The others."""
+        return tuple(one for one in self.loads if not one.reads)
+
+    @property
+    def internal_states(self) -> int:
+        """How many numbers the loads remember."""
+        return max((one.internal.stop for one in self.loads if one.internal is not None), default=0)
+
+    @cached
+    def reads(self) -> frozenset[str]:
+        """What the loads read of the nodes' motion."""
+        return frozenset().union(*(one.reads for one in self.loads))
+
+
+def acting(rows: Rows, loads: tuple[Any, ...], sizes: tuple[int, ...], node: int | None = None) -> tuple[ActingLoad, ...]:
+    """Loads with so many internal states, one after the other; node: the row of those that act at one, None = as they say."""
+    found, at = [], 0
+    for load, size in zip(loads, sizes, strict=True):
+        place = None if load.node is None else load.node % rows.node_count if node is None else node
+        found.append(ActingLoad(load, place, rows.depends_on(load), slice(at, at + size) if size else None))
+        at += size
+    return tuple(found)
+
+
+def conditions(model: Model, t: Tensor, inputs: Inputs, end: Tensor | None = None, loads: tuple[Any, ...] | None = None
+               ) -> Conditions:
+    """Of all of a model at t (...), its supports at the time `end` (...); loads: these of the scene's alone, without what the
+    beam bends by itself, None = all.
+    """
+    acts, motion, eigenstrain = acting(model, model.scene.loads, model.scene.internal_states), model.prescribed_motion, 0.0
+    if loads is None:
+        eigenstrain = model.eigenstrain(t, inputs)
+    else:
+        acts = tuple(one for one in acts if any(one.load is load for load in loads))
+    asked = loads is None or any(one.load.wants_frame for one in acts)
+    velocities = motion.frame(t) if asked else (None, None)
+    root = motion.root_pose(t) if any(one.load.wants_support for one in acts) else None
+    return Conditions(t, inputs, frame_of(model.space, *velocities), velocities, acts, 0.0, eigenstrain,
+                      () if end is None else supports(model, end), root, None, model.scene.beam.element_count)
+
+
+def supports(model: Model, end: Tensor) -> tuple[SupportConditions, ...]:
+    """At the time `end`; none where nothing moves."""
+    if not model.scene.has_prescribed_motion:
+        return ()
+    motion, pairs = model.prescribed_motion, zip(model.scene.supports, model.constraints.fixed, strict=True)
+    return tuple(SupportConditions(one.node, fixed, motion.pose(one, end) if one.moves else None,
+                                   motion.absolute(one, end) if one.clamp else None) for one, fixed in pairs)
