@@ -62,7 +62,8 @@ def integrate(
                 Steps then end at the outputs.
 
     Returns ys (T, ..., n); status (T, ...), 0 = success and, behind the last good output, 3 = failed: rates that are not finite
-    or a step that shrank to nothing. A failed sample keeps that output, and the others are solved as if it were not there.
+    or a step that shrank to nothing. A failed sample keeps that output, and all that it has are constants: no gradient passes
+    through it. The others are solved as if it were not there, and their gradients are those without it.
     evaluations: calls of rhs.
 
     Raises ValueError for an unknown method or option or a t that does not increase; AllFailed where every sample failed, or
