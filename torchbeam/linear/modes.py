@@ -87,8 +87,8 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     without rotary inertia are taken as they are. An infinite stiffness is a very large one here: its own modes, far above
     those of the finite stiffnesses, mean nothing.
 
-    An undamped beam under conservative loads takes a symmetric solver, with more than 96 unknowns
-    subspace iteration, O(N); anything else a dense unsymmetric one, O(N^3). Eigenvalues and shapes are differentiable; where
+    An undamped beam under conservative loads takes a symmetric solver, and with more than 96 unknowns subspace iteration, O(N);
+    anything else a dense unsymmetric one, O(N^3). Eigenvalues and shapes are differentiable; where
     they are repeated (equal bending in two planes) there is no derivative of one by itself, and asking for it raises a
     RuntimeError.
 
