@@ -2,7 +2,6 @@
 
 import json
 import os
-import sys
 from importlib import resources
 from pathlib import Path
 
@@ -10,8 +9,6 @@ import pytest
 import torch
 
 from torchbeam.dynamics import engine_use
-
-sys.path.insert(0, str(Path(__file__).parent / "cases"))  # what several tests draw on: nodal_cases, mixed_cases, gradient_cases
 
 THREADS = int(os.environ.get("OMP_NUM_THREADS", 1))
 torch.set_default_dtype(torch.float64)

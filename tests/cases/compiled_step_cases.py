@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-import nodal_cases
 import torch
 
 import torchbeam as tb
+from tests.cases import nodal_cases
 from torchbeam.state.supported_nodes import set_node
 
 STIFFNESS = dict(EA=2e3, GA=(8e2, 6e2), GJ=2.0, EI=(3.0, 2.0), mass=0.5, inertia=(1e-3, 2e-3))

@@ -7,15 +7,17 @@ import warnings
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-import gradient_effects  # noqa: F401  (these three fill the table)
-import gradient_geometry  # noqa: F401
-import gradient_motions  # noqa: F401
 import torch
 import torch.autograd.forward_ad as forward_ad
-from gradient_ingredients import TABLE, Draw, Tensors
 from torch import Tensor
 
 import torchbeam as tb
+from tests.cases import (
+    gradient_effects,  # noqa: F401  (these three fill the table)
+    gradient_geometry,  # noqa: F401
+    gradient_motions,  # noqa: F401
+)
+from tests.cases.gradient_ingredients import TABLE, Draw, Tensors
 from torchbeam.extend import own_leaves
 from torchbeam.extend import quaternions as quat
 

@@ -1,9 +1,9 @@
 """Ingredients of the gradient fuzz: every effect with every one of its arguments."""
 
 import torch
-from gradient_ingredients import FORMS, ingredient
 
 import torchbeam as tb
+from tests.cases.gradient_ingredients import FORMS, ingredient
 
 ALONG = ("Along", "PerElement", "PerElement function")
 

@@ -6,8 +6,9 @@ import traceback
 from pathlib import Path
 
 import torch
-from gradient_cases import INITIAL, SPACES, WAYS, Case, Row, Spec, Unsolved, is_refusal
-from gradient_ingredients import VARIANTS
+
+from tests.cases.gradient_cases import INITIAL, SPACES, WAYS, Case, Row, Spec, Unsolved, is_refusal
+from tests.cases.gradient_ingredients import VARIANTS
 
 LOADS = ("TipLoad", "PointLoad", "LineLoad", "Gravity", "History")
 NO_SOLUTION = ("has no equilibrium", "the step shrank to nothing")

@@ -3,9 +3,9 @@
 import math
 
 import torch
-from gradient_ingredients import POLAR, ingredient
 
 import torchbeam as tb
+from tests.cases.gradient_ingredients import POLAR, ingredient
 
 # Sections
 

@@ -1,9 +1,9 @@
 """Ingredients of the gradient fuzz: supports, and motions of the root and of frame a."""
 
 import torch
-from gradient_ingredients import ingredient
 
 import torchbeam as tb
+from tests.cases.gradient_ingredients import ingredient
 
 # Supports: a reader of a tuple of supports, beside a clamp at node 0 or in its place
 

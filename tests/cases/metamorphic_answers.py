@@ -8,8 +8,12 @@ from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import torch
-from gradient_cases import EXPLICIT, UNSTABLE, Case, Unsolved
-from metamorphic_similarity import (
+from torch import Tensor
+from torch._C._functorch import is_batchedtensor
+
+import torchbeam as tb
+from tests.cases.gradient_cases import EXPLICIT, UNSTABLE, Case, Unsolved
+from tests.cases.metamorphic_similarity import (
     ENERGY,
     INSTANT,
     ONE,
@@ -20,10 +24,6 @@ from metamorphic_similarity import (
     input_quantities,
     quantities,
 )
-from torch import Tensor
-from torch._C._functorch import is_batchedtensor
-
-import torchbeam as tb
 from torchbeam.extend import quaternions as quat
 
 EXACT = dict(tolerance=1e-12)

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import torch
-from gradient_cases import Case, Spec, Unsolved, is_refusal
-from gradient_fuzz import NO_SOLUTION, Fuzz
-from metamorphic_answers import ANSWERS
-from metamorphic_parts import NotHere
-from metamorphic_relations import RELATIONS, VALUES_ONLY
-from metamorphic_said import Said, engine
+
+from tests.cases.gradient_cases import Case, Spec, Unsolved, is_refusal
+from tests.cases.gradient_fuzz import NO_SOLUTION, Fuzz
+from tests.cases.metamorphic_answers import ANSWERS
+from tests.cases.metamorphic_parts import NotHere
+from tests.cases.metamorphic_relations import RELATIONS, VALUES_ONLY
+from tests.cases.metamorphic_said import Said, engine
 
 VALUE, GRADIENT = 1e-8, 1e-6  # of the largest: both solve to 1e-12 of the forces, of which stiff scenes make more
 CONTROLLED = 1e-6  # of values with adaptive steps, whose lengths are found to the precision of their errors

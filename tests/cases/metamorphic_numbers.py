@@ -9,10 +9,10 @@ from dataclasses import replace
 from typing import Any
 
 import torch
-from metamorphic_parts import Parts, each, listed, times
-from metamorphic_similarity import quantities, tensor
 
 import torchbeam as tb
+from tests.cases.metamorphic_parts import Parts, each, listed, times
+from tests.cases.metamorphic_similarity import quantities, tensor
 
 
 class _Factor:

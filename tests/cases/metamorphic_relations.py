@@ -7,16 +7,16 @@ from dataclasses import replace
 from functools import partial
 
 import torch
-from gradient_ingredients import POLAR
-from metamorphic_answers import told
-from metamorphic_numbers import HOLDERS, numbered
-from metamorphic_parts import NotHere
-from metamorphic_runs import RUNS
-from metamorphic_said import Pair, Said, engine
-from metamorphic_similarity import Similarity
-from metamorphic_words import WORDS
 from torch import Tensor
 
+from tests.cases.gradient_ingredients import POLAR
+from tests.cases.metamorphic_answers import told
+from tests.cases.metamorphic_numbers import HOLDERS, numbered
+from tests.cases.metamorphic_parts import NotHere
+from tests.cases.metamorphic_runs import RUNS
+from tests.cases.metamorphic_said import Pair, Said, engine
+from tests.cases.metamorphic_similarity import Similarity
+from tests.cases.metamorphic_words import WORDS
 from torchbeam.extend import quaternions as quat
 
 

@@ -8,11 +8,11 @@ from functools import partial
 
 import torch
 import torch.autograd.forward_ad as forward_ad
-from metamorphic_answers import ANSWERS, EXACT, Found, energies, states, told
-from metamorphic_said import Blocks, Pair, Said, engine, wants
 from torch import Tensor
 
 import torchbeam as tb
+from tests.cases.metamorphic_answers import ANSWERS, EXACT, Found, energies, states, told
+from tests.cases.metamorphic_said import Blocks, Pair, Said, engine, wants
 
 MOTIONS = ("midpoint", "midpoint lumped", "midpoint conserve", "midpoint4", "generalized_alpha")  # by `simulate` in steps
 BY_STEPS = {"midpoint": "stepper midpoint", "midpoint4": "stepper midpoint4", "generalized_alpha": "stepper generalized_alpha"}

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import torch
-from gradient_cases import Case, Spec
-from metamorphic_answers import ANSWERS, Found, Problem, told
-from metamorphic_parts import NotHere
 from torch import Tensor
+
+from tests.cases.gradient_cases import Case, Spec
+from tests.cases.metamorphic_answers import ANSWERS, Found, Problem, told
+from tests.cases.metamorphic_parts import NotHere
 
 Blocks = dict[str, Tensor]
 Pair = tuple[Blocks, Blocks]

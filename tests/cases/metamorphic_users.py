@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import Any
 
 import torch
-from metamorphic_parts import NotHere, Parts, each
-from metamorphic_similarity import quantities, tensor
 from torch import Tensor
 
 import torchbeam as tb
+from tests.cases.metamorphic_parts import NotHere, Parts, each
+from tests.cases.metamorphic_similarity import quantities, tensor
 
 
 def _inputs(of: Any) -> dict[str, int]:

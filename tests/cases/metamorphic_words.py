@@ -10,11 +10,11 @@ from dataclasses import fields, replace
 from typing import Any
 
 import torch
-from metamorphic_parts import NotHere, Parts, each, times
-from metamorphic_similarity import quantities, tensor
-from metamorphic_users import as_user, nodal_loads
 
 import torchbeam as tb
+from tests.cases.metamorphic_parts import NotHere, Parts, each, times
+from tests.cases.metamorphic_similarity import quantities, tensor
+from tests.cases.metamorphic_users import as_user, nodal_loads
 from torchbeam.extend import quaternions as quat
 
 SHARES: dict[type, tuple[str, ...]] = {  # what of an effect is halved for half of it; (): it cannot be split

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import torch
 import torch.autograd.forward_ad as forward_ad
 from torch import Tensor
-from zero_cases import Case, T
 
 import torchbeam as tb
+from tests.cases.zero_cases import Case, T
 
 
 def solved(case: Case, way: str) -> Callable[[Tensor], Tensor]:

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 import torch
-from nodal_cases import energy_drifts, orders
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import energy_drifts, orders
 from torchbeam.extend import quaternions as quat
 
 SOFT = dict(EA=100.0, GA=50.0, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)

@@ -1,6 +1,6 @@
 """Native code on random scenes: values, statuses, iterations and gradients are the eager ones.
 
-With a line for each scene:  python tests/properties/test_engine_fuzz.py --cases 200
+With a line for each scene:  python -m tests.properties.test_engine_fuzz --cases 200
 """
 
 import argparse
@@ -11,14 +11,12 @@ import sys
 import time
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import torch
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "cases"))
-from gradient_cases import Case, Spec, Unsolved, is_refusal
-from gradient_fuzz import Fuzz
+from tests.cases.gradient_cases import Case, Spec, Unsolved, is_refusal
+from tests.cases.gradient_fuzz import Fuzz
 
 WAYS = ("midpoint", "midpoint checkpoint", "midpoint lumped", "midpoint conserve", "stepper midpoint", "generalized_alpha",
         "generalized_alpha checkpoint", "stepper generalized_alpha", "equilibrium")

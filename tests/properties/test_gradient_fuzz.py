@@ -1,6 +1,6 @@
 """Gradients of random scenes by everything that they are made of: reverse mode = forward mode = differences.
 
-With a table of all derivatives:  python tests/properties/test_gradient_fuzz.py --cases 1000 --out out/gradients.csv
+With a table of all derivatives:  python -m tests.properties.test_gradient_fuzz --cases 1000 --out out/gradients.csv
 """
 
 import argparse
@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 import torch
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "cases"))
-from gradient_fuzz import Fuzz
+from tests.cases.gradient_fuzz import Fuzz
 
 
 @pytest.mark.parametrize("cases", [16, pytest.param(1000, marks=pytest.mark.long)])

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 
 import pytest
 import torch
-from public_calls import BEAM, CALLS, OTHER, SCENE, SECTION, START
 
 import torchbeam as tb
+from tests.cases.public_calls import BEAM, CALLS, OTHER, SCENE, SECTION, START
 
 WRONG = {
     "an object": object(), "a text": "x", "None in a list": [None], "a namespace": SimpleNamespace(t=1.0),

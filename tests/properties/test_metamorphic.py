@@ -1,7 +1,7 @@
 """The same physics said twice agrees: random scenes turned, mirrored, moved, in other units, later, in other words, in batches,
 restarted, by other engines.
 
-Long, with a CSV of all comparisons:  python tests/properties/test_metamorphic.py --seed 5 --cases 1000 --engines eager,auto
+Long, with a CSV of all comparisons:  python -m tests.properties.test_metamorphic --seed 5 --cases 1000 --engines eager,auto
 """
 
 import argparse
@@ -13,17 +13,15 @@ from pathlib import Path
 import pytest
 import torch
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "cases"))
-from gradient_cases import IMPLICIT, Spec
-from gradient_ingredients import TABLE
-from metamorphic_answers import ANSWERS
-from metamorphic_fuzz import Metamorphic, compare, said
-from metamorphic_relations import RELATIONS
-from metamorphic_similarity import FIELDS, quantities
-from metamorphic_users import USERS
-from metamorphic_words import SHARES, ZEROS
-
 import torchbeam as tb
+from tests.cases.gradient_cases import IMPLICIT, Spec
+from tests.cases.gradient_ingredients import TABLE
+from tests.cases.metamorphic_answers import ANSWERS
+from tests.cases.metamorphic_fuzz import Metamorphic, compare, said
+from tests.cases.metamorphic_relations import RELATIONS
+from tests.cases.metamorphic_similarity import FIELDS, quantities
+from tests.cases.metamorphic_users import USERS
+from tests.cases.metamorphic_words import SHARES, ZEROS
 from torchbeam.extend import METHODS, Tree, own_leaves
 
 EFFECTS = [kind for name in tb.__all__ if inspect.isclass(kind := getattr(tb, name)) and hasattr(kind, "kind")]

@@ -10,10 +10,10 @@ import inspect
 import pytest
 import torch
 from torch.testing import assert_close
-from zero_cases import CASES, NEVER_ZERO, N, scene, section
-from zero_solutions import differences, forward, reverse, solved
 
 import torchbeam as tb
+from tests.cases.zero_cases import CASES, NEVER_ZERO, N, scene, section
+from tests.cases.zero_solutions import differences, forward, reverse, solved
 from torchbeam.extend import Tree, leaf
 
 NOISE = 1e-6  # of the largest derivative: of differences whose steps are 1e-3 of the numbers' size, of solutions to 1e-12

@@ -2,14 +2,10 @@
 
 import csv
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-
-sys.path.insert(0, str(Path(__file__).parents[2]))  # training is not installed
 
 from training import baselines, report, results
 from training.policies import load

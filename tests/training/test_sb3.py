@@ -1,14 +1,11 @@
 """The adapter to stable-baselines3 keeps what the vector env says, and stable-baselines3 trains through it."""
 
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 import torchbeam_envs
 
-sys.path.insert(0, str(Path(__file__).parents[2]))  # training is not installed
 pytest.importorskip("stable_baselines3")
 
 from training import sb3

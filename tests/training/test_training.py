@@ -1,14 +1,11 @@
 """training/: gradients of a window, runs that resume in the same bits, learners that learn, files that load."""
 
 import csv
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-
-sys.path.insert(0, str(Path(__file__).parents[2]))  # training is not installed
 
 from training import common, ppo, results, shac
 from training.evaluate import evaluate

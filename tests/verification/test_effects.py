@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import pytest
 import torch
-from nodal_cases import orders
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import orders
 from torchbeam.extend import quaternions as quat
 
 STIFF = tb.Section.from_stiffness(EA=1e6, GA=1e6, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import pytest
 import torch
-from nodal_cases import orders
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import orders
 from torchbeam.extend import quaternions as quat
 
 INF = math.inf

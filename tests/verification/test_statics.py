@@ -9,10 +9,10 @@ import warnings
 
 import pytest
 import torch
-from nodal_cases import orders
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import orders
 
 INF = math.inf
 MESHES = (8, 16, 32)

@@ -5,11 +5,11 @@ import math
 
 import pytest
 import torch
-from nodal_cases import orders, scene, state
-from tangent_cases import assert_newton_inverts
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import orders, scene, state
+from tests.cases.tangent_cases import assert_newton_inverts
 from torchbeam.dynamics.generalized_alpha import AlphaState, GeneralizedAlphaProblem
 from torchbeam.nodal.discretise import discretise
 

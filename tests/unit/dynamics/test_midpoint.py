@@ -3,12 +3,12 @@
 import pytest
 import torch
 import torch.autograd.forward_ad as forward_ad
-from nodal_cases import energy_drifts, orders, scene, state
-from tangent_cases import assert_newton_inverts
 from torch.testing import assert_close
 from torch.utils.checkpoint import checkpoint as recompute
 
 import torchbeam as tb
+from tests.cases.nodal_cases import energy_drifts, orders, scene, state
+from tests.cases.tangent_cases import assert_newton_inverts
 from torchbeam.dynamics.midpoint import MidpointProblem
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal.conditions import conditions

@@ -6,10 +6,10 @@ import warnings
 
 import pytest
 import torch
-from nodal_cases import energy_drifts, orders
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import energy_drifts, orders
 from torchbeam.dynamics import midpoint4
 from torchbeam.dynamics.midpoint4 import EXTRAPOLATED, SYMMETRIC
 

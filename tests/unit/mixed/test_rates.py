@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy
 import pytest
 import torch
-from mixed_cases import mass, random_chain, random_fields, random_scene, spd, wave
 from torch.testing import assert_close
 
+from tests.cases.mixed_cases import mass, random_chain, random_fields, random_scene, spd, wave
 from torchbeam.math import wiener_milenkovic as rot
 from torchbeam.mixed import rates, residuals
 from torchbeam.mixed.block import block_rate

@@ -119,8 +119,7 @@ def test_dense_route_gives_the_same_trajectory():
 
 def test_consistent_state_satisfies_every_equation():
     """Any u, theta, V, Omega; loads, frame and root in motion: residual below 1e-12, and both forms have its rates."""
-    from mixed_cases import random_scene
-
+    from tests.cases.mixed_cases import random_scene
     from torchbeam.mixed import minimal
 
     scene, at = random_scene(3, (4,)), torch.tensor(0.4)

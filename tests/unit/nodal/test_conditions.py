@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import torch
-from nodal_cases import scene, state
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import scene, state
 from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.loads import Nodes, external, tangent

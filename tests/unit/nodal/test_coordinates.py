@@ -4,10 +4,10 @@ import math
 
 import pytest
 import torch
-from nodal_cases import state as random_state
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import state as random_state
 from torchbeam.nodal.coordinates.planar import Plane
 from torchbeam.nodal.discretise import discretise
 

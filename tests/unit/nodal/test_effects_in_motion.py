@@ -4,10 +4,10 @@ and the mixed and the nodal form tend to one motion.
 
 import pytest
 import torch
-from nodal_cases import spd
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import spd
 from torchbeam.extend import quaternions as quat
 from torchbeam.nodal.constitutive_law import times
 from torchbeam.nodal.loads import external

@@ -2,10 +2,10 @@
 
 import pytest
 import torch
-from nodal_cases import shape, spd
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import shape, spd
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal import element as local
 from torchbeam.nodal.assembly import Assembly

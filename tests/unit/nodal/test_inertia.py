@@ -1,11 +1,11 @@
 """Inertia of the nodes: bodies off their node beside the mass that neighbours share."""
 
-import nodal_cases as cases
 import pytest
 import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases import nodal_cases as cases
 from torchbeam.nodal.discretise import discretise
 
 OFFSETS = (0.5, 0, 0), (0, 0, 0.5), (0.1, 0.3, -0.2)

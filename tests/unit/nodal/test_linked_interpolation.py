@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 import torch
-from nodal_cases import orders, section
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import orders, section
 from torchbeam.nodal.constitutive_law import law_of
 from torchbeam.nodal.coordinates.selection import in_space
 

@@ -4,10 +4,10 @@ from dataclasses import fields, replace
 
 import pytest
 import torch
-from nodal_cases import scene, state
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import scene, state
 from torchbeam.dynamics.generalized_alpha import AlphaState, GeneralizedAlphaProblem
 from torchbeam.dynamics.midpoint import MidpointProblem
 from torchbeam.dynamics.step_element import Ends

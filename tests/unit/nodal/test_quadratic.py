@@ -7,10 +7,10 @@ import math
 
 import pytest
 import torch
-from nodal_cases import orders, shape
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import orders, shape
 from torchbeam.dynamics.simulate import simulate
 from torchbeam.math import quaternions as quat
 from torchbeam.math.quadratic import at_points, threes

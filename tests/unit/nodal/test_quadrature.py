@@ -1,9 +1,9 @@
 """Weights of the nodes: Gregory's rule on equal and on unequal elements."""
 
 import torch
-from nodal_cases import orders
 from torch.testing import assert_close
 
+from tests.cases.nodal_cases import orders
 from torchbeam.nodal.quadrature import gregory, trapezoidal
 
 

@@ -2,10 +2,10 @@
 
 import pytest
 import torch
-from nodal_cases import orders, scene, state
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import orders, scene, state
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal.element import forces
 from torchbeam.nodal.loads import external

@@ -4,10 +4,10 @@ import math
 
 import pytest
 import torch
-from nodal_cases import orders
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import orders
 from torchbeam.math import quaternions as quat
 
 ROUND = tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=1.0, mass=0.2, inertia=0.01)

@@ -4,10 +4,10 @@ import math
 
 import pytest
 import torch
-from nodal_cases import orders
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import orders
 from torchbeam.math import quaternions as quat
 from torchbeam.scene.curve import tangents
 

@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import pytest
 import torch
-from nodal_cases import state as random_state
 from torch.testing import assert_close
 from torch.utils._python_dispatch import TorchDispatchMode
 
 import torchbeam as tb
+from tests.cases.nodal_cases import state as random_state
 from torchbeam.dynamics.midpoint import MidpointProblem
 from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.discretise import discretise

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import pytest
 import torch
-from nodal_cases import inertia, spd
 from torch.autograd import forward_ad
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import inertia, spd
 from torchbeam.core.leaves import bound
 from torchbeam.math import quaternions as quat
 from torchbeam.scene import effects as fx

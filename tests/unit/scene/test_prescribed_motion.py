@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import pytest
 import torch
-from nodal_cases import energy_drifts, orders, scene, section, state
-from tangent_cases import assert_newton_inverts
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import energy_drifts, orders, scene, section, state
+from tests.cases.tangent_cases import assert_newton_inverts
 from torchbeam.dynamics.midpoint import MidpointProblem
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal.discretise import discretise

@@ -2,12 +2,12 @@
 
 import math
 
-import nodal_cases as cases
 import pytest
 import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases import nodal_cases as cases
 from torchbeam.math import quaternions as quat
 
 s = tb.sensors

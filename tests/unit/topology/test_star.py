@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 import torch
-from nodal_cases import scene, state
-from star_topology import Star
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.nodal_cases import scene, state
+from tests.cases.star_topology import Star
 from torchbeam.dynamics.midpoint import MidpointProblem
 from torchbeam.linear.system_matrices import matrices
 from torchbeam.nodal.discretise import discretise

@@ -5,9 +5,9 @@ import math
 import pytest
 import torch
 from torch.testing import assert_close
-from wave_cases import T
 
 import torchbeam as tb
+from tests.cases.wave_cases import T
 from torchbeam.math.distributions import student_quantile
 
 X = torch.stack((torch.ones_like(T), T, T**2), -1)

@@ -5,9 +5,9 @@ import warnings
 
 import pytest
 import torch
-from wave_cases import CLEAN, NOISE, T, wave
 
 import torchbeam as tb
+from tests.cases.wave_cases import CLEAN, NOISE, T, wave
 
 START = {"a": 1.0, "b": 1.0}
 TIMES = torch.linspace(0, 2, 200)

@@ -3,9 +3,9 @@
 import pytest
 import torch
 from torch.testing import assert_close
-from wave_cases import CLEAN, NOISE, T, wave
 
 import torchbeam as tb
+from tests.cases.wave_cases import CLEAN, NOISE, T, wave
 
 
 def test_a_summary_and_a_file(tmp_path):

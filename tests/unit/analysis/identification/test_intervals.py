@@ -6,9 +6,9 @@ import pytest
 import torch
 from torch.distributions import Gamma, LogNormal, Normal, Uniform
 from torch.testing import assert_close
-from wave_cases import CLEAN, NOISE, T, wave
 
 import torchbeam as tb
+from tests.cases.wave_cases import CLEAN, NOISE, T, wave
 from torchbeam.analysis.identification import profile
 from torchbeam.math.distributions import student_quantile
 

@@ -5,9 +5,9 @@ import math
 import pytest
 import torch
 from torch.testing import assert_close
-from wave_cases import CLEAN, NOISE, T, wave
 
 import torchbeam as tb
+from tests.cases.wave_cases import CLEAN, NOISE, T, wave
 from torchbeam.math.distributions import student_quantile
 
 

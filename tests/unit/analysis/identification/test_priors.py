@@ -5,9 +5,9 @@ import torch
 from torch.distributions import Gamma, LogNormal, Normal, TransformedDistribution, Uniform
 from torch.distributions.transforms import SigmoidTransform
 from torch.testing import assert_close
-from wave_cases import CLEAN, T, wave
 
 import torchbeam as tb
+from tests.cases.wave_cases import CLEAN, T, wave
 
 
 @pytest.mark.parametrize("derivatives", ["difference", "forward", "adjoint"])

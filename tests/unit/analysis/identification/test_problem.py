@@ -5,9 +5,9 @@ import math
 import pytest
 import torch
 from torch.testing import assert_close
-from wave_cases import CLEAN, NOISE, T, wave
 
 import torchbeam as tb
+from tests.cases.wave_cases import CLEAN, NOISE, T, wave
 
 
 def test_experiments_share_parameters():

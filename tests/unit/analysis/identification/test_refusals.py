@@ -5,9 +5,9 @@ import math
 import pytest
 import torch
 from torch.distributions import Dirichlet, HalfNormal, Normal
-from wave_cases import CLEAN, T, wave
 
 import torchbeam as tb
+from tests.cases.wave_cases import CLEAN, T, wave
 
 
 def parameter(**changed):

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 import torch
-from compiled_step_cases import moving
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.compiled_step_cases import moving
 from torchbeam.dynamics.compiled.adjoint import AdjointProgram
 
 pytest.importorskip("llvmlite")

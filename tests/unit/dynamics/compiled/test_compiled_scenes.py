@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 import torch
-from compiled_step_cases import moving, section
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.compiled_step_cases import moving, section
 from torchbeam.studies.effect_costs import table
 
 pytest.importorskip("llvmlite")

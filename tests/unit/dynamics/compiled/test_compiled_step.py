@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 import torch
-from compiled_step_cases import SCENES, everything, inputs_of, moving, straight
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.compiled_step_cases import SCENES, everything, inputs_of, moving, straight
 
 pytest.importorskip("llvmlite")
 FIELDS = ("position", "rotation", "velocity", "spin", "stress", "reaction", "work", "t")

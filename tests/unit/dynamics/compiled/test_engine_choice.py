@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 
 import pytest
 import torch
-from compiled_step_cases import moving, straight
 from torch.testing import assert_close
 from torch.utils._python_dispatch import TorchDispatchMode
 
 import torchbeam as tb
+from tests.cases.compiled_step_cases import moving, straight
 from torchbeam.dynamics.compiled import call
 from torchbeam.scene.effects import LoadEffect
 

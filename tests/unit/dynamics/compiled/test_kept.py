@@ -2,10 +2,10 @@
 
 import pytest
 import torch
-from compiled_step_cases import straight
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.compiled_step_cases import straight
 from torchbeam.dynamics.compiled import kept, native, program
 from torchbeam.dynamics.compiled.kinds import Kinds
 from torchbeam.dynamics.compiled.layout import Layout

@@ -2,10 +2,10 @@
 
 import pytest
 import torch
-from chain_reference import Chain
-from compiled_step_cases import SCENES, inputs_of, moving
 from torch.testing import assert_close
 
+from tests.cases.chain_reference import Chain
+from tests.cases.compiled_step_cases import SCENES, inputs_of, moving
 from torchbeam.dynamics.midpoint import MidpointProblem
 from torchbeam.nodal.discretise import discretise
 

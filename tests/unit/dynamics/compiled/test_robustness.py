@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 import torch
-from compiled_step_cases import moving, section, straight
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.compiled_step_cases import moving, section, straight
 from torchbeam.core import memory
 from torchbeam.dynamics.midpoint import MidpointProblem
 from torchbeam.math.block_tridiagonal import pivots

@@ -7,9 +7,9 @@ import pytest
 import torch
 from torch.autograd import forward_ad
 from torch.testing import assert_close
-from user_loads import BATCHES, LOADS, REFUSED, THREE, Contact, mixing
 
 import torchbeam as tb
+from tests.cases.user_loads import BATCHES, LOADS, REFUSED, THREE, Contact, mixing
 from torchbeam.dynamics.compiled.coverage import why_eager, why_not_traced
 from torchbeam.nodal.discretise import discretise
 

@@ -2,9 +2,9 @@
 
 import pytest
 import torch
-from compiled_cases import cases
 from torch.testing import assert_close
 
+from tests.cases.compiled_cases import cases
 from torchbeam.solvers.compiled.derivative import bar, dot, jvp, vjp
 from torchbeam.solvers.compiled.evaluate import evaluate
 from torchbeam.solvers.compiled.trace import trace

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 import torch
-from nodal_cases import spd
 from torch.testing import assert_close
 
+from tests.cases.nodal_cases import spd
 from torchbeam.core.leaves import bound
 from torchbeam.math import quaternions as quat
 from torchbeam.scene import effects as fx

@@ -6,9 +6,9 @@ import mpmath
 import numpy as np
 import pytest
 import torch
-from compiled_cases import cases, native
 from torch.testing import assert_close
 
+from tests.cases.compiled_cases import cases, native
 from torchbeam.solvers.compiled.derivative import bar, vjp
 from torchbeam.solvers.compiled.elementary import elementary
 from torchbeam.solvers.compiled.evaluate import evaluate

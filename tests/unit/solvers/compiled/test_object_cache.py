@@ -5,9 +5,9 @@ import os
 
 import pytest
 import torch
-from compiled_cases import native
 from torch.testing import assert_close
 
+from tests.cases.compiled_cases import native
 from torchbeam.solvers.compiled import object_cache
 from torchbeam.solvers.compiled.library import Library
 from torchbeam.solvers.compiled.llvm import Module

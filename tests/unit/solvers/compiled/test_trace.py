@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 import torch
-from compiled_cases import cases
 from torch.testing import assert_close
 
+from tests.cases.compiled_cases import cases
 from torchbeam.math import quaternions as quat
 from torchbeam.scene.effects.load_point import jacobians
 from torchbeam.solvers.compiled.evaluate import evaluate

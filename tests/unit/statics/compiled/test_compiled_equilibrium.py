@@ -4,13 +4,13 @@ import gc
 import warnings
 from dataclasses import replace
 
-import nodal_cases
 import pytest
 import torch
-from compiled_step_cases import inputs_of, section, straight
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases import nodal_cases
+from tests.cases.compiled_step_cases import inputs_of, section, straight
 from torchbeam.core.repetition import one_of
 from torchbeam.dynamics.compiled.native import NotCompiled
 from torchbeam.nodal.discretise import discretise
