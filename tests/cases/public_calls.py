@@ -207,7 +207,7 @@ CALLS = {
             branch="first",
             relax=False,
             engine="auto",
-            u=FORCE,
+            inputs={"u": FORCE},
         ),
     ),
     "path": (
@@ -228,15 +228,16 @@ CALLS = {
     "path2": (tb.path, dict(scene=SCENE, control=lambda s: s.tip.position[..., 2], target=0.1, steps=5)),
     "critical_load": (
         tb.critical_load,
-        dict(scene=DRIVEN, highest=5.0, lowest=0.0, points=5, count=3, tolerance=1e-3, t=0.0, lumped=False, u=(-1.0, 0, 0)),
+        dict(scene=DRIVEN, highest=5.0, lowest=0.0, points=5, count=3, tolerance=1e-3, t=0.0, lumped=False,
+             inputs={"u": (-1.0, 0, 0)}),
     ),
     "modes": (
         tb.modes,
-        dict(scene=DRIVEN, state=tb.rest(DRIVEN), count=3, normalize="largest", t=0.0, lumped=False, u=(0.0, 0, 0)),
+        dict(scene=DRIVEN, state=tb.rest(DRIVEN), count=3, normalize="largest", t=0.0, lumped=False, inputs={"u": (0.0, 0, 0)}),
     ),
     "linearize": (
         tb.linearize,
-        dict(scene=DRIVEN, state=tb.rest(DRIVEN), outputs=[S.TipPosition()], t=0.0, lumped=False, u=(0.0, 0, 0)),
+        dict(scene=DRIVEN, state=tb.rest(DRIVEN), outputs=[S.TipPosition()], t=0.0, lumped=False, inputs={"u": (0.0, 0, 0)}),
     ),
     "response": (LINEAR.response, dict(omega=1.0)),
     "departure": (LINEAR.departure, dict(state=tb.rest(DRIVEN))),

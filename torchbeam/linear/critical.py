@@ -131,7 +131,7 @@ def critical_load(
     check_tolerance("tolerance", tolerance)
     if not highest > lowest:
         raise ValueError(f"factors from {lowest:g} to {highest:g} were given; a highest above the lowest is wanted")
-    path = _Path(scene, inputs or {}, t, boolean("lumped", lumped), check_count("count", count))
+    path = _Path(scene, {} if inputs is None else inputs, t, boolean("lumped", lumped), check_count("count", count))
     with no_derivatives():
         shape = path.batch_shape(lowest)
         even = torch.linspace(lowest, highest, check_count("points", points, least=2), device=path.device)
