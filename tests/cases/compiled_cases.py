@@ -60,7 +60,7 @@ def node_of(space):
         motion = MidpointMotion(local, state, h, frame, ())
         way = motion.kinematics(u, m)
         forces = motion.balance(way)
-        return forces.wrench, MidpointTangent(motion, way).inertia(forces)[0], way.velocity_end
+        return forces.wrench, MidpointTangent(motion, way).inertia(forces).diagonal, way.velocity_end
     return node
 
 

@@ -5,14 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
+from ..topology.chain import Chain
+from ..topology.chain_unknowns import ChainUnknowns
+from .assembly import Assembly
 from .frame import FixedFrame, frame_of
+from .linear_interpolation import LinearInterpolation
+from .quadratic_interpolation import QuadraticInterpolation
 from .rows import Rows
+
+# beside trees: what a model that was saved holds, for torch.load(weights_only=True)
+torch.serialization.add_safe_globals([Assembly, Chain, ChainUnknowns, LinearInterpolation, QuadraticInterpolation])
 
 
 @dataclass(frozen=True)
