@@ -116,7 +116,7 @@ def test_a_reset_builds_and_solves_for_those_that_begin(monkeypatch):
 
     def watched(scene, **given):
         solved.append(scene.batch_shape)
-        return equilibrium(scene, inputs=given)
+        return equilibrium(scene, **given)
 
     monkeypatch.setattr(tb, "equilibrium", watched)
     env.reset(options={"reset_mask": np.arange(64) < 2})
