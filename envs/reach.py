@@ -29,8 +29,8 @@ class Reach:
     Of one or two actions it interpolates at Chebyshev points, DEGREE in each: for the default strip and reach it is within 3e-6
     of the length of the equilibrium anywhere in the square. Of more it has all products of Chebyshev polynomials up to the
     total degree that TERMS allow (12 of three actions, 8 of four, 5 of six), by least squares over SPARE as many points, drawn
-    with the density of Chebyshev points (Cohen and Migliorati 2017): within 5e-4 of the
-    length of three actions, 1.5e-2 of four, 3e-2 of six (a strip bent by its tip's force and by curvatures).
+    with the density of Chebyshev points (Cohen and Migliorati 2017): within 5e-4 of the length of three
+    actions, 1.5e-2 of four, 3e-2 of six (a strip bent by its tip's force and by curvatures).
 
     degrees       (terms, a) of the Chebyshev polynomials whose product a term is
     coefficients  (..., terms, 3) m

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
+from torchbeam.extend import broadcast_shapes
 from torchbeam.extend import quaternions as quat
 from torchbeam.sensors import Curvature, NodePosition, NodeVelocity, Sensor, Stack
 
@@ -110,7 +111,7 @@ class Observer:
         for part, size in zip(self.parts, sizes, strict=True):
             scale = torch.as_tensor(part.scale, dtype=like.dtype, device=like.device)
             lead.append(scale.expand(*scale.shape[:-1], size) if scale.ndim else scale.expand(size))
-        shape = torch.broadcast_shapes(*(x.shape[:-1] for x in lead))
+        shape = broadcast_shapes(*(x.shape[:-1] for x in lead))
         self.scale = torch.cat([x.expand(*shape, x.shape[-1]) for x in lead], -1)
         self.high = np.concatenate([np.broadcast_to(part.high, size) for part, size in zip(self.parts, sizes, strict=True)])
         if not (np.isfinite(self.high) & (self.high > 0)).all() or not (torch.isfinite(self.scale) & (self.scale > 0)).all():

@@ -79,10 +79,11 @@ def test_inheritance_is_three_deep_at_most():
 
 
 def test_exports_are_there_and_lazy():
-    """The adapter is exported, and stable-baselines3 is imported when it is asked for, not before."""
+    """The adapter is exported, and stable-baselines3 is imported when it is asked for, not before; sympy not by an env."""
     assert {"BeamVectorEnv", "SingleEnv", "Parameter", "Sb3VecEnv", "Task"} <= set(torchbeam_envs.__all__)
     assert all(hasattr(torchbeam_envs, name) for name in torchbeam_envs.__all__ if name != "Sb3VecEnv")
     code = ("import sys, torchbeam_envs; assert not {'stable_baselines3', 'pygame', 'matplotlib'} & set(sys.modules)\n"
+            "torchbeam_envs.TipReachVectorEnv(2, elements=2); assert 'sympy' not in sys.modules\n"
             "try: torchbeam_envs.Sb3VecEnv\nexcept ImportError as error: assert 'torchbeam[rl]' in str(error)\n"
             "else: assert 'stable_baselines3' in sys.modules")
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0

@@ -36,7 +36,7 @@ def rollout(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] |
     """
     instance("a stepper", stepper, Stepper)
     of_mesh(state, stepper.scene.beam.count + 1, stepper.scene.dtype, "a state")
-    steps, given = count("steps", steps), merge_inputs({} if inputs is None else inputs, more)
+    steps, given = count("steps", steps), merge_inputs(inputs, more)
     t, varies = shared(state.t), changing(given, steps)
 
     def held(first: int, end: int) -> dict[str, Any] | list[GivenInputs]:

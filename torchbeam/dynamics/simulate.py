@@ -158,7 +158,7 @@ def simulate(
     known = keywords(*((simulate_mixed,) if mixed else (_adaptive, Stepper) if controlled else (_implicit, Stepper) if implicit
                        else (_explicit,)))
     check_options(f"form {form!r}" if mixed else f"method {method!r}", given, known)
-    inputs = merge_inputs({} if inputs is None else inputs, {})
+    inputs = merge_inputs(inputs, {})
     if (mixed or not implicit) and any(isinstance(value, PerInterval) for value in inputs.values()):
         raise ValueError(f"a PerInterval input was given to {method!r}; 'midpoint' and 'generalized_alpha' of the nodal form "
                          "take it, and ExplicitStepper holds inputs over its steps")

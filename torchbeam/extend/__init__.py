@@ -3,7 +3,8 @@
 Trees of tensors  `Tree`, a dataclass whose tensors are declared by `leaf`, from which batches,
                   gradients, devices, save and load follow; `Value` annotates what may be a tensor or
                   numbers; `leaves`, `own_leaves`, `map_leaves`, `with_values`, `detached`;
-                  `BatchSubset`: samples taken from a batch and put back
+                  `BatchSubset`: samples taken from a batch and put back; `broadcast_shapes`, torch's
+                  without what its first call imports
 Effects           `LoadEffect`, the base of a load that `torchbeam.Load` cannot say; `LoadPoint`, where
                   it acts; what it may depend on: `POSITION`, `ROTATION`, `VELOCITY`, `SPIN`,
                   `ACCELERATION`, `ANGULAR_ACCELERATION`; `parameter`, a number that may not be
@@ -28,6 +29,7 @@ from ..dynamics.methods import METHODS
 from ..dynamics.simulate import FORMS
 from ..dynamics.torchdiffeq_bridge import METHODS as ODE_METHODS
 from ..math import quaternions
+from ..math.shapes import broadcast_shapes
 from ..scene.effects import (
     ACCELERATION,
     ANGULAR_ACCELERATION,
@@ -45,7 +47,7 @@ from ..solvers.compiled.trace import NotTraceable, trace
 __all__ = [
     "ACCELERATION", "ANGULAR_ACCELERATION", "ENGINES", "FORMS", "METHODS", "ODE_METHODS", "POSITION",
     "ROTATION", "SPIN", "VELOCITY", "BatchSubset", "LoadEffect", "LoadPoint", "NotTraceable", "Tree",
-    "Value", "choice", "count", "detached", "entry_point", "entry_points", "inputs_of", "leaf",
-    "leaves", "map_leaves",
-    "own_leaves", "parameter", "quaternions", "shown", "trace", "with_values",
+    "Value", "broadcast_shapes", "choice", "count", "detached", "entry_point", "entry_points",
+    "inputs_of", "leaf", "leaves", "map_leaves", "own_leaves", "parameter",
+    "quaternions", "shown", "trace", "with_values",
 ]

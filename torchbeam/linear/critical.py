@@ -131,7 +131,7 @@ def critical_load(
     check_tolerance("tolerance", tolerance)
     if not highest > lowest:
         raise ValueError(f"factors from {lowest:g} to {highest:g} were given; a highest above the lowest is wanted")
-    path = _Path(scene, {} if inputs is None else inputs, t, boolean("lumped", lumped), check_count("count", count))
+    path = _Path(scene, inputs, t, boolean("lumped", lumped), check_count("count", count))
     with no_derivatives():
         shape = path.batch_shape(lowest)
         even = torch.linspace(lowest, highest, check_count("points", points, least=2), device=path.device)
@@ -172,7 +172,7 @@ def critical_load(
 class _Path:
     """The scene at any load factor: equilibrium, matrices, eigenvalues."""
 
-    def __init__(self, scene: Factored | Scene, inputs: dict[str, Any], t: float, lumped: bool, count: int) -> None:
+    def __init__(self, scene: Factored | Scene, inputs: dict[str, Any] | None, t: float, lumped: bool, count: int) -> None:
         if not isinstance(scene, Scene) and not callable(scene):
             raise ValueError(f"a scene of type {type(scene).__name__} was given; a Scene, or a function of the load "
                              "factor that returns one, is wanted")

@@ -88,9 +88,8 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     those of the finite stiffnesses, mean nothing.
 
     An undamped beam under conservative loads takes a symmetric solver, and with more than 96 unknowns subspace iteration, O(N);
-    anything else a dense unsymmetric one, O(N^3). Eigenvalues and shapes are differentiable; where
-    they are repeated (equal bending in two planes) there is no derivative of one by itself, and asking for it raises a
-    RuntimeError.
+    anything else a dense unsymmetric one, O(N^3). Eigenvalues and shapes are differentiable; where they are repeated (equal
+    bending in two planes) there is no derivative of one by itself, and asking for it raises a RuntimeError.
 
     Internal states of loads are unknowns of their own, in the dense solver. The motions that they add decay without
     oscillating, often slowly: where loads have such states, what does so comes last, behind what oscillates or grows.

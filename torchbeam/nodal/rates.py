@@ -14,7 +14,7 @@ from ..math.shapes import broadcast_shapes
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.scene import Scene
 from ..scene.supports import Support
-from ..state.state import State, supported
+from ..state.state import State
 from .conditions import Conditions, conditions
 from .discretise import discretise
 from .inertia import Inertia
@@ -268,4 +268,4 @@ class Rates:
         return self.model.space.to_public(State(
             *nodes[:3], spin, self.stress(nodes, now), self.reaction(now, nodes, spin, net), work, torch.zeros_like(work),
             t.expand(work.shape), status, frame=nodes.frame, internal=nodes.internal,
-            supports=supported(self.model.scene)))
+            supports=self.model.constraints.nodes))

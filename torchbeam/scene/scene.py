@@ -239,7 +239,10 @@ torch.serialization.add_safe_globals([SceneSupports])
 
 
 def merge_inputs(inputs: Any, more: dict[str, Any]) -> dict[str, Any]:
-    """A scene's inputs by name, and more of them. Raises ValueError where there are no names, or a name comes twice."""
+    """A scene's inputs by name (None = none), and more of them. Raises ValueError where there are no names, or a name comes
+    twice.
+    """
+    inputs = {} if inputs is None else inputs
     if not isinstance(inputs, dict):
         raise ValueError(f"inputs of type {type(inputs).__name__} was given; a dictionary of values by name is wanted")
     for name in more:
