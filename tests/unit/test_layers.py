@@ -11,8 +11,9 @@ import torchbeam_envs
 
 import torchbeam
 
+# From what knows nothing to what knows all:
 LAYERS = ("math", "core", "topology", "scene", "state", "nodal", "mixed", "solvers", "equations", "engine", "dynamics",
-          "statics", "linear", "sensors", "plot", "analysis", "cli", "studies", "extend")  # from what knows nothing to what knows all
+          "statics", "linear", "sensors", "plot", "analysis", "cli", "studies", "extend")
 HERE = Path(__file__).parents[2]
 ROOTS = {"torchbeam": Path(torchbeam.__file__).parent, "torchbeam_envs": Path(torchbeam_envs.__file__).parent}
 
