@@ -66,7 +66,7 @@ class End:
 
 def joints_of(scene: Scene, space: Space, topology: Any) -> Any:
     """`Joints` of a scene, or `NoJoints`."""
-    if not scene.joints:
+    if not getattr(scene, "joints", ()):
         return NoJoints()
     each = [_constraints(joint, scene.beam, space) for joint in scene.joints]
     J, m = len(each), space.unknowns

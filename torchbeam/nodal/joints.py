@@ -16,8 +16,9 @@ to rounding; g = 0 holds at the end of the step itself (Gonzalez 1999; Betsch an
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -25,19 +26,47 @@ from torch.nn.functional import pad
 
 from ..core.leaves import Tree, leaf
 from ..math.quaternions import skew
+from ..math.shapes import broadcast_shapes
 from ..topology.framework import Framework
 from ..topology.framework_matrix import JointBlocks
 from .coordinates.spatial import Space
 
+ROUNDING = 1000.0  # eps: places that floating point does not tell apart
+CLOSED = 1e-3  # what a joint's gap over the size of the whole is measured against: 1e-8 of it is 1e-11 of that size
+
 
 class NoJoints(Tree):
-    """None: stress is that of elements alone."""
+    """None: balances, stress and tangents are those of nodes and elements alone."""
 
     count = 0
 
-    def split(self, stress: Tensor) -> tuple[Tensor, None]:
-        """(of the elements, of the joints)"""
+    def split(self, stress: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Stress or gaps: (of the elements (..., N, k), of the joints (..., J, k))."""
         return stress, None
+
+    def balance(self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], tuple[Any, Any]]
+                ) -> tuple[Tensor, Tensor]:
+        """The nodes' balances with the joints' forces, and the gaps of the elements with theirs; poses: `Pose` where forces
+        act, and where joints are to be closed.
+        """
+        return nodes, gap
+
+    def joined(self, tangent: Any, stress: Tensor, poses: Callable[[], tuple[Any, Any]], half: Callable[[], Tensor] | None,
+               rate: float) -> Any:
+        """The tangent of a balance with that of the joints, see `Joints.blocks`."""
+        return tangent
+
+    def measure(self, size: Tensor, gap: Tensor | None, length: Callable[[], Tensor]) -> Tensor:
+        """(...) a scaled residual, with that of the joints; length() (...) m: the size of the whole."""
+        return size
+
+    def asked(self, push: Tensor, gap: Tensor | None) -> Tensor:
+        """Right-hand side of a system with the joints: loads on the nodes, and gaps that are to be closed."""
+        return push
+
+    def answered(self, solution: Tensor, change: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:
+        """(moves of the nodes, change of stress and of joint forces) of its solution; change(moves): that of the stress."""
+        return solution, change(solution)
 
 
 class Pose(NamedTuple):
@@ -83,7 +112,7 @@ class Factor(Tree):
 
 
 @dataclass(frozen=True)
-class Joints(Tree):
+class Joints(NoJoints):
     """All joints of a scene, each with m = w constraints, of which those are there that `held` (J, w) has as 1.
 
     v, w    the two vectors;  c (..., J, w)
@@ -103,9 +132,31 @@ class Joints(Tree):
         return len(self.framework.joints)
 
     def split(self, stress: Tensor) -> tuple[Tensor, Tensor]:
-        """(of the elements (..., N, k), of the joints (..., J, k))"""
         N = stress.shape[-2] - self.count
         return stress.narrow(-2, 0, N), stress.narrow(-2, N, self.count)
+
+    def balance(self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]
+                ) -> tuple[Tensor, Tensor]:
+        acting, end = poses()
+        return self.load(acting, self.split(stress)[1], nodes), _stacked(gap, self.gap(end))
+
+    def joined(self, tangent: Any, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]], half: Callable[[], Tensor] | None,
+               rate: float) -> Any:
+        blocks = self.blocks(*poses(), self.split(stress)[1], None if half is None else half(), rate)
+        return tangent._replace(matrix=tangent.matrix.joined(blocks))
+
+    def measure(self, size: Tensor, gap: Tensor, length: Callable[[], Tensor]) -> Tensor:
+        p = self.space.position
+        apart = torch.maximum(gap[..., :p].abs().amax((-1, -2)) / length(), gap[..., p:].abs().amax((-1, -2)))
+        return torch.maximum(size, (apart - ROUNDING * torch.finfo(gap.dtype).eps).clamp(min=0) / CLOSED)
+
+    def asked(self, push: Tensor, gap: Tensor) -> Tensor:
+        return _stacked(push, -gap)
+
+    def answered(self, solution: Tensor, change: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:
+        N = self.framework.node_count
+        moves = solution.narrow(-2, 0, N)
+        return moves, _stacked(change(moves), solution.narrow(-2, N, self.count))
 
     def pose(self, position: Tensor, rotation: Tensor) -> Pose:
         """From nodes, in the space's coordinates."""
@@ -180,3 +231,9 @@ class Joints(Tree):
 def _along(vector: Tensor, by: Tensor) -> Tensor:
     """vector (..., 3) times by (..., 3, n)."""
     return (vector[..., None, :] @ by)[..., 0, :]
+
+
+def _stacked(rows: Tensor, more: Tensor) -> Tensor:
+    """Both one after the other."""
+    shape = broadcast_shapes(rows.shape[:-2], more.shape[:-2])
+    return torch.cat((rows.expand(*shape, *rows.shape[-2:]), more.expand(*shape, *more.shape[-2:])), -2)
