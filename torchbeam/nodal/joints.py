@@ -10,10 +10,10 @@ thing that it holds is a product of two vectors v and w, linear in positions and
     distance L                d . d/(2 L) - L/2,    d = p_b - p_a
 
 Its force is a multiplier lambda per constraint, an unknown like the stress of an element: the nodes' balances get
-(dg/dq)^T lambda. Over a step from n to n + 1 the gradient is that of the means of positions and axes: with the step's Cayley
-vector Theta R_{n+1} - R_n = Theta x (R_n + R_{n+1})/2, and g is quadratic, so that lambda does the work lambda (g_{n+1} - g_n),
-none but for rounding; g = 0 holds at the end of the step itself (Gonzalez 1999; Betsch and Steinmann 2002). There is no penalty
-and no drift.
+(dg/dq)^T lambda. Over a step the gradient is that of the means of positions and axes. With the step's Cayley vector Theta,
+R_{n+1} - R_n = Theta x (R_n + R_{n+1})/2, and g is quadratic, so that lambda does the work lambda (g_{n+1} - g_n), none but
+for rounding; g = 0 holds at the end of the step itself (Gonzalez 1999; Betsch and Steinmann 2002). There is no penalty and no
+drift.
 """
 
 from __future__ import annotations
