@@ -50,7 +50,8 @@ def system(of, batch=()):
     if J:
         force, constraint = random(*batch, J, 2, W, W), random(*batch, J, 2, W, W)
         stiffness = random(*batch, J, 2, 2, W, W)
-        matrix = matrix.joined(JointBlocks(held, stiffness, force * held[:, None, None, :], constraint * held[:, None, :, None]))
+        rows, columns = held[:, None, :, None], held[:, None, None, :]
+        matrix = matrix.joined(JointBlocks(held, stiffness, force * columns, constraint * rows))
     moving = torch.ones(of.node_count, W, dtype=torch.bool)
     moving[0, 0] = False
     columns = [matrix.times(e.view(-1, W)).flatten(-2) for e in torch.eye((of.node_count + J) * W)]
