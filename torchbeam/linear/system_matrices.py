@@ -50,9 +50,16 @@ def matrices(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -
     """M, D (None without damping or rotation) and K (..., n, n) at an equilibrium, of the free moves, see `moves`, and the
     internal states of loads.
     """
+    return in_basis(model, state, t, inputs)[0]
+
+
+def in_basis(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], near: Tensor | None = None
+             ) -> tuple[tuple[Tensor, Tensor | None, Tensor], Tensor | None]:
+    """The same, with the basis of the moves, see `free_moves`."""
     M, D, K, lagging = of_nodes(model, state, t, inputs)
-    basis = free_moves(model, K)
-    return augmented(model, *(None if one is None else dense(model, one, basis) for one in (M, D, K)), lagging, basis)
+    basis = free_moves(model, K, near)
+    own = (None if one is None else dense(model, one, basis) for one in (M, D, K))
+    return augmented(model, *own, lagging, basis), basis
 
 
 def augmented(model: Model, M: Tensor, D: Tensor | None, K: Tensor, lagging: Lags | None, basis: Tensor | None
@@ -132,14 +139,16 @@ def dense(model: Model, matrix: Matrix, basis: Tensor | None = None) -> Tensor:
     return own if basis is None else basis.mT @ own @ basis
 
 
-def free_moves(model: Model, K: Matrix) -> Tensor | None:
-    """Basis (..., moves that supports leave free, n) of those that joints leave free as well, orthonormal; None where there are
-    no joints. K: the tangent stiffness with these. With N a basis at the values, Z = N - G^T (G G^T)^-1 G N has the same
-    values, and the derivatives of G Z = 0.
+def free_moves(model: Model, K: Matrix, near: Tensor | None = None) -> Tensor | None:
+    """Basis (..., moves that supports leave free, n) of those that joints leave free as well; None where there are no joints.
+    K: the tangent stiffness with these. near: the basis of a state nearby, which it is to follow; None = one that is
+    orthonormal.
+
+    With N a basis at the values, Z = N - G^T (G G^T)^-1 G N has these, and the derivatives of G Z = 0.
     """
     if not model.joints.count:
         return None
     free = model.constraints.moving.flatten().nonzero()[:, 0]
     G = K.constraints().index_select(-1, free)
-    N = torch.linalg.svd(G.detach()).Vh[..., G.shape[-2]:, :].mT
-    return N - G.mT @ torch.linalg.solve(G @ G.mT, G @ N) if wants_gradient(G) else N
+    N = torch.linalg.svd(G.detach()).Vh[..., G.shape[-2]:, :].mT if near is None else near
+    return N if near is None and not wants_gradient(G) else N - G.mT @ torch.linalg.solve(G @ G.mT, G @ N)
