@@ -103,7 +103,7 @@ class MixedModel:
 
     @property
     def count(self) -> int:
-        return self.scene.beam.count
+        return self.scene.beam.station_count
 
     @property
     def s(self) -> Tensor:
