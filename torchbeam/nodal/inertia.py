@@ -127,11 +127,9 @@ def inertia_of(scene: Scene, space: Space, assembly: Assembly, lumped: bool) -> 
             raise ValueError("a mass or inertia that changes more than threefold within an element of order 2 was given; more "
                              "elements are wanted")
     if beam.linked_interpolation:
-        density = m[..., 0]
-        if concrete(too_uneven(beam.length, density) | too_uneven(beam.length)).any():
-            warn(UNEVEN)
-        mass = mass * (gregory(beam.length, density) / trapezoidal(beam.length, density))[..., None, None]
-        tributary_length = gregory(beam.length)[..., None]
+        mass, tributary_length = _by_gregory(beam, m[..., 0], mass, tributary_length)
+    if beam.masses:
+        tributary_length = tributary_length + topology_without(beam)
     beam_mass = mass
     for body in scene.bodies:
         at, nodes = body.node % assembly.topology.node_count, assembly.topology.node_count

@@ -132,7 +132,7 @@ class Joint(Tree):
         if self.a.node == self.b.node:
             raise ValueError(f"a {self.called} of {self.a.node!r} with itself was given; two different nodes are wanted")
         if self.acts:
-            raise ValueError(f"{_article(self.called)} with {', '.join(self.acts)} was given; one that is free is wanted: what acts in "
+            raise ValueError(f"a {self.called} with {', '.join(self.acts)} was given; one that is free is wanted: what acts in "
                              "a joint is not there yet")
         if self.at is not None or self.apart or not self.meets or None in (self.a.node, self.b.node):
             return
@@ -287,10 +287,6 @@ class Distance(Joint):
 
 
 ACTS = ("stiffness", "damping", "friction", "limits", "torque", "angle", "force", "travel")
-
-
-def _article(name: str) -> str:
-    return f"{'an' if name[0] in 'AEIO' else 'a'} {name}"
 
 
 def _numbers(x: Any) -> Any:
