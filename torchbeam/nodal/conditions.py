@@ -105,7 +105,8 @@ def by_part(beam: Beam, one: ActingLoad) -> tuple[ActingLoad, ...]:
     found, at = [], None if one.internal is None else one.internal.start
     for span in spans:
         size = 0 if at is None else one.load.internal * (span.nodes.stop - span.nodes.start)
-        found.append(one._replace(node=span.nodes, elements=span.element_count, internal=slice(at, at + size) if size else None))
+        internal = slice(at, at + size) if size else None
+        found.append(one._replace(node=span.nodes, elements=span.element_count, internal=internal))
         at = None if at is None else at + size
     return tuple(found)
 

@@ -208,7 +208,7 @@ def lags(rows: Rows, nodes: Nodes, now: Conditions, still: MotionJacobian, moved
         H = total(_of_node(one, still))
         H = H, total(_of_node(one, moved)) - H, sum((by[name] for name in INERTIAL if name in by), zero)
         if one.along:
-            shares = rows.tributary_length[_rows(one)]
+            shares = _shares(rows, one)
             eye = torch.eye(shares.shape[-2], dtype=G.dtype, device=G.device)[:, None, :, None]
             L, G, *H = ((x[..., None, :] * eye).flatten(-4, -3).flatten(-2) for x in (shares[..., None] * L, G, *H))
         if one.node is not None:
@@ -267,14 +267,14 @@ def _points(rows: Rows, nodes: Nodes, now: Conditions, loads: tuple[ActingLoad, 
 def _spread(rows: Rows, one: ActingLoad, x: Tensor, axes: int) -> Tensor:
     """What a load brings, per length or on its node (..., *), on all nodes (..., N+1, *)."""
     if one.along:
-        x = rows.tributary_length[_rows(one)][(..., *(None,) * (axes - 1))] * x
+        x = _shares(rows, one)[(..., *(None,) * (axes - 1))] * x
         return x if one.node is None else pad(x, (0, 0) * axes + _around(one, rows))
     return pad(x.unsqueeze(-1 - axes), (0, 0) * axes + _around(one, rows))
 
 
-def _rows(one: ActingLoad) -> tuple[Any, ...]:
-    """Index of the rows of nodes (..., nodes, *) along which a load acts."""
-    return (..., slice(None) if one.node is None else one.node, slice(None))
+def _shares(rows: Rows, one: ActingLoad) -> Tensor:
+    """Length (..., nodes, 1) m of the nodes along which a load acts."""
+    return rows.tributary_length if one.node is None else rows.tributary_length[..., one.node, :]
 
 
 def _around(one: ActingLoad, rows: Rows) -> tuple[int, int]:

@@ -33,7 +33,8 @@ def bent(still: Placed, scene: Scene, nodes: Value, frames: Value | None, twist:
     if frames is not None:
         if twist is not None:
             raise ValueError("frames and a twist were given; one of them is wanted")
-        frames = quat.from_matrix(orthonormal(as_tensor(frames, scene.dtype, scene.device), beam.node_count, beam.station_count))
+        frames = as_tensor(frames, scene.dtype, scene.device)
+        frames = quat.from_matrix(orthonormal(frames, beam.node_count, beam.station_count))
         rotation = frames if frames.shape[-2] == beam.node_count else axes_of_nodes(frames)
     else:
         s = beam.topology.arclength(beam.length)
