@@ -235,7 +235,7 @@ CASES = {
     # supports, planes
     "support's letters": (lambda: tb.Support(0, position="xw"), "position = 'xw' was given; some of the letters x, y and z"),
     "support about one axis": (lambda: tb.Support(0, rotation="x"), "rotation = 'x' was given; all three components are held"),
-    "support's node": (lambda: tb.Scene(BEAM, supports=tb.Support(7)), "the node of a support = 7 was given for a beam with the nodes"),
+    "support's node": (lambda: tb.Scene(BEAM, supports=tb.Support(7)), "the node of a support = 7 was given for a beam with"),
     "two supports of a node": (lambda: tb.Scene(BEAM, supports=(tb.Support(0), tb.Support(0))), "two supports of node 0"),
     "motion of what is free": (lambda: tb.Support(0, position="", displacement=lambda t: t), "whose position is free"),
     "turn of a hinge": (lambda: tb.Support(0, rotation="xz", turn=lambda t: t), "rotation = 'xyz' is wanted"),

@@ -105,7 +105,8 @@ def part_of(parts: tuple[Part, ...], name: Any) -> Part:
     found = [part for part in parts if part.name == name]
     if not found:
         names = ", ".join(repr(part.name) for part in parts)
-        raise ValueError(f"{shown(name)} was asked for; " + (f"{names} are there" if parts else "a scene of one beam has no names"))
+        there = f"there are {names}" if parts else "a scene of one beam has no names"
+        raise ValueError(f"the part {shown(name)} was asked for; {there}")
     return found[0]
 
 

@@ -17,7 +17,8 @@ from ..core.validation import as_tensor, axis_last, broadcast, precision, shown
 from .beam import Beam
 from .body import Body
 from .effects import Damping, Effect, Inputs, PerElement, inputs_of
-from .joints import Joint, joints_of
+from .joined import joints_of
+from .joint import Joint
 from .structure import Structure
 from .supports import Frame, RootMotion, Support
 
@@ -41,8 +42,8 @@ class Scene(Tree):
     small     small displacements and rotations: linear about the undeformed beam. A state holds rotations below pi
     joints    `Weld`, `Hinge` and others between the parts of a structure, or a part and the ground
 
-    Sorted once, here: `loads`, `bodies` (point masses, and those of a structure's bodies), `eigenstrains`, `damping` (one `Damping` or None), `inputs` (name ->
-    size). `supports` stay in the order given, their nodes counted from the root.
+    Sorted once, here: `loads`, `bodies` (point masses, and those of a structure's bodies), `eigenstrains`, `damping` (one
+    `Damping` or None), `inputs` (name -> size). `supports` stay in the order given, their nodes counted from the root.
 
     Raises ValueError for an object without a kind, two dampings, a node that does not exist, a load whose dtype is not
     the beam's, two inputs of one name with different sizes, two supports of one node, what leaves the plane, or joints that do

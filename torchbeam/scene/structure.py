@@ -18,7 +18,7 @@ from .beam import Beam
 from .body import Body
 from .effects.effect import Effect
 from .effects.point_mass import PointMass
-from .parts import FLAGS, Part, Row, Span, part_of, row_of
+from .parts import FLAGS, Part, Row, Span, nodes_of, part_of, row_of
 
 AXES = dict(nodes=2, frames=2, elements=2, length=1, compliance=3, mass=3)  # of the tensors of a `Beam`
 
@@ -84,7 +84,8 @@ class Structure(Beam):
     @property
     def topology(self) -> Framework:
         """Which nodes the elements lie between, and which joints connect."""
-        return Framework(self.order, tuple(part.station_count // self.order for part in self.beams), len(self.masses), self.joined)
+        chains = tuple(part.station_count // self.order for part in self.beams)
+        return Framework(self.order, chains, len(self.masses), self.joined)
 
     @property
     def beams(self) -> tuple[Part, ...]:
@@ -118,8 +119,7 @@ class Structure(Beam):
 
     def row(self, node: Any, name: str = "node") -> Row:
         if isinstance(node, int) and not isinstance(node, (Row, bool)):
-            raise ValueError(f"{name} = {node} was given in a structure; (name, node) of a beam or the name of a body is wanted: "
-                             f"{', '.join(map(str, self.parts))} are there")
+            raise ValueError(f"{name} = {node} was given in a structure; one of its nodes is wanted: {nodes_of(self.parts)}")
         return row_of(self.parts, node, name)
 
     def named(self, on: str | None, effect: Effect) -> None:
@@ -147,7 +147,7 @@ def _sorted(given: dict[str, Beam | Body]) -> tuple[dict[str, Beam], dict[str, B
         if not isinstance(name, str) or not name:
             raise ValueError(f"a part with the name {shown(name)} was given; text is wanted")
         if isinstance(part, Structure) or not isinstance(part, (Beam, Body)):
-            raise ValueError(f"{name!r} of type {type(part).__name__} was given; a torchbeam.Beam or a torchbeam.Body is wanted")
+            raise ValueError(f"{name!r} of type {type(part).__name__} was given; a torchbeam.Beam or torchbeam.Body is wanted")
     if not given:
         raise ValueError("no parts were given; a beam or a body is wanted")
     return tuple({name: part for name, part in given.items() if isinstance(part, wanted)} for wanted in (Beam, Body))

@@ -154,7 +154,8 @@ class _Strains(_Along):
     def read(self, state: Any) -> Tensor:
         if not isinstance(state, State):  # a mixed form holds its own
             return super().read(state)
-        at = slice(None) if self.element is None else slice(self.element % self.beam.station_count, self.element % self.beam.station_count + 1)
+        N = self.beam.station_count
+        at = slice(None) if self.element is None else slice(self.element % N, self.element % N + 1)
         values = without_residual_bending(self.beam, self._strain(state.position, state.rotation) - self.reference, at)
         values = values.mean(-2) if self.weights is None else (self.weights[..., None, :] @ values)[..., 0, :]
         return self.of(values)
