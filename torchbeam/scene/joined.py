@@ -35,8 +35,8 @@ def joints_of(scene: Any) -> tuple[Joint, ...]:
         raise ValueError("small=True with joints was given; large rotations (small=False) are wanted there")
     for body in structure.masses:
         if body.inertia is None and not _kept(body.node, scene, found):
-            raise ValueError(f"the body {body.node!r} without inertia was given, which nothing keeps from turning; an inertia is "
-                             "wanted, or a Weld or a Slider")
+            raise ValueError(f"the body {body.node!r} without inertia was given, which nothing keeps from turning; an inertia "
+                             "is wanted, or a Weld or a Slider")
     return tuple(found)
 
 
@@ -48,8 +48,8 @@ def _resolved(end: JointEnd, structure: Structure) -> JointEnd:
     if end.point is not None and not part.body:
         raise ValueError(f"a joint at a point of {part.name!r} was given; ({part.name!r}, node) of the beam is wanted")
     if (row - part.first_node) % structure.order:
-        raise ValueError(f"a joint of the node {row!r} was given, which lies within an element of order 2; the end of one, whose "
-                         "number is even, is wanted")
+        raise ValueError(f"a joint of the node {row!r} was given, which lies within an element of order 2; the end of one, "
+                         "whose number is even, is wanted")
     return with_values(end, node=row)
 
 

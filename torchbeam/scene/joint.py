@@ -69,7 +69,7 @@ class Joint(Tree):
     position: ClassVar[str] = "xyz"
     rotation: ClassVar[str] = "xyz"
     meets: ClassVar[bool] = True  # whether the points of both parts are one, as drawn
-    apart: ClassVar[bool] = False  # whether each part has a point of its own
+    distance: ClassVar[bool] = False  # whether a distance is held, from a point of a to one of b
 
     a: Any
     b: Any
@@ -81,7 +81,7 @@ class Joint(Tree):
         self._vector("at")
         if self.a.node is None and self.b.node is None:
             raise ValueError(f"a {self.called} of the ground with itself was given; a part is wanted")
-        if self.at is not None and not self.apart and any(end.point is not None for end in (self.a, self.b)):
+        if self.at is not None and not self.distance and any(end.point is not None for end in (self.a, self.b)):
             raise ValueError(f"a {self.called} at a place and at a point of a body was given; one of them is wanted")
 
     def _vector(self, name: str) -> None:
@@ -131,13 +131,13 @@ class Joint(Tree):
         if self.acts:
             raise ValueError(f"a {self.called} with {', '.join(self.acts)} was given; one that is free is wanted: what acts in "
                              "a joint is not there yet")
-        if self.at is not None or self.apart or not self.meets or None in (self.a.node, self.b.node):
+        if self.at is not None or self.distance or not self.meets or None in (self.a.node, self.b.node):
             return
         off = torch.linalg.vector_norm(self.a.drawn(structure) - self.b.drawn(structure), dim=-1).detach()
         if concrete(off > MET[off.dtype] * structure.size.detach()).any():
             gap = concrete(off).max().item()
-            raise ValueError(f"a {self.called} of {self.a!r} and {self.b!r}, which are {gap:.4g} m apart, was given; parts that meet "
-                             "as drawn are wanted, or at=")
+            raise ValueError(f"a {self.called} of {self.a!r} and {self.b!r}, which are {gap:.4g} m apart, was given; parts "
+                             "that meet as drawn are wanted, or at=")
 
 
 def _numbers(x: Any) -> Any:

@@ -136,7 +136,7 @@ class Distance(Joint):
 
     position = ""
     rotation = ""
-    apart = True
+    distance = True
 
     @property
     def holds(self) -> int:

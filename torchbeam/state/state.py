@@ -155,8 +155,8 @@ def check_state(state: Any, scene: Any, name: str = "initial") -> State:
 
 
 def of_mesh(state: Any, like: Beam | State, name: str) -> State:
-    """`state`; ValueError where it is not one of the nodal form, with as many nodes and stations as `like` and its dtype, in each
-    of its fields: native code takes them on trust.
+    """`state`; ValueError where it is not one of the nodal form, with as many nodes and stations as `like` and its dtype, in
+    each of its fields: native code takes them on trust.
     """
     nodes, stations, dtype = like.node_count, like.station_count, like.nodes.dtype
     if not isinstance(state, State):
