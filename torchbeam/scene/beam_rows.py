@@ -20,10 +20,12 @@ class BeamRows(Tree):
 
     parts   beams and bodies by their names; none in a scene of one beam
     masses  of the bodies, on their nodes
+    joined  pairs of rows that joints connect
     """
 
     parts: ClassVar[tuple[Part, ...]] = ()
     masses: ClassVar[tuple[Any, ...]] = ()
+    joined: ClassVar[tuple[Any, ...]] = ()
 
     @property
     def node_count(self) -> int:
@@ -41,6 +43,11 @@ class BeamRows(Tree):
     def element_count(self) -> int:
         """N, the number of elements."""
         return self.station_count // self.order
+
+    @property
+    def stress_count(self) -> int:
+        """How many rows a state's stress has: of the stations and, behind them, of the joints' forces."""
+        return self.station_count + len(self.joined)
 
     @property
     def batch_shape(self) -> torch.Size:

@@ -88,7 +88,7 @@ class State(Instant):
         return self.position.shape[-2]
 
     @property
-    def station_count(self) -> int:
+    def stress_count(self) -> int:
         return self.stress.shape[-2]
 
     @property
@@ -155,16 +155,16 @@ def check_state(state: Any, scene: Any, name: str = "initial") -> State:
 
 
 def of_mesh(state: Any, like: Beam | State, name: str) -> State:
-    """`state`; ValueError where it is not one of the nodal form, with as many nodes and stations as `like` and its dtype, in
+    """`state`; ValueError where it is not one of the nodal form, with the nodes and the rows of stress of `like` and its dtype, in
     each of its fields: native code takes them on trust.
     """
-    nodes, stations, dtype = like.node_count, like.station_count, like.nodes.dtype
+    nodes, stresses, dtype = like.node_count, like.stress_count, like.nodes.dtype
     if not isinstance(state, State):
         raise ValueError(f"{name} of type {type(state).__name__} was given; the nodal form wants a torchbeam.State")
     if state.position.shape[-2] != nodes:
         raise ValueError(f"{name} with {state.position.shape[-2]} nodes was given; the beam has {nodes}")
     own = dict(position=3, rotation=4, velocity=3, spin=3)
-    for key, shape in (*((key, (nodes, k)) for key, k in own.items()), ("stress", (stations, 6))):
+    for key, shape in (*((key, (nodes, k)) for key, k in own.items()), ("stress", (stresses, 6))):
         x = getattr(state, key)
         if x.shape[-2:] != shape:
             raise ValueError(f"{name} whose {key} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, {shape[1]}) is "
@@ -180,7 +180,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     t = 0, when it coincides with the inertial axes. Raises ValueError for what is no scene, batch axes or time.
     """
     beam = instance("a scene", scene, Scene).beam
-    nodes, stations = beam.node_count, beam.station_count
+    nodes, stresses = beam.node_count, beam.stress_count
     zero = beam.nodes.new_zeros(())
     states = sum(scene.internal_states)
     time = instants("t", t, zero)
@@ -196,7 +196,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
         rotation=beam.frames.expand(*shape, nodes, 4),
         velocity=zero.expand(*shape, nodes, 3),
         spin=zero.expand(*shape, nodes, 3),
-        stress=zero.expand(*shape, stations, 6),
+        stress=zero.expand(*shape, stresses, 6),
         reaction=zero.expand(*shape, len(scene.supports), 6),
         work=zero.expand(shape),
         defect=zero.expand(shape),
