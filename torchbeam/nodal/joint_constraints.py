@@ -105,7 +105,7 @@ def _constraints(joint: Any, beam: Any, space: Space) -> tuple[list[tuple[Vector
 
 
 def _of_plane(joint: Any, axes: dict[str, Tensor], normal: Tensor) -> tuple[str, str]:
-    """Names of the joint's axes in the plane, and of the one along its normal: z, where its x alone is given and in the plane."""
+    """Names of the joint's axes in the plane, and of the one along its normal: z, where x alone is given, and in the plane."""
     across = {name: float((e.detach() @ normal).abs().min()) for name, e in axes.items()}
     out = max(across, key=across.get)
     if out != "x" and joint.position[-2:] == "yz" and joint.rotation != "z":  # y and z are alike

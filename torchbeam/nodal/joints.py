@@ -5,13 +5,15 @@ thing that it holds is a product of two vectors v and w, linear in positions and
 
     g = v . w - c = 0        v = v_0 + s (r_b - r_a) + R_a v_a + R_b v_b        (w likewise)
 
-    position along axis i    F_a,i . (p_b - p_a)              rotation about x, y, z    -F_a,y . F_b,z   -F_a,z . F_b,x   -F_a,x . F_b,y
-    distance L               d . d/(2 L) - L/2, d = p_b - p_a
+    position along axis i     F_a,i . (p_b - p_a)
+    rotation about x, y, z    -F_a,y . F_b,z    -F_a,z . F_b,x    -F_a,x . F_b,y
+    distance L                d . d/(2 L) - L/2,    d = p_b - p_a
 
-Its force is a multiplier lambda per constraint, an unknown of its own like the stress of an element: the nodes' balances get
-(dg/dq)^T lambda. Over a step from n to n + 1 the gradient is that of the means of positions and axes: R_{n+1} - R_n = Theta x
-(R_n + R_{n+1})/2 for the step's Cayley vector Theta, and g is quadratic, so that lambda does the work lambda (g_{n+1} - g_n) = 0
-to rounding; g = 0 holds at the end of the step itself (Gonzalez 1999; Betsch and Steinmann 2002). No penalty, no drift.
+Its force is a multiplier lambda per constraint, an unknown like the stress of an element: the nodes' balances get
+(dg/dq)^T lambda. Over a step the gradient is that of the means of positions and axes. With the step's Cayley vector Theta,
+R_{n+1} - R_n = Theta x (R_n + R_{n+1})/2, and g is quadratic, so that lambda does the work lambda (g_{n+1} - g_n), none but
+for rounding; g = 0 holds at the end of the step itself (Gonzalez 1999; Betsch and Steinmann 2002). There is no penalty and no
+drift.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from ..topology.framework_matrix import JointBlocks
 from .coordinates.spatial import Space
 
 ROUNDING = 1000.0  # eps: places that floating point does not tell apart
-CLOSED = 1e-3  # what a joint's gap over the size of the whole is measured against: 1e-8 of it is 1e-11 of that size
+CLOSED = 1e-6  # what a joint's gap over the size of the whole is measured against: 1e-8 of it is 1e-14 of that size
 
 
 class NoJoints(Tree):
@@ -180,7 +182,7 @@ class Joints(NoJoints):
         """Of the tangent, by moves at `acting`, the mean of the start and `end`: of which the end makes `rate` times the
         displacement, and turns by rate * half (..., N+1, s, s) times the spin; None = I.
         """
-        J, force = self.count, self.held * force
+        force = self.held * force
         (v, w), (v_end, w_end) = ([factor.at(pose) for factor in (self.v, self.w)] for pose in (acting, end))
         by_v, by_w = self.v.by_moves(v_end.turning), self.w.by_moves(w_end.turning)
         closed = rate * (_along(w_end.value, by_v) + _along(v_end.value, by_w))  # (..., J, m, 12)
@@ -217,14 +219,14 @@ class Joints(NoJoints):
     def _curvature(self, v: Vector, w: Vector, by_v: Tensor, by_w: Tensor, v_end: Vector, w_end: Vector, force: Tensor
                    ) -> Tensor:
         """(..., J, 12, 12): derivative of lambda dg/dq, the wrenches on both nodes, by half the moves of the end."""
-        l = force[..., None, None]
-        apart = (l * (self.v.shift[..., None] * by_w + self.w.shift[..., None] * by_v)).sum(-3)  # (..., J, 3, 12)
+        weight = force[..., None, None]
+        apart = (weight * (self.v.shift[..., None] * by_w + self.w.shift[..., None] * by_v)).sum(-3)  # (..., J, 3, 12)
         rows = [-apart, None, apart, None]
         for side in (0, 1):
             turned = [pad(-skew(end.turning[..., side, :, :]), (3 + 6 * side, 6 - 6 * side)) for end in (v_end, w_end)]
             moment = (skew(v.turning[..., side, :, :]) @ by_w - skew(w.value) @ turned[0]
                       + skew(w.turning[..., side, :, :]) @ by_v - skew(v.value) @ turned[1])
-            rows[2 * side + 1] = (l * moment).sum(-3)
+            rows[2 * side + 1] = (weight * moment).sum(-3)
         return torch.cat(torch.broadcast_tensors(*rows), -2)
 
 

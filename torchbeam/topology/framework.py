@@ -52,6 +52,20 @@ class Framework:
         firsts = [start + self.order * e for start, N in zip(self.starts, self.chains, strict=True) for e in range(N)]
         return tuple(tuple(first + k for first in firsts) for k in range(self.order + 1))
 
+    @property
+    def ends(self) -> tuple[int, ...]:
+        """The nodes that are inside no element."""
+        middle = set(self.elements[1]) if self.order == 2 else ()
+        return tuple(node for node in range(self.node_count) if node not in middle)
+
+    @property
+    def of_ends(self) -> Framework:
+        """Of order 1, between these."""
+        if self.order == 1:
+            return self
+        place = {node: k for k, node in enumerate(self.ends)}
+        return Framework(1, self.chains, self.singles, tuple(tuple(place.get(node) for node in pair) for pair in self.joints))
+
     def gather(self, x: Tensor, axes: int = 1) -> tuple[Tensor, ...]:
         return tuple(x.index_select(-1 - axes, places(nodes, x.device)) for nodes in self.elements)
 

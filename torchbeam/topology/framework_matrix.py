@@ -33,8 +33,8 @@ class JointBlocks(NamedTuple):
 
 @dataclass(frozen=True)
 class FrameworkMatrix:
-    """See `protocols.Matrix`. diagonal (..., nodes, w, w); couplings (..., elements, w, w) of an element's nodes (i, j), i != j,
-    in the order of `itertools.permutations`, none where nodes have nothing in common.
+    """See `protocols.Matrix`. diagonal (..., nodes, w, w); couplings (..., elements, w, w) between two of an element's nodes i
+    and j, in the order of `itertools.permutations`; none where nodes have nothing in common.
 
     With joints, vectors have a row (w) of each joint behind those of the nodes: its forces, or its constraints.
     """
