@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from torch import Tensor
 
@@ -12,6 +12,7 @@ from ..nodal.balance import CondensedTangent, Linearisation, Residual, largest, 
 from ..nodal.conditions import Conditions
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import InertiaForces
+from ..nodal.joints import Pose
 from ..nodal.rows import Rows
 from ..topology.protocols import Matrix
 from .balanced_element import BalancedElement, ElementBalance
@@ -24,9 +25,13 @@ class BalanceProblem(Tree):
     A subclass says what its unknowns x are, a named tuple of two tensors of nodes and of the `stress` (`apply_supports`,
     `update`); how nodes move by them, and what that asks for (`node_balance`, `node_tangent`); and the elements between
     (`element`).
+
+    RATE  how far joints move, where they are closed, by a move of the nodes
     """
 
     model: Rows
+
+    RATE: ClassVar[float] = 1.0
 
     @property
     def conditions(self) -> Conditions:
@@ -76,9 +81,13 @@ class BalanceProblem(Tree):
         """Derivatives of the motion, and those of inertia less loads, by the nodes' moves; None = none."""
         raise NotImplementedError
 
+    def joint_poses(self, way: Any) -> tuple[Pose, Pose]:
+        """Where the forces of joints act, and where joints are closed."""
+        raise NotImplementedError
+
     def element_balance(self, x: Any, way: Any) -> ElementBalance:
         """The elements, whose nodes move so."""
-        return self.element.balance(x.stress, *(self.model.assembly.poses(*pose) for pose in way.poses))
+        return self.element.balance(self.model.joints.split(x.stress)[0], *(self.model.assembly.poses(*pose) for pose in way.poses))
 
     def residual(self, x: Any) -> tuple[Residual, Any, ElementBalance, InertiaForces | None]:
         """The balance at x; with it what the nodes and the elements do there."""
@@ -87,17 +96,21 @@ class BalanceProblem(Tree):
         way, inertia, load = self.node_balance(x)
         element = self.element_balance(x, way)
         nodes, asked = model.assembly.to_nodes(element.forces), () if inertia is None else (inertia.wrench,)
-        balance = sum(asked, nodes if isinstance(load, float) else nodes - load)
+        nodes = sum(asked, nodes if isinstance(load, float) else nodes - load)
+        nodes, gap = model.joints.balance(nodes, element.gap, x.stress, lambda: self.joint_poses(way))
         restrained = restrained_forces(model, element.acting, self.eigenstrain, h)
         sizes = largest(model.space.position, h, element.forces, load, *asked, restrained, *self.least)
         sizes = *sizes, size_of_strain(element.felt, self.eigenstrain)
-        return Residual(model.constraints, balance, element.gap, *sizes), way, element, inertia
+        return Residual(model.constraints, nodes, gap, *sizes, model.joints, h), way, element, inertia
 
     def tangent(self, x: Any, way: Any, element: ElementBalance, inertia: InertiaForces | None) -> CondensedTangent:
         """By the nodes' moves."""
+        assembly, joints = self.model.assembly, self.model.joints
         nodes, matrix = self.node_tangent(way, inertia)
-        tangent = self.element.tangent(element, x.stress, lambda: self.model.assembly.ends(nodes.half, 2))
-        return CondensedTangent.of(self.model.assembly, tangent.stiffness, matrix, tangent.hB, self.C, tangent.E)
+        tangent = self.element.tangent(element, joints.split(x.stress)[0], lambda: assembly.ends(nodes.half, 2))
+        condensed = CondensedTangent.of(assembly, tangent.stiffness, matrix, tangent.hB, self.C, tangent.E)
+        half = None if nodes is None else lambda: nodes.half
+        return joints.joined(condensed, x.stress, lambda: self.joint_poses(way), half, self.RATE)
 
     def linearise(self, x: Any, way: Any, element: ElementBalance, inertia: InertiaForces | None) -> Linearisation:
         return Linearisation.of(self.model, self.tangent(x, way, element, inertia))

@@ -27,10 +27,11 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..nodal import loads as external
+from ..nodal.joints import Pose
 from ..state.state import State
 from .energy_projection import conserved
 from .step_element import MidpointElement
-from .step_kinematics import MidpointMotion, MidpointTangent
+from .step_kinematics import MidpointMotion, MidpointTangent, StepKinematics
 from .step_problem import StepProblem
 
 
@@ -56,6 +57,7 @@ class MidpointProblem(StepProblem):
     TANGENT = MidpointTangent
     INSTANT = 0.5
     PART = 0.5
+    RATE = 2.0
 
     @cached
     def motion(self) -> MidpointMotion:
@@ -77,6 +79,12 @@ class MidpointProblem(StepProblem):
             velocity, spin = self.model.constraints.slide * velocity, self.model.constraints.turn * spin
         m = self.model.space.cayley(spin * self.h / 2)
         return self.apply_supports(MidpointUnknowns(velocity * self.h / 2, m, start.stress))
+
+    def joint_poses(self, way: StepKinematics) -> tuple[Pose, Pose]:
+        """Means over the step, and at its end."""
+        joints = self.model.joints
+        end = joints.pose(way.position_end, way.q_end)
+        return joints.pose(self.start.position, self.start.rotation).mean(end), end
 
     def finish(self, x: MidpointUnknowns, reaction: Tensor) -> State:
         """The state at the end of the step."""

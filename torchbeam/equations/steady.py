@@ -14,6 +14,7 @@ from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Space
+from ..nodal.joints import Pose
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -145,6 +146,11 @@ class SteadyProblem(BalanceProblem):
 
     def node_tangent(self, way: Configuration, inertia: None) -> tuple[None, Matrix | None]:
         return None, self.load_tangent(way)
+
+    def joint_poses(self, way: Configuration) -> tuple[Pose, Pose]:
+        """The same."""
+        pose = self.model.joints.pose(*way[:2])
+        return pose, pose
 
     def state(self, x: Configuration, reaction: Tensor, status: Tensor) -> State:
         """The public state of a solution: at rest in frame a."""
