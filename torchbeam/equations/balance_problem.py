@@ -87,7 +87,8 @@ class BalanceProblem(Tree):
 
     def element_balance(self, x: Any, way: Any) -> ElementBalance:
         """The elements, whose nodes move so."""
-        return self.element.balance(self.model.joints.split(x.stress)[0], *(self.model.assembly.poses(*pose) for pose in way.poses))
+        model = self.model
+        return self.element.balance(model.joints.split(x.stress)[0], *(model.assembly.poses(*pose) for pose in way.poses))
 
     def residual(self, x: Any) -> tuple[Residual, Any, ElementBalance, InertiaForces | None]:
         """The balance at x; with it what the nodes and the elements do there."""
