@@ -23,11 +23,9 @@ JOINTS = {
 PAIRS = {"beam and body": (("arm", -1), "hub"), "body and beam": ("hub", ("arm", 1)), "ground": (None, "hub")}
 
 
-def joints(kind, pair, plane=None):
+def joints(kind, pair):
     a, b = PAIRS[pair]
-    joint = JOINTS[kind](a, b)
-    if kind == "distance" and a is None:
-        joint = tb.Distance(a, b, at=(0.9, 0.2, 0.1))
+    joint = tb.Distance(a, b, at=(0.9, 0.2, 0.1)) if kind == "distance" and a is None else JOINTS[kind](a, b)
     parts = {"arm": tb.Beam.straight(1.0, 2, SECTION), "hub": tb.Body(0.2, 0.01, position=(1.2, 0.3, -0.1))}
     return discretise(tb.Scene(parts, joints=[joint], supports=[tb.Support(("arm", 0))]))
 
@@ -39,8 +37,8 @@ def random(*shape):
 @pytest.mark.parametrize("pair", PAIRS)
 @pytest.mark.parametrize("kind", JOINTS)
 def test_tangent_is_the_derivative(kind, pair):
-    """Of the forces of a step, which act at the mean of its two ends, and of the gaps at its end, by mid-step moves: the spin s of
-    R_mid turns the end by (I + R_mid R_n^T) s. Forces do the work of the multipliers on the gaps' increments.
+    """Of the forces of a step, which act at the mean of its two ends, and of the gaps at its end, by mid-step moves: the spin s
+    of R_mid turns the end by (I + R_mid R_n^T) s. Forces do the work of the multipliers on the gaps' increments.
     """
     model = joints(kind, pair)
     own, n = model.joints, model.node_count
@@ -66,7 +64,8 @@ def test_tangent_is_the_derivative(kind, pair):
     held = own.held.flatten() > 0
     assert_close(matrix.constraints().view(-1, n, 6), gap[0][held], rtol=0, atol=1e-12)
     steady = own.blocks(own.pose(*start), own.pose(*start), force, None, 1.0)
-    moved = jacrev(lambda move: own.gap(own.pose(start[0] + move[:, :3], quat.multiply(quat.exponential(move[:, 3:]), start[1]))))
+    moved = jacrev(lambda move: own.gap(own.pose(start[0] + move[:, :3],
+                                                 quat.multiply(quat.exponential(move[:, 3:]), start[1]))))
     matrix = model.topology.diagonal(torch.zeros(n, 6, 6)).joined(steady)
     assert_close(matrix.constraints().view(-1, n, 6), moved(none)[0][held], rtol=0, atol=1e-12)
     after = end(none)
