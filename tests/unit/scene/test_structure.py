@@ -211,3 +211,29 @@ def test_refusal(sentence):
         made = REFUSED[sentence]()
         pytest.fail(f"{made} was taken")
     assert sentence in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_results_are_read_by_name():
+    """Views of parts are what a scene of the beam alone has; what is of one beam alone asks for a name; planar ones as well."""
+    for plane in (None, "xy"):
+        alone, both = alone_and_together({}, plane=plane)
+        both = replace(both, beam={**beams(), "hub": tb.Body(0.3, 1e-3, position=(0, 2.0, 0))})
+        t = torch.linspace(0, 0.04, 3)
+        sol, own_sol = tb.simulate(both, t, **TIGHT), tb.simulate(alone["bow"], t, **TIGHT)
+        view = sol["bow"]
+        for a, b in ((view.tip.position, own_sol.tip.position), (view.nodes, own_sol.nodes), (view.stress, own_sol.state.stress),
+                     (view.tip.velocity, sol.state.node(("bow", -1)).velocity), (view[-1].axes, own_sol.state[-1].axes),
+                     (sol.state[-1]["bow"].reaction_of(0).force, own_sol.state[-1].reaction_of(0).force),
+                     (sol["arm"].root.force, tb.simulate(alone["arm"], t, **TIGHT).root.force),
+                     (sol["hub"].position, sol.nodes[..., -1, :]), (sol.state["hub"].spin, torch.zeros(3, 2, 3))):
+            assert_close(a, b, rtol=0, atol=1e-10)
+        assert sol["hub"].rotation.shape == (3, 2, 3, 3) and sol.state[-1]["hub"].velocity.shape == (2, 3)
+        assert "parts 'arm', 'bow', 'hub'" in repr(sol) and "parts" in repr(sol.state) and "tip at" in repr(view)
+        for read, words in ((lambda: sol.tip, "[name].tip of one of its beams is wanted: 'arm', 'bow'"), (lambda: sol.root, "[name].root"),
+                            (lambda: sol.state.tip, "[name].tip"), (lambda: sol["leg"], "the part 'leg' was asked for"),
+                            (lambda: sol.state.node(3), "node = 3 was given in a structure"),
+                            (lambda: own_sol["bow"], "a scene of one beam has no names"),
+                            (lambda: own_sol.state.node(("bow", 1)), "which has no names")):
+            with pytest.raises(ValueError) as caught:
+                read()
+            assert words in str(caught.value)
