@@ -114,8 +114,8 @@ class State(Instant):
                        defect=torch.zeros_like(self.defect), status=torch.zeros_like(self.status))
 
     def __getitem__(self, index: Any) -> Any:
-        """By the name of a beam of a structure its state, as in a scene of its own (but for `work` and `defect`, which are those
-        of all); by that of a body its motion, a `Point`; else some of the leading axes, as `TensorFields` has it.
+        """By the name of a beam of a structure its state, as in a scene of its own (but that `work` and `defect` are those of
+        all); by that of a body its motion, a `Point`; else some of the leading axes, as `TensorFields` has it.
         """
         if not isinstance(index, str):
             return super().__getitem__(index)
