@@ -204,22 +204,26 @@ class MidpointProblem(Tree):
 
     def residual(self, x: MidpointUnknowns) -> tuple[Residual, StepKinematics, ElementBalance, InertiaForces]:
         """The balance at x; with it what the nodes and the elements do there."""
-        model, h = self.model, self.model.length
+        model = self.model
         x = self.apply_supports(x)
         way, inertia, load = self.node_balance(x)
         element = self.element_balance(x, way)
         nodes = inertia.wrench + model.assembly.to_nodes(element.forces) - load
         nodes, gap = model.joints.balance(nodes, element.gap, x.stress, lambda: self.joint_poses(way))
-        restrained = restrained_forces(model, element.acting, self.eigenstrain, h)
-        sizes = largest(model.space.position, h, element.forces, load, inertia.wrench, restrained)
+        restrained = restrained_forces(model, element.acting, self.eigenstrain, model.length)
+        sizes = largest(model.space.position, model.spans, element.forces, load, inertia.wrench, restrained)
         sizes = *sizes, size_of_strain(element.felt, self.eigenstrain)
-        return Residual(model.constraints, nodes, gap, *sizes, model.joints, h), way, element, inertia
+        return Residual(model.constraints, nodes, gap, *sizes, model.joints), way, element, inertia
 
     def joint_poses(self, way: StepKinematics) -> tuple[Pose, Pose]:
         """Means over the step, and at its end."""
         joints = self.model.joints
         end = joints.pose(way.position_end, way.q_end)
         return joints.pose(self.start.position, self.start.rotation).mean(end), end
+
+    def joint_moves(self, nodes: MidpointTangent) -> tuple[Any, float]:
+        """How the end follows the moves: half its spin by theirs, and how many times their displacement."""
+        return lambda: nodes.half, 2.0
 
     def tangent(self, x: MidpointUnknowns, way: StepKinematics, element: ElementBalance, inertia: InertiaForces
                 ) -> CondensedTangent:
@@ -228,7 +232,7 @@ class MidpointProblem(Tree):
         nodes, matrix = self.node_tangent(way, inertia)
         tangent = self.element.tangent(element, joints.split(x.stress)[0], lambda: self.model.assembly.ends(nodes.half, 2))
         condensed = CondensedTangent.of(self.model.assembly, tangent.stiffness, matrix, tangent.hB, self.C, tangent.E)
-        return joints.joined(condensed, x.stress, lambda: self.joint_poses(way), lambda: nodes.half, 2.0)
+        return joints.joined(condensed, x.stress, lambda: self.joint_poses(way), *self.joint_moves(nodes))
 
     def linearise(self, x: MidpointUnknowns, way: StepKinematics, element: ElementBalance, inertia: InertiaForces
                   ) -> Linearisation:

@@ -148,11 +148,11 @@ class SteadyProblem(Tree):
         model, own, h = self.model, self.eigenstrain, self.model.length
         x = self.apply_supports(x)
         load, element = self.load(x), self.element_balance(x)
-        sizes = largest(model.space.position, h, element.forces, load, restrained_forces(model, element.acting, own, h),
-                        self.rounding)
+        restrained = restrained_forces(model, element.acting, own, h)
+        sizes = largest(model.space.position, model.spans, element.forces, load, restrained, self.rounding)
         nodes, gap = model.joints.balance(model.assembly.to_nodes(element.forces) - load, element.gap, x.stress,
                                           lambda: self.joint_poses(x))
-        return Residual(model.constraints, nodes, gap, *sizes, size_of_strain(element.felt, own), model.joints, h
+        return Residual(model.constraints, nodes, gap, *sizes, size_of_strain(element.felt, own), model.joints
                         ), element.acting
 
     def joint_poses(self, x: Configuration) -> tuple[Pose, Pose]:
