@@ -385,7 +385,7 @@ VALUES = {  # of every kind of argument that wants numbers: one call each
     "direction": lambda x: straight(direction=x)(), "twist": lambda x: straight(twist=x)(),
     "curvature": lambda x: tb.Beam.curve(1.0, 2, SECTION, x), "nodes": lambda x: tb.Beam.from_nodes(x, SECTION),
     "velocity": lambda x: tb.Frame(velocity=x), "displacement": lambda x: tb.Support(0, displacement=x),
-    "force": lambda x: tb.TipLoad(force=x), "node": lambda x: tb.PointLoad(node=x, force=(0, 0, 1.0)),
+    "force": lambda x: tb.TipLoad(force=x), "node": lambda x: tb.Scene(BEAM, [tb.PointLoad(node=x, force=(0, 0, 1.0))]),
     "per element": tb.PerElement, "intrinsic curvature": lambda x: tb.Actuation(curvature=x),
     "actuated elements": lambda x: tb.Actuation(curvature=(0, 0, 1.0), elements=x),
     "tau": tb.Damping, "alpha": tb.MassDamping, "frequencies": lambda x: tb.rayleigh(x, (0.1, 0.1)),

@@ -19,7 +19,7 @@ The strain rate follows from the strains as q" does from v (Jansen, Whiting and 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -31,8 +31,8 @@ from ..nodal.conditions import Conditions, conditions
 from ..nodal.joints import Pose
 from ..state.state import State, plain
 from .alpha_kinematics import EndKinematics, EndMotion, EndTangent, GeneralizedAlpha
-from .midpoint import MidpointProblem
 from .step_element import EndElement
+from .step_problem import StepProblem
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class EndUnknowns(NamedTuple):
 
 
 @dataclass(frozen=True)
-class GeneralizedAlphaProblem(MidpointProblem):
+class GeneralizedAlphaProblem(StepProblem):
     """A step of length dt (0-dim or (...)) from `start`, with loads as at time t, its end, and inputs held over it."""
 
     start: AlphaState
@@ -94,7 +94,9 @@ class GeneralizedAlphaProblem(MidpointProblem):
     @cached
     def element(self) -> EndElement:
         """The elements at the end."""
-        return EndElement(*self._elements, self.start.straining, self.method)
+        model, start = self.model, self.model.assembly.poses(self.start.position, self.start.rotation)
+        return EndElement(model.space, model.law, model.length, model.reference, self.eigenstrain, self.h, start,
+                          self.start.straining, self.method)
 
     def predictor(self) -> EndUnknowns:
         """Constant velocity, and the stress of the step before."""
@@ -105,9 +107,6 @@ class GeneralizedAlphaProblem(MidpointProblem):
         """Forces act at the end, where joints are closed (Arnold and Bruels 2007)."""
         end = self.model.joints.pose(way.position_end, way.q_end)
         return end, end
-
-    def joint_moves(self, nodes: EndTangent) -> tuple[Any, float]:
-        return None, 1.0
 
     def finish(self, x: EndUnknowns, reaction: Tensor) -> AlphaState:
         """The state at the end of the step; the work by the mean of the loads at its two ends."""

@@ -44,10 +44,7 @@ def _resolved(end: JointEnd, structure: Structure) -> JointEnd:
     if end.node is None:
         return end
     row = structure.row(end.node, "a joint's part")
-    part = structure.part_at(row)
-    if end.point is not None and not part.body:
-        raise ValueError(f"a joint at a point of {part.name!r} was given; ({part.name!r}, node) of the beam is wanted")
-    if (row - part.first_node) % structure.order:
+    if (row - structure.part_at(row).first_node) % structure.order:
         raise ValueError(f"a joint of the node {row!r} was given, which lies within an element of order 2; the end of one, "
                          "whose number is even, is wanted")
     return with_values(end, node=row)

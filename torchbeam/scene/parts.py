@@ -93,11 +93,10 @@ def row_of(parts: tuple[Part, ...], node: Any, name: str = "node") -> Row:
     part = {part.name: part for part in parts}.get(part_name)
     if part is None or part.body != (index is None):
         raise ValueError(f"{name} = {given!r} was given; the structure has the nodes {nodes_of(parts)}")
-    if index is None:
-        return Row(part.first_node, given)
-    if not -part.node_count <= index < part.node_count:
+    if index is not None and not -part.node_count <= index < part.node_count:
         raise ValueError(f"{name} = {given!r} was given; {part.name!r} has the nodes 0 to {part.node_count - 1}")
-    return Row(part.first_node + index % part.node_count, given)
+    row = Row(part.first_node + (index or 0) % part.node_count, given)
+    return node if node == row and isinstance(node, Row) else row
 
 
 def part_of(parts: tuple[Part, ...], name: Any) -> Part:

@@ -155,7 +155,7 @@ def check_state(state: Any, scene: Any, name: str = "initial") -> State:
 
 
 def of_mesh(state: Any, like: Beam | State, name: str) -> State:
-    """`state`; ValueError where it is not one of the nodal form, with the nodes and the rows of stress of `like` and its dtype, in
+    """`state`; ValueError where it is not one of the nodal form, with the nodes, the rows of stress and the dtype of `like` in
     each of its fields: native code takes them on trust.
     """
     nodes, stresses, dtype = like.node_count, like.stress_count, like.nodes.dtype
