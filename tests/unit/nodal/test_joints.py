@@ -1,74 +1,89 @@
-"""Joints: what they hold, whatever the pose, and what they leave alone."""
+"""Joints' forces, gaps and tangents against their derivatives, at random poses."""
 
 import pytest
 import torch
+from torch.func import jacrev
+from torch.testing import assert_close
+
 import torchbeam as tb
-from scipy.integrate import solve_ivp
+from torchbeam.math import quaternions as quat
 from torchbeam.nodal.discretise import discretise
 
-METHODS = ("midpoint", "generalized_alpha")
-SECTION = tb.Section.from_stiffness(EA=1e3, GA=5e2, GJ=0.7, EI=1.0, mass=0.3, inertia=1e-3)
-GRAVITY = tb.Gravity((0, 0, -9.81))
+SECTION = tb.Section.from_stiffness(EA=30.0, GA=10.0, GJ=0.7, EI=1.0, mass=0.3, inertia=1e-3)
+AXIS, ACROSS = (0.6, 0.0, 0.8), (0.8, 0.0, -0.6)
+JOINTS = {
+    "weld": lambda a, b: tb.Weld(a, b),
+    "ball": lambda a, b: tb.Ball(a, b, at=(0.9, 0.2, 0.1)),
+    "hinge": lambda a, b: tb.Hinge(a, b, axis=AXIS, at=(0.9, 0.2, 0.1)),
+    "universal": lambda a, b: tb.Universal(a, b, axis=AXIS, second=ACROSS, at=(0.9, 0.2, 0.1)),
+    "slider": lambda a, b: tb.Slider(a, b, axis=AXIS),
+    "cylindrical": lambda a, b: tb.Cylindrical(a, b, axis=AXIS),
+    "distance": lambda a, b: tb.Distance(a, b),
+}
+PAIRS = {"beam and body": (("arm", -1), "hub"), "body and beam": ("hub", ("arm", 1)), "ground": (None, "hub")}
 
 
-def pendulum(spin=8.0, **joint):
-    """A body of 1 kg, 1 m below its hinge, which turns by so much rad/s: over the top."""
-    body = tb.Body(mass=1.0, inertia=(0.1, 0.2, 0.3), position=(0.0, 0, -1))
-    scene = tb.Scene({"body": body}, [GRAVITY], joints=[tb.Hinge(None, "body", at=(0, 0, 0), axis=(0, 1, 0), **joint)])
-    state = tb.rest(scene)
-    return scene, tb.State(**{**vars(state), "velocity": torch.tensor([[-spin, 0.0, 0]]), "spin": torch.tensor([[0, spin, 0.0]])})
+def joints(kind, pair):
+    a, b = PAIRS[pair]
+    joint = tb.Distance(a, b, at=(0.9, 0.2, 0.1)) if kind == "distance" and a is None else JOINTS[kind](a, b)
+    parts = {"arm": tb.Beam.straight(1.0, 2, SECTION), "hub": tb.Body(0.2, 0.01, position=(1.2, 0.3, -0.1))}
+    return discretise(tb.Scene(parts, joints=[joint], supports=[tb.Support(("arm", 0))]))
 
 
-def test_hinge_holds_its_axis_at_any_angle():
-    """Its two rows about the axis stay as independent as they are as drawn: at a right angle too."""
-    scene, state = pendulum()
-    joints, stepper, least = discretise(scene).joints, tb.Stepper(scene, 0.04), []
-    for _ in range(12):  # up to 3 rad
-        pose = joints.pose(state.position, state.rotation)
-        turning = joints._gradient(joints.v.at(pose), joints.w.at(pose))[0, :, 9:][joints.held[0] > 0][3:]
-        least.append(torch.linalg.svdvals(turning)[-1])
-        state = stepper(state)
-    assert state.nodes[0, 2] < state.nodes[0, 0].abs() or state.nodes[0, 2] < 1  # it has moved
-    torch.testing.assert_close(torch.stack(least), torch.ones(12), rtol=0, atol=1e-9)
+def random(*shape):
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(sum(shape)))
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_pendulum_of_a_body_alone_has_order_two(method):
-    """(J + m l^2) a = -m g l sin(angle), without any beam, against the ODE."""
-    exact = solve_ivp(lambda t, y: [y[1], -9.81 / 1.2 * torch.sin(torch.tensor(y[0])).item()], (0, 0.4), [0, 8.0], rtol=1e-12,
-                      atol=1e-12).y[0, -1]
-    errors = []
-    for steps in (20, 40):
-        scene, state = pendulum()
-        stepper = tb.Stepper(scene, 0.4 / steps, method=method)
-        for _ in range(steps):
-            state = stepper(state)
-        wanted = -torch.sin(torch.tensor(exact)), -torch.cos(torch.tensor(exact))
-        errors.append(torch.hypot(state.nodes[0, 0] - wanted[0], state.nodes[0, 2] - wanted[1]))
-    assert errors[1] < 1e-2 and 3.7 < errors[0] / errors[1] < 4.3
+@pytest.mark.parametrize("pair", PAIRS)
+@pytest.mark.parametrize("kind", JOINTS)
+def test_tangent_is_the_derivative(kind, pair):
+    """Of the forces of a step, which act at the mean of its two ends, and of the gaps at its end, by mid-step moves: the spin s
+    of R_mid turns the end by (I + R_mid R_n^T) s. Forces do the work of the multipliers on the gaps' increments.
+    """
+    model = joints(kind, pair)
+    own, n = model.joints, model.node_count
+    start = (random(n, 3), quat.normalize(random(n, 4)))
+    u, m, force = random(n, 3), quat.exponential(0.3 * random(n, 3)), random(1, 6)
+
+    def end(move):
+        turned = quat.multiply(quat.exponential(move[:, 3:]), quat.multiply(start[1], m))
+        half = quat.multiply(quat.conjugate(start[1]), turned)
+        return start[0] + 2 * (u + move[:, :3]), quat.multiply(turned, half)
+
+    def acting(move):
+        return own.pose(*start).mean(own.pose(*end(move)))
+
+    none = torch.zeros(n, 6)
+    load = jacrev(lambda move: own.load(acting(move), force, none))(none)
+    gap = jacrev(lambda move: own.gap(own.pose(*end(move))))(none)
+    R, R_n = (quat.matrix(q) for q in (quat.multiply(start[1], m), start[1]))
+    half = (torch.eye(3) + R @ R_n.mT) / 2
+    blocks = own.blocks(acting(none), own.pose(*end(none)), force, half, 2.0)
+    matrix = model.topology.diagonal(torch.zeros(n, 6, 6)).joined(blocks)
+    assert_close(matrix.dense().view(n, 6, n, 6), load, rtol=0, atol=1e-12)
+    held = own.held.flatten() > 0
+    assert_close(matrix.constraints().view(-1, n, 6), gap[0][held], rtol=0, atol=1e-12)
+    steady = own.blocks(own.pose(*start), own.pose(*start), force, None, 1.0)
+    moved = jacrev(lambda move: own.gap(own.pose(start[0] + move[:, :3],
+                                                 quat.multiply(quat.exponential(move[:, 3:]), start[1]))))
+    matrix = model.topology.diagonal(torch.zeros(n, 6, 6)).joined(steady)
+    assert_close(matrix.constraints().view(-1, n, 6), moved(none)[0][held], rtol=0, atol=1e-12)
+    after = end(none)
+    turn = quat.multiply(after[1], quat.conjugate(start[1]))
+    theta = 2 * turn[:, 1:] / turn[:, :1]
+    work = (own.load(acting(none), force, none) * torch.cat((after[0] - start[0], theta), -1)).sum()
+    increment = own.gap(own.pose(*after)) - own.gap(own.pose(*start))
+    assert_close(work, (force * increment).sum(), rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(("order", "linked", "plane"), [(1, False, None), (1, True, None), (2, False, None), (1, False, "xz"),
-                                                        (2, False, "xz")])
-def test_beam_cut_and_welded_is_the_beam(method, order, linked, plane):
-    """In statics and in motion, but for rounding: the two nodes at the weld share the beam's inertia and stiffness there."""
-    def beam(length, n, **more):
-        made = tb.Beam.straight(length, n, SECTION, order=order, **more)
-        return made.linked() if linked else made
-
-    force = (0.1, 0.0 if plane else 0.3, -0.4)
-    whole = tb.Scene(beam(1.0, 4), [tb.TipLoad(force=force)], plane=plane)
-    cut = tb.Scene({"a": beam(0.5, 2), "b": beam(0.5, 2, root=(0.5, 0, 0))}, [tb.PointLoad(("b", -1), force=force)],
-                   plane=plane, joints=[tb.Weld(("a", -1), ("b", 0))], supports=[tb.Support(("a", 0))])
-    again = [i for i in range(4 * order + 2) if i != 2 * order + 1]  # the nodes of the beam among those of both
-    one, two = tb.equilibrium(whole), tb.equilibrium(cut)
-    torch.testing.assert_close(two.nodes[again], one.nodes, rtol=0, atol=1e-10)  # both converge to 1e-10
-    if linked:
-        return  # the masses of its nodes are shared by another rule at ends
-    one, two = tb.rest(whole), tb.rest(cut)
-    steppers = [tb.Stepper(scene, 0.02, method=method, engine="eager") for scene in (whole, cut)]
-    for _ in range(4):
-        one, two = steppers[0](one), steppers[1](two)
-    torch.testing.assert_close(two.nodes[again], one.nodes, rtol=0, atol=1e-10)
-    torch.testing.assert_close(two.reaction, one.reaction, rtol=0, atol=1e-7)  # of 0.5 N, from stresses of converged steps
+@pytest.mark.parametrize("kind", JOINTS)
+def test_holds_as_many_as_it_says_where_it_is_drawn(kind):
+    """Closed as drawn; as many independent constraints as the joint holds."""
+    for pair in ("beam and body", "ground"):
+        model = joints(kind, pair)
+        own, beam = model.joints, model.scene.beam
+        pose = own.pose(beam.nodes, beam.frames)
+        assert_close(own.gap(pose), torch.zeros(1, 6), rtol=0, atol=1e-15)
+        blocks = own.blocks(pose, pose, torch.zeros(1, 6), None, 1.0)
+        G = model.topology.diagonal(torch.zeros(model.node_count, 6, 6)).joined(blocks).constraints()
+        assert int(torch.linalg.matrix_rank(G)) == model.scene.joints[0].holds == len(G)
