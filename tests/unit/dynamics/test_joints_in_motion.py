@@ -1,9 +1,12 @@
 """Joints: what they hold, whatever the pose, and what they leave alone."""
 
+from dataclasses import replace
+
 import pytest
 import torch
-import torchbeam as tb
 from scipy.integrate import solve_ivp
+
+import torchbeam as tb
 from torchbeam.nodal.discretise import discretise
 
 METHODS = ("midpoint", "generalized_alpha")
@@ -15,8 +18,7 @@ def pendulum(spin=8.0, **joint):
     """A body of 1 kg, 1 m below its hinge, which turns by so much rad/s: over the top."""
     body = tb.Body(mass=1.0, inertia=(0.1, 0.2, 0.3), position=(0.0, 0, -1))
     scene = tb.Scene({"body": body}, [GRAVITY], joints=[tb.Hinge(None, "body", at=(0, 0, 0), axis=(0, 1, 0), **joint)])
-    state = tb.rest(scene)
-    return scene, tb.State(**{**vars(state), "velocity": torch.tensor([[-spin, 0.0, 0]]), "spin": torch.tensor([[0, spin, 0.0]])})
+    return scene, replace(tb.rest(scene), velocity=torch.tensor([[-spin, 0.0, 0]]), spin=torch.tensor([[0, spin, 0.0]]))
 
 
 def test_hinge_holds_its_axis_at_any_angle():
@@ -28,7 +30,7 @@ def test_hinge_holds_its_axis_at_any_angle():
         turning = joints._gradient(joints.v.at(pose), joints.w.at(pose))[0, :, 9:][joints.held[0] > 0][3:]
         least.append(torch.linalg.svdvals(turning)[-1])
         state = stepper(state)
-    assert state.nodes[0, 2] < state.nodes[0, 0].abs() or state.nodes[0, 2] < 1  # it has moved
+    assert state.nodes[0, 2] > 0.9  # it is at the top
     torch.testing.assert_close(torch.stack(least), torch.ones(12), rtol=0, atol=1e-9)
 
 
