@@ -74,7 +74,7 @@ class ElasticLaw(Tree):
         """
         S, h = self.S.detach(), length.detach()
         slim = S.shape[-1] == 1
-        if not (slim or self.rigid):
+        if not (slim or self.rigid) or not S.shape[-3]:
             return self.C.detach()
         diagonal = S if slim else S.diagonal(dim1=-2, dim2=-1)[..., None]
         L2 = h.sum(-2, keepdim=True)[..., None] ** 2
