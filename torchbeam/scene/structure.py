@@ -18,7 +18,7 @@ from .beam import Beam
 from .body import Body
 from .effects.effect import Effect
 from .effects.point_mass import PointMass
-from .parts import FLAGS, Part, Row, Span, nodes_of, part_of, row_of
+from .parts import FLAGS, Part, Row, Span, part_of, row_of
 
 AXES = dict(nodes=2, frames=2, elements=2, length=1, compliance=3, mass=3)  # of the tensors of a `Beam`
 
@@ -118,8 +118,6 @@ class Structure(Beam):
         return torch.cat(found, -2) if found else frames[..., :0, :]
 
     def row(self, node: Any, name: str = "node") -> Row:
-        if isinstance(node, int) and not isinstance(node, (Row, bool)):
-            raise ValueError(f"{name} = {node} was given in a structure; one of its nodes is wanted: {nodes_of(self.parts)}")
         return row_of(self.parts, node, name)
 
     def named(self, on: str | None, effect: Effect) -> None:
