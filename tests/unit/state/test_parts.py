@@ -35,7 +35,8 @@ def frame():
     girder = tb.Beam.straight(2.0, 4, section, root=(0, 1, 0))
     joints = [tb.Weld(("left", -1), ("girder", 0)), tb.Hinge(("girder", -1), ("right", -1), axis=(0, 0, 1)),
               tb.Distance(("girder", 2), "load")]
-    return tb.Scene({"left": columns[0], "girder": girder, "load": tb.Body(1.0, 0.1, position=(1, 0.5, 0)), "right": columns[1]},
+    load = tb.Body(1.0, 0.1, position=(1, 0.5, 0))
+    return tb.Scene({"left": columns[0], "girder": girder, "load": load, "right": columns[1]},
                     [tb.Gravity((0, -9.81, 0)), tb.LineLoad(force=(0, -1.0, 0), on="girder")], joints=joints,
                     supports=[tb.Support(("left", 0)), tb.Support(("right", 0))])
 
@@ -67,7 +68,7 @@ def test_what_is_of_one_beam_asks_for_a_name():
     for read, words in ((lambda: state.tip, "[name].tip of one of its beams is wanted: 'arm', 'bow'"),
                         (lambda: state.root, "[name].root"), (lambda: state["leg"], "the part 'leg' was asked for"),
                         (lambda: state.node(3), "node = 3 was given in a structure"),
-                        (lambda: tb.State.from_nodes(structure(), structure().beam.nodes), "frames of all of its nodes are wanted"),
+                        (lambda: tb.State.from_nodes(structure(), structure().beam.nodes), "frames of all of its nodes"),
                         (lambda: own["bow"], "a scene of one beam has no names"),
                         (lambda: own.node(("bow", 1)), "which has no names")):
         with pytest.raises(ValueError) as caught:
