@@ -161,7 +161,8 @@ class SteadyProblem(BalanceProblem):
             defect=zero, t=self.t.expand(shape), status=status,
             frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
             internal=external.internal(model, self.nodes(x), self.conditions, shape), supports=model.constraints.nodes,
-            parts=model.scene.beam.parts, coordinates=tuple(joint.coordinates for joint in model.scene.joints),
+            parts=model.scene.beam.parts, joined=model.scene.beam.joined,
+            coordinates=tuple(joint.coordinates for joint in model.scene.joints),
             **model.joints.finished(x.stress, lambda: self.joint_poses(x))))
 
     def apply_supports(self, x: Configuration) -> Configuration:

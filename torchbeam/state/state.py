@@ -45,8 +45,8 @@ class State(Instant):
     joints    (..., J, 10) of the joints of a structure, see `joint`; None without
     coordinates  which coordinates each joint has, 0 an angle, 1 a travel
     supports  nodes of the supports that `reaction` is of; None where the state was made without a scene
-    parts     of a structure, whose nodes and stations stand one part after the other; see `__getitem__`. Its stress has a row
-              for each joint behind those of the stations
+    parts     of a structure, whose nodes and stations stand one part after the other; see `__getitem__`
+    joined    pairs of nodes that its joints connect, None = the ground; stress has a row for each behind those of the stations
     """
 
     position: Tensor = leaf(2)
@@ -65,6 +65,7 @@ class State(Instant):
     supports: tuple[int, ...] | None = field(default=None, kw_only=True)
     parts: tuple[Part, ...] = field(default=(), kw_only=True)
     coordinates: tuple[tuple[int, ...], ...] = field(default=(), kw_only=True)
+    joined: tuple[tuple[int | None, int | None], ...] = field(default=(), kw_only=True)
 
     @classmethod
     def from_nodes(cls, scene: Any, nodes: Value, frames: Value | None = None, *, twist: Any = None,
@@ -138,7 +139,7 @@ class State(Instant):
         rows = {name: getattr(self, name)[..., part.nodes, :] for name in ("position", "rotation", "velocity", "spin")}
         return replace(self, **rows, stress=self.stress[..., part.stations, :], reaction=self.reaction[..., held, :],
                        supports=tuple(self.supports[k] - part.first_node for k in held), internal=None, parts=(),
-                       joints=None, coordinates=())
+                       joints=None, coordinates=(), joined=())
 
     def node(self, index: Any) -> Point:
         """One node's motion, in frame a; counted from the root, -1 is the tip; of a structure (name, node), or the name of a
@@ -252,6 +253,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
         **no_motion(scene, zero.expand(shape)),
         supports=supported(scene),
         parts=beam.parts,
+        joined=beam.joined,
     )
     if not scene.has_prescribed_motion and not any(s.displaced for s in scene.supports):
         return state
