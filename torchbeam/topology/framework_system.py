@@ -104,7 +104,7 @@ class FrameworkSystem:
             rank = int((size > RANK * size.amax(-1, keepdim=True)).sum(-1).amax())
             Z = moves[..., rank:, :].mT
             K = Z.mT @ K @ Z
-        more = -K.shape[-1] % w
+        more = -K.shape[-1] % w if K.shape[-1] else w
         K = pad(K, (0, more, 0, more)) + torch.diag_embed(pad(K.new_zeros(K.shape[-1]), (0, more), value=1.0))
         return [_block_pivots(K, w)]
 

@@ -84,11 +84,11 @@ def test_tangent_is_the_derivative(kind, law, pair, still):
 
 
 def fly(spin, steps=30, dt=0.03, **joint):
-    """States of two bodies in free flight, joined by a hinge, the second of which starts to turn about it."""
+    """States of two bodies in free flight, joined by a hinge at the second's centre, about which that starts to turn."""
     parts = {"foot": tb.Body(1.0, (0.1, 0.2, 0.25)), "hub": tb.Body(0.5, (0.05, 0.1, 0.08), position=(1.0, 0, 0))}
-    scene = tb.Scene(parts, joints=[tb.Hinge("foot", "hub", axis=(0, 0, 1), at=(0.4, 0, 0), **joint)])
+    scene = tb.Scene(parts, joints=[tb.Hinge("foot", "hub", axis=(0, 0, 1), at=(1.0, 0, 0), **joint)])
     spins = torch.tensor([[0.3, -0.2, 0.4], [0.3, -0.2, 0.4 + spin]])
-    rest, hinge = tb.rest(scene), torch.tensor([0.4, 0, 0])
+    rest, hinge = tb.rest(scene), torch.tensor([1.0, 0, 0])
     velocity = torch.linalg.cross(spins[:1], hinge[None]) + torch.linalg.cross(spins, rest.position - hinge)
     states = [tb.State(**{**vars(rest), "spin": spins, "velocity": velocity})]
     stepper = tb.Stepper(scene, dt)
@@ -175,7 +175,8 @@ def test_refusals(joint, words):
 
 def four_bar(last, **scene):
     """Three bodies and the ground, joined by hinges about y and, at the end, by this one."""
-    parts = {name: tb.Body(1.0, 0.1, position=(x, 0, z)) for name, x, z in (("left", 0, 0.5), ("top", 0.5, 1), ("right", 1, 0.5))}
+    places = {"left": (0, 0, 0.5), "top": (0.5, 0, 1), "right": (1, 0, 0.5)}
+    parts = {name: tb.Body(1.0, 0.1, position=place) for name, place in places.items()}
     pairs = {(None, "left"): (0, 0, 0), ("left", "top"): (0, 0, 1), ("top", "right"): (1, 0, 1)}
     hinges = [tb.Hinge(*pair, at=at, axis=(0, 1, 0)) for pair, at in pairs.items()]
     return tb.Scene(parts, joints=[*hinges, last("right", None, at=(1, 0, 0))], **scene)
