@@ -189,7 +189,7 @@ class Stepper:
             u = dict(zip(sizes, axis_last("u", whole, sum(sizes.values())).split(tuple(sizes.values()), -1), strict=True))
         given, alone = self.scene.tensors(u), copy(self)
         alone._last, alone.failures = None, Failures()
-        state = self.model.space.to_public(self.reduced(of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")))
+        state = self.model.space.to_public(self.reduced(of_mesh(state, self.scene.beam, "a state")))
         return step_jacobian(lambda before, inputs: alone.advance(before, inputs, dt=dt), self.model.space, model, state,
                              {name: given[name] for name in sizes})
 
@@ -234,11 +234,11 @@ class Stepper:
         varying = isinstance(inputs, list)
         steps = [HeldInputs(one).map(self.scene.tensors) for one in inputs] if varying else []
         given = steps[0](self.method.INSTANT) if varying else self.scene.tensors(first_of(inputs))
-        of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
+        of_mesh(state, self.scene.beam, "a state")
         start = self.reduced(self._begin(state, dt[0], inputs=given))
         shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
                           *(value.shape[:-1] for value in given.values()))
-        n, size = alone.solves, shape.numel() * (self.scene.beam.count + 1)
+        n, size = alone.solves, shape.numel() * self.scene.beam.node_count
         every = _spacing(wanted) if n == 1 else 1
         count = min(len(dt), every * max(1, ROOM // max(1, size * n)))
         every, count = (every, count - count % every) if count >= every else (1, count)
@@ -286,7 +286,7 @@ class Stepper:
         given = HeldInputs(inputs).map(self.scene.tensors)
         now, known = given(self.method.INSTANT), self._known(state)
         if known is None:
-            of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
+            of_mesh(state, self.scene.beam, "a state")
         shape = state.batch_shape if known is None else known.reduced.status.shape
         broadcast("a scene, a state and inputs", self.scene.batch_shape, shape, *[value.shape[:-1] for value in now.values()])
         if known is not None:

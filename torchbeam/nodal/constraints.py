@@ -36,7 +36,7 @@ class Constraints:
         like = scene.beam.nodes
         rows = [space.constrained(s.held) for s in scene.supports]
         fixed = torch.tensor(rows, dtype=like.dtype, device=like.device).reshape(len(rows), space.unknowns)
-        nodes = tuple(s.node for s in scene.supports)
+        nodes = tuple(int(s.node) for s in scene.supports)
         free = torch.ones(topology.node_count, space.unknowns, dtype=like.dtype, device=like.device)
         free[list(nodes)] = 1 - fixed
         slide, turn = free[:, :space.position], free[:, space.position:].amax(-1, keepdim=True)

@@ -28,7 +28,7 @@ class Rows(Tree):
     reference  (..., N, k) strain of the undeformed beam
     law        the constitutive law
     section_mass  (..., N+1, 6, 6) mean mass per length about each node, with what is fixed to it: for line loads
-    tributary_length  (..., N+1, 1) m of beam that belong to each node
+    tributary_length  (..., N+1, 1) m of beam that belong to each node, 1 of a body
     s          (..., N+1) m, arclength of the nodes
     joints     between nodes
     """
@@ -53,6 +53,13 @@ class Rows(Tree):
     def station_count(self) -> int:
         """Of stress: of elements of order 1 one each, of order 2 two."""
         return 0 if self.length is None else self.length.shape[-2]
+
+    @property
+    def spans(self) -> Tensor:
+        """(..., N, 1) m, what forces and moments are measured against: lengths of the elements; of none, (..., 1, 1) the size
+        of what joints connect.
+        """
+        return self.length if self.station_count else self.joints.spans(self.length)
 
     @cached
     def assembly(self) -> Assembly:

@@ -12,6 +12,8 @@ from ..core.arguments import batch, instance, instants, place
 from ..core.leaves import leaf, map_leaves
 from ..core.validation import Value, broadcast
 from ..math import quaternions as quat
+from ..scene.beam import Beam
+from ..scene.parts import Part, one_beam, part_of, row_of
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
 from .bent import bent
@@ -41,6 +43,8 @@ class State(Instant):
     internal  (..., z) internal states of user loads, one load after the other, those of a load along the beam node by node;
               None without
     supports  nodes of the supports that `reaction` is of; None where the state was made without a scene
+    parts     of a structure, whose nodes and stations stand one part after the other; see `__getitem__`. Its stress has a row
+              for each joint behind those of the stations
     """
 
     position: Tensor = leaf(2)
@@ -56,6 +60,7 @@ class State(Instant):
     frame: Tensor | None = leaf(1, default=None, kw_only=True)
     internal: Tensor | None = leaf(1, default=None, kw_only=True)
     supports: tuple[int, ...] | None = field(default=None, kw_only=True)
+    parts: tuple[Part, ...] = field(default=(), kw_only=True)
 
     @classmethod
     def from_nodes(cls, scene: Any, nodes: Value, frames: Value | None = None, *, twist: Any = None,
@@ -83,6 +88,14 @@ class State(Instant):
         return bent(rest(scene, t=t), scene, nodes, frames, twist, velocity, spin)
 
     @property
+    def node_count(self) -> int:
+        return self.position.shape[-2]
+
+    @property
+    def stress_count(self) -> int:
+        return self.stress.shape[-2]
+
+    @property
     def axes(self) -> Tensor:
         """(..., N+1, 3, 3): section axes of the nodes as columns, frame a."""
         return quat.matrix(self.rotation)
@@ -100,16 +113,47 @@ class State(Instant):
         return replace(self, t=torch.zeros_like(self.t) + t, work=torch.zeros_like(self.work),
                        defect=torch.zeros_like(self.defect), status=torch.zeros_like(self.status))
 
-    def node(self, index: int) -> Point:
-        """One node's motion, in frame a; counted from the root, -1 is the tip. Raises ValueError where there is none such."""
-        index = place("node", index, self.position.shape[-2], "the beam has the nodes")
+    def __getitem__(self, index: Any) -> Any:
+        """By the name of a beam of a structure its state, as in a scene of its own (but that `work` and `defect` are those of
+        all); by that of a body its motion, a `Point`; else some of the leading axes, as `TensorFields` has it.
+        """
+        if not isinstance(index, str):
+            return super().__getitem__(index)
+        part = part_of(self.parts, index)
+        return self.row(part.first_node) if part.body else self.part(index)
+
+    def part(self, name: str) -> State:
+        """The state of a beam of a structure, or that of a body, a single node. Raises ValueError where there is none such."""
+        part = part_of(self.parts, name)
+        held = [k for k, node in enumerate(self.supports or ()) if part.nodes.start <= node < part.nodes.stop]
+        rows = {name: getattr(self, name)[..., part.nodes, :] for name in ("position", "rotation", "velocity", "spin")}
+        return replace(self, **rows, stress=self.stress[..., part.stations, :], reaction=self.reaction[..., held, :],
+                       supports=tuple(self.supports[k] - part.first_node for k in held), internal=None, parts=())
+
+    def node(self, index: Any) -> Point:
+        """One node's motion, in frame a; counted from the root, -1 is the tip; of a structure (name, node), or the name of a
+        body. Raises ValueError where there is none such.
+        """
+        if self.parts or isinstance(index, (str, tuple)):
+            return self.row(row_of(self.parts, index))
+        return self.row(place("node", index, self.position.shape[-2], "the beam has the nodes"))
+
+    def row(self, index: int) -> Point:
+        """The node that stands at this place among all."""
         q = self.rotation[..., index, :]
         return Point(self.position[..., index, :], self.velocity[..., index, :], lambda: quat.matrix(q),
                      lambda: quat.rotate(q, self.spin[..., index, :]))
 
     @property
+    def tip(self) -> Point:
+        """The motion of the last node."""
+        one_beam(self.parts, "tip")
+        return self.row(-1)
+
+    @property
     def root(self) -> Reaction:
         """Of the support at node 0. Raises ValueError where there is none."""
+        one_beam(self.parts, "root")
         nodes = range(self.reaction.shape[-2]) if self.supports is None else self.supports
         if 0 not in nodes:
             held = ", ".join(map(str, nodes))
@@ -140,21 +184,22 @@ def plain(state: State) -> State:
 
 def check_state(state: Any, scene: Any, name: str = "initial") -> State:
     """`state`, to start from; ValueError where it is not one of the nodal form, of the scene's mesh and dtype."""
-    of_mesh(state, scene.beam.count + 1, scene.dtype, name)
+    of_mesh(state, scene.beam, name)
     broadcast("a scene and an initial state", scene.batch_shape, state.batch_shape)
     return state
 
 
-def of_mesh(state: Any, nodes: int, dtype: torch.dtype, name: str) -> State:
-    """`state`; ValueError where it is not one of the nodal form with so many nodes, of that dtype, in each of its
-    fields: native code takes them on trust.
+def of_mesh(state: Any, like: Beam | State, name: str) -> State:
+    """`state`; ValueError where it is not one of the nodal form, with the nodes, the rows of stress and the dtype of `like` in
+    each of its fields: native code takes them on trust.
     """
+    nodes, stresses, dtype = like.node_count, like.stress_count, like.nodes.dtype
     if not isinstance(state, State):
         raise ValueError(f"{name} of type {type(state).__name__} was given; the nodal form wants a torchbeam.State")
     if state.position.shape[-2] != nodes:
         raise ValueError(f"{name} with {state.position.shape[-2]} nodes was given; the beam has {nodes}")
     own = dict(position=3, rotation=4, velocity=3, spin=3)
-    for key, shape in (*((key, (nodes, k)) for key, k in own.items()), ("stress", (nodes - 1, 6))):
+    for key, shape in (*((key, (nodes, k)) for key, k in own.items()), ("stress", (stresses, 6))):
         x = getattr(state, key)
         if x.shape[-2:] != shape:
             raise ValueError(f"{name} whose {key} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, {shape[1]}) is "
@@ -170,7 +215,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     t = 0, when it coincides with the inertial axes. Raises ValueError for what is no scene, batch axes or time.
     """
     beam = instance("a scene", scene, Scene).beam
-    nodes = beam.count + 1
+    nodes, stresses = beam.node_count, beam.stress_count
     zero = beam.nodes.new_zeros(())
     states = sum(scene.internal_states)
     time = instants("t", t, zero)
@@ -186,7 +231,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
         rotation=beam.frames.expand(*shape, nodes, 4),
         velocity=zero.expand(*shape, nodes, 3),
         spin=zero.expand(*shape, nodes, 3),
-        stress=zero.expand(*shape, nodes - 1, 6),
+        stress=zero.expand(*shape, stresses, 6),
         reaction=zero.expand(*shape, len(scene.supports), 6),
         work=zero.expand(shape),
         defect=zero.expand(shape),
@@ -195,6 +240,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
         frame=orientation(scene, shape, time),
         internal=zero.expand(*shape, states) if states else None,
         supports=supported(scene),
+        parts=beam.parts,
     )
     if not scene.has_prescribed_motion and not any(s.displaced for s in scene.supports):
         return state
@@ -204,7 +250,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
 
 def supported(scene: Any) -> tuple[int, ...]:
     """The nodes of a scene's supports."""
-    return tuple(support.node for support in scene.supports)
+    return tuple(int(support.node) for support in scene.supports)
 
 
 def with_optional_fields(state: State, scene: Any) -> State:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -26,12 +26,16 @@ class Damping(Effect):
     six  whether tau (..., 6) has a value for each strain. Default: a sequence has, a tensor or an array is one value with
          batch axes, six samples as well as five.
 
+    on   name of a beam of a structure; None = all. Each beam may have one of its own
+
     Raises ValueError for a negative tau, and for a sequence of another length.
     """
 
     tau: Value = leaf(lambda damping: int(damping.six))
     six: bool | None = None
+    on: str | None = field(default=None, kw_only=True)
 
+    by_place = False
     kind = "strain"
 
     def __post_init__(self) -> None:
@@ -51,12 +55,16 @@ class MassDamping(LoadEffect):
     has mass: per length of the beam, and of each `PointMass` at its node.
 
     alpha  (...) 1/s; a free vibration decays as exp(-alpha t / 2), whatever its frequency
+    on     name of a beam or a body of a structure; None = all
 
     A rigid motion is damped too: it models the air around a beam, not the beam. Raises ValueError for a negative alpha.
     """
 
     alpha: Value = leaf(0)
+    on: str | None = field(default=None, kw_only=True)
 
+    by_place = False
+    by_mass = True
     depends = frozenset({ROTATION, VELOCITY, SPIN})
 
     def __post_init__(self) -> None:
