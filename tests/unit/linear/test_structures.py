@@ -1,4 +1,4 @@
-"""Modes, critical loads, equilibria of structures: a beam that was cut and welded is the beam; joints leave what they leave."""
+"""Modes, critical loads and equilibria of structures: a welded beam is the beam; joints leave what they leave."""
 
 import pytest
 import torch
