@@ -91,8 +91,8 @@ class FrameworkSystem:
         return torch.stack(torch.broadcast_tensors(*well)).all(0)
 
     def _free_interface(self) -> list[tuple[Tensor, Tensor, Tensor]]:
-        """The pivots of the interface's matrix Z^T K Z, of the moves Z that constraints leave, which are independent, as those of
-        a chain (D, L, U) without couplings; none where there is no interface.
+        """The pivots of the interface's matrix Z^T K Z, of the moves Z that independent constraints leave, as those of a chain
+        (D, L, U) without couplings; none where there is no interface.
         """
         how, w = self.cut, self.D.shape[-1]
         if not how.interface:
