@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 import torch
 from scipy.integrate import solve_ivp
@@ -33,9 +34,9 @@ def double_pendulum_angles(t):
     def rates(_, y):
         a, b, u, v = y
         c, s = 0.5 * math.cos(a - b), 0.5 * math.sin(a - b)
-        M = torch.tensor([[0.1 + 0.25 + 1.0, c], [c, 0.1 + 0.25]])
-        f = torch.tensor([-s * v**2 - 1.5 * 9.81 * math.sin(a), s * u**2 - 0.5 * 9.81 * math.sin(b)])
-        return [u, v, *torch.linalg.solve(M, f).tolist()]
+        M = np.array([[0.1 + 0.25 + 1.0, c], [c, 0.1 + 0.25]])
+        f = np.array([-s * v**2 - 1.5 * 9.81 * math.sin(a), s * u**2 - 0.5 * 9.81 * math.sin(b)])
+        return [u, v, *np.linalg.solve(M, f)]
 
     return solve_ivp(rates, (0, t), [math.pi / 2, math.pi / 2, 0, 0], rtol=1e-11, atol=1e-11).y[:2, -1]
 
@@ -45,10 +46,10 @@ def test_rigid_double_pendulum(method, plane):
     """Of order two; the lower hinge's coordinate is the difference of the angles."""
     a, b = double_pendulum_angles(0.5)
     wanted = torch.tensor([math.sin(a) + 0.5 * math.sin(b), -math.cos(a) - 0.5 * math.cos(b)])
-    states = [last(double_pendulum(plane=plane), 0.5, steps, method=method) for steps in (25, 50)]
+    states = [last(double_pendulum(plane=plane), 0.5, steps, method=method) for steps in (20, 40)]
     errors = [torch.linalg.vector_norm(state["lower"].position[::2] - wanted) for state in states]
-    assert errors[1] < 4e-3 and 3.6 < errors[0] / errors[1] < 4.4
-    assert abs(states[1].joint[1].coordinate - (a - b)) < 4e-3  # a turn about y is downward
+    assert errors[1] < 6e-3 and 3.6 < errors[0] / errors[1] < 4.4
+    assert abs(states[1].joint[1].coordinate - (a - b)) < 6e-3  # a turn about y is downward
 
 
 def test_slider_crank():
@@ -63,25 +64,23 @@ def test_slider_crank():
         tb.Hinge(None, "crank", at=(0, 0, 0), axis=(0, -1, 0), torque=2.0), tb.Hinge("crank", "rod", at=pin, axis=(0, 1, 0)),
         tb.Hinge("rod", "slider", at=end, axis=(0, 1, 0)), tb.Slider(None, "slider", axis=(1, 0, 0))])
 
-    def mass(angle):
-        tilt = torch.asin(r * torch.sin(angle) / l)
-        place = torch.stack((r * torch.cos(angle) + l / 2 * torch.cos(tilt), r / 2 * torch.sin(angle), tilt,
-                             r * torch.cos(angle) + l * torch.cos(tilt)))
-        return place, torch.tensor([0.4, 0.4, 0.03, 0.7])
-
     def inertia(angle):
-        by = torch.func.jacfwd(lambda x: mass(x)[0])(angle)
-        return 0.02 + (mass(angle)[1] * by**2).sum()
+        tilt = math.asin(r * math.sin(angle) / l)
+        turn = r * math.cos(angle) / (l * math.cos(tilt))
+        middle = -r * math.sin(angle) - l / 2 * math.sin(tilt) * turn, r / 2 * math.cos(angle)
+        slider = -r * math.sin(angle) - l * math.sin(tilt) * turn
+        return 0.02 + 0.4 * (middle[0] ** 2 + middle[1] ** 2) + 0.03 * turn**2 + 0.7 * slider**2
 
     def rates(_, y):
-        angle = torch.tensor(y[0])
-        return [y[1], ((2.0 - torch.func.grad(inertia)(angle) * y[1] ** 2 / 2) / inertia(angle)).item()]
+        change = (inertia(y[0] + 1e-5) - inertia(y[0] - 1e-5)) / 2e-5
+        return [y[1], (2.0 - change * y[1] ** 2 / 2) / inertia(y[0])]
 
     angle = solve_ivp(rates, (0, 0.4), [start, 0], rtol=1e-10, atol=1e-10).y[0, -1]
-    states = [last(scene, 0.4, steps) for steps in (20, 40)]
+    states = [last(scene, 0.4, steps) for steps in (10, 20)]
     errors = [abs(state.joint[0].coordinate - (angle - start)) for state in states]
     assert errors[1] < 1e-3 and 3.7 < errors[0] / errors[1] < 4.3
-    assert abs(states[1].joint[3].coordinate - (mass(torch.tensor(angle))[0][3] - end[0])) < 1e-3
+    travel = r * math.cos(angle) + math.sqrt(l**2 - (r * math.sin(angle)) ** 2) - end[0]
+    assert abs(states[1].joint[3].coordinate - travel) < 1e-3
 
 
 def bent_frame(joint, force=(0.0, 0.3, -0.5)):
@@ -127,9 +126,9 @@ def ring(force):
     return tb.Scene(parts, loads, joints=joints, plane="xy", supports=[tb.Support(("arc 1", 0), position="xy", rotation="z")])
 
 
+def test_ring_of_four_arcs():
     """Pulled at two points it lengthens by F R^3/EI (pi/4 - 2/pi) and narrows by F R^3/EI (2/pi - 1/2) (Timoshenko 1930), but
-    for the size of elements, extension and shear; half way between the loop carries F/2.
-    elements' size, its extension and its shear; half way between, the loop carries F/2.
+    for the size of elements, extension and shear; half way between, the loop carries F/2.
     """
     state, force = tb.equilibrium(ring(1e-3)), 1e-3
     across = (state["arc 0"].nodes[0] - state["arc 2"].nodes[0])[0] - 2
