@@ -58,6 +58,9 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
         raise ValueError("a scene with joints was given to linearize, whose coordinates know none; one without is wanted "
                          "(modes and critical_load take joints)")
     model = discretise(scene, lumped)
+    if scene.beam.parts:
+        raise ValueError("a structure was given to linearize, which takes a scene of one beam; modes and critical_load take "
+                         "structures")
     given = scene.tensors(inputs)
     time = instant("t", t, scene.beam.nodes)
     state = (
