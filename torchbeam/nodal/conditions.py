@@ -18,7 +18,7 @@ from .rows import Rows
 
 class ActingLoad(NamedTuple):
     """A load; node: the row that it acts on, None = it acts along all of them; what it reads of a node's motion; which of the
-    internal states are its own, None = it has none.
+    internal states are its own, None = it has none. Of `Conditions` the load holds numbers alone, see `LoadEffect.at`.
     """
 
     load: Any
@@ -100,11 +100,13 @@ def conditions(model: Model, t: Tensor, inputs: Inputs, end: Tensor | None = Non
         eigenstrain = model.eigenstrain(t, inputs)
     else:
         acts = tuple(one for one in acts if any(one.load is load for load in loads))
+    elements = model.scene.beam.element_count
+    acts = tuple(one._replace(load=one.load.at(model.s, t, inputs, elements)) for one in acts)
     asked = loads is None or any(one.load.wants_frame for one in acts)
     velocities = motion.frame(t) if asked else (None, None)
     root = motion.root_pose(t) if any(one.load.wants_support for one in acts) else None
     return Conditions(t, inputs, frame_of(model.space, *velocities), velocities, acts, 0.0, eigenstrain,
-                      () if end is None else supports(model, end), root, None, model.scene.beam.element_count)
+                      () if end is None else supports(model, end), root, None, elements)
 
 
 def supports(model: Model, end: Tensor) -> tuple[SupportConditions, ...]:
