@@ -83,7 +83,7 @@ class CompiledStep:
         values = self.constants.changing(dt, functions_of.INSTANT * dt, nothing, self.constants.orientation)
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         self.trees = self.constants.trees(values)
-        self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
+        self.function = any(one.axes is None for one in functions((self.trees[0].now.loads, self.trees[2].now.loads)))
         by_user = self.function or not all(map(of_library, self.constants.loads))
         self.around = NOTHING if around is None and not by_user else around
         self.kinds = kinds_of(model, self.constants.loads)

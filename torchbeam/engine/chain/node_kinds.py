@@ -35,7 +35,7 @@ class EndKind(NamedTuple):
 
 
 class NodeKind(NamedTuple):
-    """What a node has beside what all have: numbers of the loads in `common.loads` that act there; the axis of its hinge, a
+    """What a node has beside what all have: numbers of the loads in `CommonConditions` that act there; the axis of its hinge, a
     mask in frame a, None = no hinge; its support, None = none, or nothing moves. In an equilibrium these two are in `placed`,
     of which elements know nothing.
     """
