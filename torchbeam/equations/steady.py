@@ -162,7 +162,7 @@ class SteadyProblem(BalanceProblem):
             defect=zero, t=self.t.expand(shape), status=status,
             frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
             internal=external.internal(model, self.nodes(x), self.conditions, shape), supports=model.constraints.nodes,
-            parts=model.scene.beam.parts))
+            parts=model.scene.beam.parts, joined=model.scene.beam.joined))
 
     def apply_supports(self, x: Configuration) -> Configuration:
         position, rotation, space = x.position, x.rotation, self.model.space

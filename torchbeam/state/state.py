@@ -43,8 +43,8 @@ class State(Instant):
     internal  (..., z) internal states of user loads, one load after the other, those of a load along the beam node by node;
               None without
     supports  nodes of the supports that `reaction` is of; None where the state was made without a scene
-    parts     of a structure, whose nodes and stations stand one part after the other; see `__getitem__`. Its stress has a row
-              for each joint behind those of the stations
+    parts     of a structure, whose nodes and stations stand one part after the other; see `__getitem__`
+    joined    pairs of nodes that its joints connect, None = the ground; stress has a row for each behind those of the stations
     """
 
     position: Tensor = leaf(2)
@@ -61,6 +61,7 @@ class State(Instant):
     internal: Tensor | None = leaf(1, default=None, kw_only=True)
     supports: tuple[int, ...] | None = field(default=None, kw_only=True)
     parts: tuple[Part, ...] = field(default=(), kw_only=True)
+    joined: tuple[tuple[int | None, int | None], ...] = field(default=(), kw_only=True)
 
     @classmethod
     def from_nodes(cls, scene: Any, nodes: Value, frames: Value | None = None, *, twist: Any = None,
@@ -128,7 +129,7 @@ class State(Instant):
         held = [k for k, node in enumerate(self.supports or ()) if part.nodes.start <= node < part.nodes.stop]
         rows = {name: getattr(self, name)[..., part.nodes, :] for name in ("position", "rotation", "velocity", "spin")}
         return replace(self, **rows, stress=self.stress[..., part.stations, :], reaction=self.reaction[..., held, :],
-                       supports=tuple(self.supports[k] - part.first_node for k in held), internal=None, parts=())
+                       supports=tuple(self.supports[k] - part.first_node for k in held), internal=None, parts=(), joined=())
 
     def node(self, index: Any) -> Point:
         """One node's motion, in frame a; counted from the root, -1 is the tip; of a structure (name, node), or the name of a
@@ -241,6 +242,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
         internal=zero.expand(*shape, states) if states else None,
         supports=supported(scene),
         parts=beam.parts,
+        joined=beam.joined,
     )
     if not scene.has_prescribed_motion and not any(s.displaced for s in scene.supports):
         return state

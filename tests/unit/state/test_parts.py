@@ -28,11 +28,47 @@ def test_results_are_read_by_name(plane):
     assert "parts 'arm', 'bow', 'hub'" in repr(sol) and "parts" in repr(sol.state) and "tip at" in repr(view)
 
 
+def frame():
+    """Two columns and a beam between them, with a body at a rod's end: one loop, by the ground."""
+    section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
+    columns = [tb.Beam.straight(1.0, 2, section, root=(x, 0, 0), direction=(0, 1, 0)) for x in (0, 2)]
+    girder = tb.Beam.straight(2.0, 4, section, root=(0, 1, 0))
+    joints = [tb.Weld(("left", -1), ("girder", 0)), tb.Hinge(("girder", -1), ("right", -1), axis=(0, 0, 1)),
+              tb.Distance(("girder", 2), "load")]
+    load = tb.Body(1.0, 0.1, position=(1, 0.5, 0))
+    return tb.Scene({"left": columns[0], "girder": girder, "load": load, "right": columns[1]},
+                    [tb.Gravity((0, -9.81, 0)), tb.LineLoad(force=(0, -1.0, 0), on="girder")], joints=joints,
+                    supports=[tb.Support(("left", 0)), tb.Support(("right", 0))])
+
+
+def test_a_structure_is_described():
+    text = str(tb.describe(frame()))
+    for words in ("'load': a body of 1 kg", "LineLoad on 'girder'", "node ('left', 0): clamped", "1 closed loop",
+                  "Hinge of ('girder', -1) and ('right', -1): holds 5 components", "12 forces of joints",
+                  f"'midpoint': {2 * (6 * 12 - 12 - 12)} states", "minimal: no, a structure was given"):
+        assert words in text, words
+    assert "3 closed loops" in str(tb.describe(replace(frame(), supports=[
+        tb.Support((name, k)) for name in ("left", "right") for k in (0, 1)])))
+    assert "0 closed loops" in str(tb.describe(replace(frame(), supports=())))
+
+
+def test_a_structure_is_drawn():
+    """Each beam a line of its own, bodies and joints marked; in animations too."""
+    state = tb.rest(frame())
+    drawn = tb.plot.shape(state).lines
+    (curve,) = (line for line in drawn if len(line.get_xdata()) > 20)
+    gaps = torch.isnan(torch.as_tensor(curve.get_xdata())).sum()
+    assert gaps == 2 and [line.get_marker() for line in drawn] == ["None", "o", "s", "o", "o", "o"]
+    rod = drawn[-1]
+    assert list(zip(rod.get_xdata(), rod.get_ydata(), strict=True)) == [(1, 1), (1, 0.5)]
+
+
 def test_what_is_of_one_beam_asks_for_a_name():
     state, own = tb.rest(structure()), tb.rest(alone_and_together({})[0]["bow"])
     for read, words in ((lambda: state.tip, "[name].tip of one of its beams is wanted: 'arm', 'bow'"),
                         (lambda: state.root, "[name].root"), (lambda: state["leg"], "the part 'leg' was asked for"),
                         (lambda: state.node(3), "node = 3 was given in a structure"),
+                        (lambda: tb.State.from_nodes(structure(), structure().beam.nodes), "frames of all of its nodes"),
                         (lambda: own["bow"], "a scene of one beam has no names"),
                         (lambda: own.node(("bow", 1)), "which has no names")):
         with pytest.raises(ValueError) as caught:
