@@ -20,7 +20,7 @@ from .constraints import Constraints
 from .coordinates.linearised import LinearElement, Small
 from .coordinates.spatial import Space
 from .inertia import Inertia
-from .joints import NoJoints
+from .joint_motion import NoJoints
 from .lever import Lever, NoLever
 from .mass import LumpedMass, SharedMass
 from .rotary import NoRotaryInertia, RotaryInertia
