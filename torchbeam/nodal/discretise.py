@@ -24,12 +24,14 @@ from .inertia import inertia_of
 from .joint_constraints import joints_of
 from .loads import Nodes, external
 from .model import Model
+from .redundant import refuse_redundant
 
 ROUNDING = 1e-9  # of a vector, that may lie out of a plane
 
 
-def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = None) -> Model:
-    """The model of a scene; `lumped`: mass at the nodes alone; topology: None = the beam's own, a chain.
+def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = None, checked: bool = True) -> Model:
+    """The model of a scene; `lumped`: mass at the nodes alone; topology: None = the beam's own, a chain; checked:
+    whether constraints that others hold already are refused.
 
     Raises ValueError for what the nodal form does not take: sections whose mass is not that of rigid ones, and loads and
     motions that leave the scene's plane or do not fit small rotations.
@@ -57,7 +59,9 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
         joints=joints_of(scene, space, topology),
     )
     if space.plane is not None:
-        check_plane(model, discretise(replace(scene, plane=None), lumped, topology))
+        check_plane(model, discretise(replace(scene, plane=None), lumped, topology, checked=False))
+    if checked:
+        refuse_redundant(model)
     return model
 
 
