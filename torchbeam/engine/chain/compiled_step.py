@@ -25,7 +25,7 @@ from .constants import Constants, of_library
 from .cotangents import Adjoint, Backward, Differentiated, constant_fields, state_fields
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
-from .node_kinds import Kinds, node_kinds
+from .node_kinds import kinds_of
 from .program import NOTHING, adjoint_of, program_of
 from .user_functions import by_function, by_sample, known
 
@@ -83,10 +83,10 @@ class CompiledStep:
         values = self.constants.changing(dt, functions_of.INSTANT * dt, nothing, self.constants.orientation)
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         self.trees = self.constants.trees(values)
-        self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
+        self.function = any(one.axes is None for one in functions((self.trees[0].now.loads, self.trees[2].now.loads)))
         by_user = self.function or not all(map(of_library, self.constants.loads))
         self.around = NOTHING if around is None and not by_user else around
-        self.kinds = Kinds.of(node_kinds(model, self.constants.loads), model.scene.beam.order)
+        self.kinds = kinds_of(model, self.constants.loads)
         self.local = functions_of(model, *self.trees, **options)
         self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), self.around)
         if self.around is not None and not self.around.unchanged():
