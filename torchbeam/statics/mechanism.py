@@ -116,11 +116,15 @@ def _braced(problem: SteadyProblem, x: Configuration, free: Tensor) -> BracedPro
     model, space = problem.model, problem.model.space
     eye = torch.eye(3).to(x.position)
     D = problem.tangent(x, *problem.residual(x)[1:]).matrix.diagonal
+    stiffness = D.diagonal(dim1=-2, dim2=-1).abs()
+    usual = stiffness.amax(-2)
+    usual = torch.where(usual > 0, usual, 1.0)
     to_moves = torch.block_diag(space.project_vector(eye).mT, space.project_spin(eye).mT)
     length, braces = _length(model.scene.beam.nodes.detach())[..., None, None], torch.zeros_like(D)
     for k, base in enumerate(_bases(model)):
         own = free[..., 6 * k:6 * k + 6, :]
-        root = D[..., base.node, :, :].diagonal(dim1=-2, dim2=-1).abs().sqrt()[..., None]
+        own_stiffness = stiffness[..., base.node, :]  # of a body none
+        root = torch.where(own_stiffness > 0, own_stiffness, usual).sqrt()[..., None]
         moves = root * (to_moves @ torch.cat((length * own[..., :3, :], own[..., 3:, :]), -2))
         U, s, V = torch.linalg.svd(moves, full_matrices=False)
         there = s > NONE * torch.maximum(s[..., :1], root.amax(-2))

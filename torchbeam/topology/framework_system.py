@@ -98,6 +98,7 @@ class FrameworkSystem:
         if not how.interface:
             return []
         dense, n = condense(how, None, *self._parts)[0].dense(), len(how.interface) * w
+        dense = torch.where(torch.isfinite(dense).all(-1).all(-1)[..., None, None], dense, 0.0)  # a run is singular: so is this
         K, G = dense[..., :n, :n], dense[..., n:, :n]
         if how.joints:
             Z = torch.linalg.svd(G).Vh[..., int(self.joints.held.sum()):, :].mT

@@ -71,3 +71,17 @@ def test_a_batch_of_what_hangs_and_what_is_driven():
     state = tb.equilibrium(scene, throw=False)
     assert state.status.tolist() == [0, 0, 1]
     assert_close(state.root.force[:2], -force[:2], rtol=1e-9, atol=1e-12)
+
+
+def test_a_body_that_turns_freely_on_its_axle():
+    """A wheel at a beam's end, on a hinge through its own centre: nothing resists its turn, and nothing drives it; the beam
+    carries its weight as that of a mass.
+    """
+    section = tb.Section.from_stiffness(EA=1e3, GA=5e2, GJ=0.7, EI=1.0, mass=0.3)
+    beam, gravity = tb.Beam.straight(1.0, 2, section), tb.Gravity((0, 0, -9.81))
+    wheel = tb.Scene({"arm": beam, "wheel": tb.Body(0.2, 1e-3, position=(1.0, 0, 0))}, [gravity],
+                     joints=[tb.Hinge(("arm", -1), "wheel", axis=(0, 1, 0))], supports=[tb.Support(("arm", 0))])
+    found, mass = tb.equilibrium(wheel), tb.equilibrium(tb.Scene(beam, [gravity, tb.PointMass(0.2, node=-1)]))
+    torch.testing.assert_close(found["arm"].position, mass.position, rtol=0, atol=1e-9)
+    assert len(tb.modes(wheel, found, count=2).frequency) == 2
+    assert int(tb.path(wheel, step=0.5).state.status[-1]) != 0  # it has no braces, and says so
