@@ -58,6 +58,10 @@ class Tree:
 
     called: ClassVar[str]
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies and pickles go without what was cached."""
+        return {name: value for name, value in vars(self).items() if not cache_of(self, name)}
+
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         if cls.__module__.startswith("torchbeam."):
