@@ -40,6 +40,7 @@ from .failure import Failures
 from .held_inputs import GivenInputs, changes_within, given_from
 from .methods import METHODS as IMPLICIT_METHODS
 from .mixed_forms import simulate_mixed
+from .prepared import prepared
 from .rollout import check_room, march
 from .runaway import SENTENCE, stopped
 from .stepper import HALVINGS, Stepper
@@ -184,7 +185,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     lengths = (t.diff() / t.new_tensor(counts))[interval]
     begins = t[:-1][interval] + part * lengths
     wanted = [i == counts[k] - 1 for k, i in plan]
-    stepper = Stepper(scene, step, method, **options)
+    stepper = prepared(scene, step, method, **options)
     moved = changing(inputs, len(counts))
     first = inputs_at(inputs, t[0], t)
     start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
@@ -252,7 +253,7 @@ def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, input
                          "wanted, or 'midpoint'")
     most, tolerance, events = count("max_steps", max_steps), Tolerance.of(scene, rtol, atol), Events.of(events)
     first = None if first_step is None else step_size("first_step", first_step)
-    stepper = Stepper(scene, (concrete(t[-1]) - concrete(t[0])).item() / STEPS, method, **options)
+    stepper = prepared(scene, (concrete(t[-1]) - concrete(t[0])).item() / STEPS, method, **options)
     changing(inputs, len(t) - 1)
     given = inputs_at(inputs, t[0], t)
     start = stepper._begin(_begin(stepper.model, initial, t[0]), inputs=given)

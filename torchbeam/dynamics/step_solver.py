@@ -72,6 +72,13 @@ class StepSolver:
         held = dict(vars(self))
         return held if self.engine != "auto" else {**held, "_compiled": None, "_double": None, "_decided": False}
 
+    def again(self) -> StepSolver:
+        """The same, as if it had made no step yet."""
+        _ = self.compiled  # is decided once
+        other = object.__new__(StepSolver)
+        vars(other).update(vars(self), use=EngineUse(self.use.reason))
+        return other
+
     def of(self, model: Model) -> StepSolver:
         """The same for another model, of the same structure."""
         other = copy(self)

@@ -103,6 +103,13 @@ class Stepper:
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_last": None}
 
+    def again(self, dt: float | Tensor) -> Stepper:
+        """This stepper with steps of another length, as if it had made none yet."""
+        other = copy(self)
+        other.dt = duration("dt", dt, self.scene.dtype, self.scene.device)
+        other.solver, other.failures, other.iterations = self.solver.again(), Failures(), None
+        return other
+
     @property
     def compiled(self) -> CompiledStep | None:
         """The steps by native code; None where they are made eagerly."""
