@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from torchbeam.dynamics import engine_use
+from torchbeam.engine import engine_use
 
 THREADS = int(os.environ.get("OMP_NUM_THREADS", 1))
 torch.set_default_dtype(torch.float64)

@@ -4,12 +4,12 @@ is written after.
 
 import torch
 
-from torchbeam.dynamics.compiled.chain_constants import flattened
-from torchbeam.dynamics.compiled.constants import Constants
-from torchbeam.dynamics.compiled.kinds import Kinds, node_kinds
-from torchbeam.dynamics.compiled.local_functions import LocalFunctions
-from torchbeam.dynamics.compiled.local_problem import NODE
-from torchbeam.dynamics.midpoint import MidpointUnknowns
+from torchbeam.engine.chain.chain_constants import flattened
+from torchbeam.engine.chain.constants import Constants
+from torchbeam.engine.chain.local_functions import LocalFunctions
+from torchbeam.engine.chain.local_problem import NODE
+from torchbeam.engine.chain.node_kinds import Kinds, node_kinds
+from torchbeam.equations.midpoint import MidpointUnknowns
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
 

@@ -5,8 +5,10 @@ from math import prod
 
 import torch
 
-from torchbeam.dynamics.step_element import Ends, MidpointElement
-from torchbeam.dynamics.step_kinematics import MidpointMotion, MidpointTangent
+from torchbeam.engine.compiler.library import Library
+from torchbeam.engine.compiler.llvm import Module
+from torchbeam.equations.step_element import Ends, MidpointElement
+from torchbeam.equations.step_kinematics import MidpointMotion, MidpointTangent
 from torchbeam.nodal.constitutive_law import ViscoelasticLaw
 from torchbeam.nodal.coordinates.planar import Plane
 from torchbeam.nodal.coordinates.spatial import Space
@@ -15,8 +17,6 @@ from torchbeam.nodal.inertia import Inertia
 from torchbeam.nodal.lever import Lever
 from torchbeam.nodal.mass import LumpedMass
 from torchbeam.nodal.rotary import RotaryInertia
-from torchbeam.solvers.compiled.library import Library
-from torchbeam.solvers.compiled.llvm import Module
 from torchbeam.state.state import State
 from torchbeam.topology.chain import Chain
 

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 import torchbeam as tb
-from torchbeam.dynamics.compiled.coverage import ENGINES, VARIABLE
-from torchbeam.solvers.compiled.object_cache import default_folder
+from torchbeam.engine.chain.coverage import ENGINES, VARIABLE
+from torchbeam.engine.compiler.object_cache import default_folder
 from torchbeam.studies.bench.operations import GROWTH
 
 ROOT = Path(__file__).parents[2]
@@ -26,8 +26,8 @@ def scene(**options):
 def test_folders_files_and_modules_exist():
     for path in re.findall(r"`((?:torchbeam|tests|docs)/[\w/.]+)`", PAGE):
         assert (ROOT / path).exists(), path
-    folders = {str(path.parent.relative_to(ROOT)) + "/" for path in (ROOT / "torchbeam").rglob("compiled/__init__.py")}
-    assert folders == {name for name in re.findall(r"`(torchbeam/\w+/compiled/)`", PAGE)}
+    folders = {str(path.parent.relative_to(ROOT)) + "/" for path in (ROOT / "torchbeam/engine").glob("*/__init__.py")}
+    assert folders == {name for name in re.findall(r"`(torchbeam/engine/\w+/)`", PAGE)}
 
 
 def test_variables_are_read(monkeypatch, tmp_path):

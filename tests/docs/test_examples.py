@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from torchbeam.dynamics import engine_use
+from torchbeam.engine import engine_use
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
 EXTRA = {"identify_nuts": "pyro", "identify_scipy": "scipy"}  # packages that an example is about

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from torchbeam import SlowPathWarning
-from torchbeam.dynamics import engine_use
+from torchbeam.engine import engine_use
 
 ROOT = Path(__file__).parents[2]
 spec = importlib.util.spec_from_file_location("tables", ROOT / "docs" / "tables.py")

@@ -11,8 +11,9 @@ import torchbeam_envs
 
 import torchbeam
 
-LAYERS = ("math", "core", "topology", "scene", "state", "nodal", "mixed", "solvers", "dynamics", "statics", "linear", "sensors",
-          "plot", "analysis", "cli", "studies", "extend")  # from what knows nothing to what knows all
+# From what knows nothing to what knows all:
+LAYERS = ("math", "core", "topology", "scene", "state", "nodal", "mixed", "solvers", "equations", "engine", "dynamics",
+          "statics", "linear", "sensors", "plot", "analysis", "cli", "studies", "extend")
 HERE = Path(__file__).parents[2]
 ROOTS = {"torchbeam": Path(torchbeam.__file__).parent, "torchbeam_envs": Path(torchbeam_envs.__file__).parent}
 
@@ -80,8 +81,8 @@ def test_folders_import_from_those_above_alone():
 
 
 PHYSICS = ("nodal.assembly", "nodal.balance", "nodal.frame", "nodal.lever", "nodal.loads", "nodal.mass", "nodal.rotary",
-           "nodal.rows", "dynamics.alpha_kinematics", "dynamics.energy_projection", "dynamics.step_element",
-           "dynamics.step_kinematics", "dynamics.support_motion", "statics.steady_motion")
+           "nodal.rows", "equations.alpha_kinematics", "equations.energy_projection", "equations.step_element",
+           "equations.step_kinematics", "equations.support_motion", "equations.steady_motion")
 
 
 def test_physics_reads_rows_and_no_scene():

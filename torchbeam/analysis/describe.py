@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import constant, map_leaves
-from ..dynamics.compiled.coverage import why_eager
 from ..dynamics.methods import METHODS
 from ..dynamics.stepper import Stepper
+from ..engine.chain.coverage import why_eager
 from ..linear.modes import modes
 from ..mixed.model import MixedModel
 from ..nodal.coordinates.planar import PLANES

@@ -11,11 +11,11 @@ from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.leaves import with_values
 from ..core.status import SUCCESS
 from ..core.validation import concrete
+from ..engine.chain.compiled_step import Steps
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..state.state import State
-from .compiled.step import Steps
 from .held_inputs import HeldInputs, together
 from .method import WHOLE, Composition, Scheme
 from .step_solver import Made, StepSolver

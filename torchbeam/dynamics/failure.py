@@ -14,6 +14,7 @@ from torch import Tensor
 from ..core.derivatives import no_derivatives
 from ..core.status import SUCCESS
 from ..core.validation import concrete
+from ..equations.midpoint import MidpointProblem
 from ..math.shapes import broadcast_shapes
 from ..nodal.conditions import conditions
 from ..nodal.loads import external
@@ -23,7 +24,6 @@ from ..solvers.newton import newton
 from ..state.state import State
 from .held_inputs import HeldInputs
 from .method import Method
-from .midpoint import MidpointProblem
 
 ITERATES = 6  # of Newton's method that are looked at
 HALVES = 30  # of the way between two of them: what then still changes by half of the whole has a jump

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
 from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 
 from ..core.arguments import boolean
+from ..equations.midpoint import MidpointProblem
 from ..nodal.model import Model
-from ..state.state import State
-from .midpoint import MidpointProblem
+from ..state.state import State, plain
 
 
 class Composition(NamedTuple):
@@ -127,8 +126,3 @@ class Midpoint(Method):
 def without_rho(name: str, rho_inf: float | None) -> None:
     if rho_inf is not None:
         raise ValueError(f"rho_inf was given; {name!r} has none (generalized_alpha has)")
-
-
-def plain(state: State) -> State:
-    """What every method knows of a state."""
-    return State(**{f.name: getattr(state, f.name) for f in fields(State)})

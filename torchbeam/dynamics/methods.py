@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .generalized_alpha import GeneralizedAlphaMethod
+from .generalized_alpha_method import GeneralizedAlphaMethod
 from .method import Method, Midpoint
 from .midpoint4 import Midpoint4
 

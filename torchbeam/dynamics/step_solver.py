@@ -15,18 +15,18 @@ from ..core.derivatives import lasting
 from ..core.functions_of_time import past_hooks
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import concrete
+from ..engine.chain.compiled_step import RIGID, CompiledStep, Steps
+from ..engine.chain.coverage import VALUES, automatic_step, compiled_step, given_up, meaning
+from ..engine.chain.native import NotCompiled
+from ..engine.compiler.trace import NotTraceable
+from ..engine.engine_use import EngineUse
 from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import in_double
 from ..nodal.model import Model
 from ..scene.effects import Inputs
-from ..solvers.compiled.trace import NotTraceable
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..solvers.newton import TOLERANCE, newton
 from ..state.state import State
-from .compiled.coverage import VALUES, automatic_step, compiled_step, given_up, meaning
-from .compiled.native import NotCompiled
-from .compiled.step import RIGID, CompiledStep, Steps
-from .engine_use import EngineUse
 from .method import Method, Midpoint
 
 QUICK = 12  # iterations of a step that can still be made in parts: one that takes more is quicker so

@@ -18,14 +18,14 @@ from ..core.functions_of_time import shared
 from ..core.leaves import with_values
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import as_tensor, axis_last, broadcast, concrete, positive, real
+from ..engine.chain.compiled_step import CompiledStep
+from ..engine.chain.coverage import ENGINES
 from ..nodal.discretise import discretise
 from ..scene.effects import PerInterval, first_of
 from ..scene.scene import Scene
 from ..solvers.newton import LIMIT
 from ..state.start import on_supports
 from ..state.state import State, check_state, of_mesh, rest, with_optional_fields
-from .compiled.coverage import ENGINES
-from .compiled.step import CompiledStep
 from .composed import in_parts, natively, step
 from .failure import Failures
 from .held_inputs import GivenInputs, HeldInputs, together

@@ -24,10 +24,11 @@ from ..core.batch_subset import BatchSubset
 from ..core.entry_point import entry_point, entry_points
 from ..core.leaves import Tree, detached, leaf, leaves, map_leaves, own_leaves, with_values
 from ..core.validation import Value, shown
-from ..dynamics.compiled.coverage import ENGINES
 from ..dynamics.methods import METHODS
 from ..dynamics.simulate import FORMS
 from ..dynamics.torchdiffeq_bridge import METHODS as ODE_METHODS
+from ..engine.chain.coverage import ENGINES
+from ..engine.compiler.trace import NotTraceable, trace
 from ..math import quaternions
 from ..math.shapes import broadcast_shapes
 from ..scene.effects import (
@@ -42,7 +43,6 @@ from ..scene.effects import (
     inputs_of,
 )
 from ..scene.effects.values import parameter
-from ..solvers.compiled.trace import NotTraceable, trace
 
 __all__ = [
     "ACCELERATION", "ANGULAR_ACCELERATION", "ENGINES", "FORMS", "METHODS", "ODE_METHODS", "POSITION",

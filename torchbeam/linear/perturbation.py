@@ -10,10 +10,10 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.functions_of_time import rate_along
+from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.loads import advanced_rates
 from ..nodal.model import Model
 from ..state.state import State
-from ..statics.steady import Configuration, SteadyProblem
 
 Sensor = Callable[[State], Tensor]
 NO_INERTIA = 1e-12  # of the largest of a node's three moments of inertia

@@ -18,6 +18,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..equations.steady import Configuration, SteadyProblem
 from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
 from ..nodal.constitutive_law import times
@@ -26,7 +27,6 @@ from ..nodal.loads import Lags
 from ..nodal.model import Model
 from ..state.state import State, check_state
 from ..statics.balance_check import check_rest
-from ..statics.steady import Configuration, SteadyProblem
 from ..topology.protocols import Matrix, total
 
 

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from ..math.dense import solve_unchecked
-from .points import Points, carried
 from .region import Region
+from .search_points import Points, carried
 
 CONVERGED, UNFINISHED, STUCK = 0, 1, 2
 FAILED, LEFT = 4, 5  # at the start itself; a start that others were better than

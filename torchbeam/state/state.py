@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import torch
@@ -131,6 +131,11 @@ class State(Instant):
         """The same with the common batch axes, or those given, in every field."""
         shape = self.batch_shape if shape is None else shape
         return map_leaves(lambda x, axes: x.expand((*shape, *x.shape[x.ndim - axes:])), self)
+
+
+def plain(state: State) -> State:
+    """What every method knows of a state."""
+    return State(**{f.name: getattr(state, f.name) for f in fields(State)})
 
 
 def check_state(state: Any, scene: Any, name: str = "initial") -> State:

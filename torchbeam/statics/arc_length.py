@@ -15,11 +15,11 @@ from torch import Tensor
 
 from ..core.functions_of_time import rate_along
 from ..core.leaves import Tree, leaf
+from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.balance import Linearisation, Residual
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from .internal_states import linearised
-from .steady import Configuration, SteadyProblem
 
 
 class PathPoint(NamedTuple):

@@ -7,9 +7,9 @@ from torch import Tensor
 
 from ..core.derivatives import no_derivatives
 from ..core.validation import concrete
+from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.model import Model
 from ..state.state import State
-from .steady import Configuration, SteadyProblem
 
 CLOSE = {torch.float64: 1e-6, torch.float32: 1e-3}  # of the scaled residual: below it a state is taken without a further look
 OFF = 1e-3  # rad: how far what is out of balance, or the motion, may bend the beam

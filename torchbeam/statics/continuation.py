@@ -22,11 +22,11 @@ from torch import Tensor
 
 from ..core.status import DIVERGED
 from ..core.validation import unmapped
+from ..equations.steady import Configuration
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..solvers.newton import newton
 from .arc_length import ArcLengthProblem, LoadedProblem, PathPoint, load_slope, where
-from .steady import Configuration
 
 REGULAR, LIMIT_POINT, BRANCH_POINT = range(3)
 TURN = 1.0  # rad that a node may turn in one step

@@ -17,7 +17,10 @@ from ..core.leaves import wants_gradient
 from ..core.status import DIVERGED
 from ..core.validation import concrete
 from ..core.warning import warn
-from ..dynamics.compiled.coverage import ENGINES
+from ..engine.chain import load_climb as compiled
+from ..engine.chain.coverage import ENGINES
+from ..equations.load_steps import climb
+from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
 from ..scene.scene import Scene
@@ -25,14 +28,11 @@ from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..state.state import State, check_state, rest
 from . import relaxation
 from .arc_length import LoadedProblem, where
-from .compiled import climb as compiled
 from .continuation import NEUTRAL
 from .internal_states import resting
-from .load_steps import climb
 from .mechanism import braced, stressed
 from .no_equilibrium import reason
 from .path import stable_branch
-from .steady import Configuration, SteadyProblem
 
 SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}  # of the softest pivot at no load
 LARGE = 1e4  # times the move that the loads bring about at first

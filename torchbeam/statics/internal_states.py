@@ -10,10 +10,10 @@ from torch import Tensor
 from ..core.derivatives import no_derivatives
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import concrete
+from ..equations.steady import Configuration, SteadyProblem
 from ..math.shapes import broadcast_shapes
 from ..nodal.loads import internal
 from ..solvers.newton import newton
-from .steady import Configuration, SteadyProblem
 
 LIMIT = 25  # linearisations
 STAYS = 0.5  # power of the dtype's rounding: change of the states, relative, up to which they stay

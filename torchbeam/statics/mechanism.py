@@ -16,6 +16,7 @@ from torch import Tensor
 from ..core.derivatives import no_derivatives
 from ..core.leaves import leaf
 from ..core.validation import concrete
+from ..equations.steady import Configuration, SteadyProblem
 from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
 from ..nodal.coordinates.planar import PLANES
@@ -24,7 +25,6 @@ from ..scene.scene import Scene
 from ..scene.supports import AXES
 from ..state.state import rest
 from ..topology.protocols import Matrix, total
-from .steady import Configuration, SteadyProblem
 
 NONE = 1e-8  # of the largest: a singular value that is none
 STIFF = 1e6  # of a brace, beside the stiffness of its node

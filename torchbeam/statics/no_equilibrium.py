@@ -10,9 +10,9 @@ from torch import Tensor
 from ..core.derivatives import no_derivatives
 from ..core.status import DIVERGED, STATUS
 from ..core.validation import concrete
+from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.model import Model
 from .mechanism import sample_of, unheld
-from .steady import Configuration, SteadyProblem
 
 CLOSE = 1e-6  # of a length
 BENT = 2.0  # rad, of an element, which takes less than half a turn

@@ -17,6 +17,7 @@ from ..core.arguments import tolerance as check_tolerance
 from ..core.derivatives import no_derivatives
 from ..core.summary import counted, kind, lines, span, statuses
 from ..core.validation import as_tensor, concrete, finite, shown
+from ..equations.steady import Configuration
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.scene import Scene
@@ -25,7 +26,6 @@ from .arc_length import LoadedProblem, PathPoint
 from .balance_check import check_balance
 from .continuation import BRANCH_POINT, LIMIT_POINT, REGULAR, Attempt, Continuation, move_weights
 from .internal_states import linearised
-from .steady import Configuration
 
 STEP, STEPS = 0.1, 200  # of the way to a stable branch
 

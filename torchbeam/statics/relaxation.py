@@ -22,13 +22,13 @@ from torch import Tensor
 from ..core.leaves import leaf
 from ..core.status import DIVERGED
 from ..core.validation import concrete
+from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.balance import Residual
 from ..nodal.model import Model
 from ..solvers.newton import newton
 from ..topology.protocols import Matrix, total
 from .balance_check import softest
 from .mechanism import braced
-from .steady import Configuration, SteadyProblem
 
 FIRST, LEAST, STEPS = 1 / 16, 1e-9, 500  # step: the first, and the smallest; how many
 TURN, CALM = 1.0, 0.2  # rad a node may turn in a step; after which Newton's method is tried

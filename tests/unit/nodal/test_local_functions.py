@@ -8,10 +8,10 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.cases.nodal_cases import scene, state
-from torchbeam.dynamics.generalized_alpha import AlphaState, GeneralizedAlphaProblem
-from torchbeam.dynamics.midpoint import MidpointProblem
-from torchbeam.dynamics.step_element import Ends
-from torchbeam.dynamics.step_kinematics import MidpointMotion
+from torchbeam.equations.generalized_alpha import AlphaState, GeneralizedAlphaProblem
+from torchbeam.equations.midpoint import MidpointProblem
+from torchbeam.equations.step_element import Ends
+from torchbeam.equations.step_kinematics import MidpointMotion
 from torchbeam.nodal import loads as external
 from torchbeam.nodal.assembly import Assembly
 from torchbeam.nodal.conditions import conditions

@@ -9,7 +9,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 import torchbeam as tb
 from tests.cases.nodal_cases import state as random_state
-from torchbeam.dynamics.midpoint import MidpointProblem
+from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.loads import Nodes, external

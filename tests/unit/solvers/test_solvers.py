@@ -14,12 +14,12 @@ import torchbeam as tb
 from torchbeam.core.derivatives import cached, no_derivatives
 from torchbeam.core.leaves import Tree, leaf
 from torchbeam.core.status import SUCCESS
-from torchbeam.dynamics.generalized_alpha import GeneralizedAlphaProblem
-from torchbeam.dynamics.midpoint import MidpointProblem
+from torchbeam.equations.generalized_alpha import GeneralizedAlphaProblem
+from torchbeam.equations.midpoint import MidpointProblem
+from torchbeam.equations.steady import Configuration, SteadyProblem
 from torchbeam.nodal.discretise import discretise
 from torchbeam.solvers.implicit_gradient import differentiated, implicit_gradient
 from torchbeam.solvers.newton import newton
-from torchbeam.statics.steady import Configuration, SteadyProblem
 
 SOFT = dict(EA=4e3, GA=2e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from torchbeam.core import files
-from torchbeam.dynamics.compiled.coverage import VARIABLE
+from torchbeam.engine.chain.coverage import VARIABLE
 from torchbeam.studies.accuracy import explicit, references
 from torchbeam.studies.accuracy.command import main
 from torchbeam.studies.accuracy.errors import Errors, Of

@@ -9,14 +9,14 @@ from torch.testing import assert_close
 import torchbeam as tb
 from tests.cases.nodal_cases import scene, state
 from tests.cases.star_topology import Star
-from torchbeam.dynamics.midpoint import MidpointProblem
+from torchbeam.equations.load_steps import climb
+from torchbeam.equations.midpoint import MidpointProblem
+from torchbeam.equations.steady import Configuration, SteadyProblem
 from torchbeam.linear.system_matrices import matrices
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.rates import Rates
 from torchbeam.solvers.implicit_gradient import implicit_gradient
 from torchbeam.solvers.newton import newton
-from torchbeam.statics.load_steps import climb
-from torchbeam.statics.steady import Configuration, SteadyProblem
 
 N, SHARED = 5, 3  # elements; the node at which the chain is cut
 NODES = [0, 1, 2, 5, 4, 3]  # of the chain, in the star's order: the shared one last

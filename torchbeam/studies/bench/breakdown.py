@@ -11,13 +11,13 @@ from typing import Any
 
 import torch
 
-from ...dynamics.compiled.code import Code
-from ...dynamics.compiled.native import NativeProgram
 from ...dynamics.simulate import simulate
 from ...dynamics.stepper import Stepper
-from ...solvers.compiled.function import Function
-from ...solvers.compiled.library import Library
-from ...solvers.compiled.llvm import Module
+from ...engine.chain.loop_text import Code
+from ...engine.chain.native import NativeProgram
+from ...engine.compiler.function import Function
+from ...engine.compiler.library import Library
+from ...engine.compiler.llvm import Module
 from ...state.state import rest
 from ..common_case import SPACES, Case
 from .measurement import Row, progress

@@ -11,7 +11,7 @@ import torch
 
 from ...cli import results_folder, threads
 from ...core.results import measured_on, sentence, versions, write
-from ...dynamics.compiled.coverage import MISSING
+from ...engine.chain.coverage import MISSING
 from ...plot.canvas import where_installed
 from .. import peers
 from . import breakdown, first_use, gradients, growth, loads, operations, others, throughput

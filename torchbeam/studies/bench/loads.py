@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import torch
 
-from ...dynamics.compiled.coverage import why_eager, why_not_traced
 from ...dynamics.simulate import simulate
+from ...engine.chain.coverage import why_eager, why_not_traced
 from ...nodal.discretise import discretise
 from ...scene.beam import Beam
 from ...scene.effects import MassDamping, TipLoad

@@ -1,0 +1,160 @@
+"""Loads as users write them run natively, as eager ones: values, gradients by numbers of the beam and of networks."""
+
+import re
+from copy import deepcopy
+
+import pytest
+import torch
+from torch.autograd import forward_ad
+from torch.testing import assert_close
+
+import torchbeam as tb
+from tests.cases.user_loads import BATCHES, LOADS, REFUSED, THREE, Contact, mixing
+from torchbeam.engine.chain.coverage import why_eager, why_not_traced
+from torchbeam.nodal.discretise import discretise
+
+pytest.importorskip("llvmlite")
+# One of each kind: two seconds each, to compile. Functions one by one are in engine/compiler, holders of numbers, partials and
+# methods in properties/test_metamorphic.py.
+SHORT = {
+    "cylinder", "LuGre", "stalling wing", "table", "spline in s",
+    "linear solve", "gradient of a potential", "writes into its own", "method of a dataclass", "class of one's own",
+    "network, residual", "network, float32"}
+
+
+@pytest.fixture(autouse=True)
+def auto(monkeypatch):
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "auto")
+
+
+def scene(load, EI=1.0):
+    section = tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=EI, mass=0.3, inertia=1e-4)
+    return tb.Scene(tb.Beam.straight(1.0, 2, section), [load, tb.TipLoad(force=(0.2, 0, 0.8)), tb.MassDamping(0.3)], plane="xz")
+
+
+def parameters(load):
+    """Of networks that a load closes over."""
+    cells = getattr(getattr(load, "function", None), "__closure__", None) or ()
+    return [p for cell in cells if isinstance(cell.cell_contents, torch.nn.Module) for p in cell.cell_contents.parameters()]
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name in SHORT else [pytest.mark.long]) for name in LOADS])
+def test_loads_that_users_write_run_natively_as_they_stand(name):
+    """Three steps of 10 ms. float32: eager steps round the network's numbers, native ones do not."""
+    load, found = LOADS[name](), {}
+    single = any(p.dtype == torch.float32 for p in parameters(load))
+    for engine in ("compiled", "eager"):
+        EI = torch.tensor(1.0, requires_grad=True)
+        run = scene(load, EI)
+        stepper = tb.Stepper(run, 0.01, engine=engine)
+        state = stepper.rest()
+        for _ in range(3):
+            state = stepper(state)
+        assert not state.status.any()
+        value = state.position[-1] + 0.1 * state.velocity[-1]
+        slopes = torch.autograd.grad(value.sum(), [EI, *parameters(load)])
+        found[engine] = value.detach(), slopes
+    (value, slopes), (expected, gradient) = found.values()
+    assert_close(value, expected, rtol=0, atol=1e-6 if single else 1e-12)
+    for x, y in zip(slopes, gradient, strict=True):
+        assert_close(x, y, rtol=1e-4 if single else 1e-9, atol=1e-4 if single else 1e-9 * max(1e-3, float(y.abs().max())))
+    assert why_eager(discretise(run), "midpoint") is None  # "auto" takes it
+
+
+def stepped(load, engine="auto"):
+    stepper = tb.Stepper(scene(load), 0.01, engine=engine)
+    return stepper, stepper(stepper(stepper.rest()))
+
+
+def test_steps_of_an_optimiser_and_other_networks_compile_nothing():
+    """The same program for all numbers of the parameters, and each step by those of now."""
+    module = torch.nn.Linear(3, 3)
+    load, optimiser = network(module), torch.optim.SGD(module.parameters(), 0.5)
+    stepper, state = stepped(load)
+    program = stepper.compiled.program
+    for _ in range(2):
+        state.position.square().sum().backward()
+        optimiser.step()
+        state = stepper(stepper(stepper.rest()))
+        assert_close(state.velocity, stepped(load, "eager")[1].velocity, rtol=1e-10, atol=1e-12)
+    other = stepped(network(torch.nn.Linear(3, 3)))[0].compiled
+    assert stepper.compiled.program is program is other.program
+    assert deepcopy(tb.Stepper(scene(load), 0.01, engine="compiled"))(state).velocity.requires_grad
+
+
+def network(module):
+    return tb.Load(lambda x, R, v, w, t: (-0.3 * module(v), None), of="velocity")
+
+
+def test_numbers_of_objects_that_change_are_those_of_now():
+    """By the stepper that is there, eagerly, and natively by the next one."""
+    contact = Contact()
+    load = tb.Load(contact.force)
+    stepper, _ = stepped(load)
+    contact.stiffness, contact.settings["gap"][1] = 400.0, -0.1
+    expected = stepped(load, "eager")[1].velocity
+    assert_close(stepper(stepper(stepper.rest())).velocity, expected, rtol=1e-10, atol=1e-12)
+    again, state = stepped(load)
+    assert stepper.compiled is None and again.compiled is not None
+    assert_close(state.velocity, expected, rtol=1e-10, atol=1e-12)
+
+
+def test_forward_mode_through_what_a_function_closes_over():
+    """A dual number is seen: the derivative is that of eager steps."""
+    found = []
+    for engine in ("auto", "eager"):
+        with forward_ad.dual_level():
+            k = forward_ad.make_dual(torch.tensor(3.0), torch.tensor(1.0))
+            state = stepped(tb.Load(lambda x, R, v, w, t, k=k: (-k * x, None)), engine)[1]
+            found.append(forward_ad.unpack_dual(state.velocity).tangent)
+    assert_close(*found, rtol=1e-10, atol=1e-12)
+    assert found[0].abs().max() > 1e-3
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name in (
+    "batch by places", "batch of an object", "batch of lags", "batch of a flow") else [pytest.mark.long]) for name in BATCHES])
+def test_a_batch_that_a_function_closes_over_is_a_row_for_each_sample(name):
+    """Natively as eagerly: two steps, iterations, the gradient by the batch. Three samples, as vectors have components."""
+    found = []
+    for engine in ("auto", "eager"):
+        k = THREE.clone().requires_grad_()
+        stepper, state = stepped(BATCHES[name](k), engine)
+        assert stepper.engine == ("native" if engine == "auto" else engine) and state.batch_shape == (3,)
+        value = state.tip.position + 0.1 * state.tip.velocity
+        found.append((value.detach(), stepper.iterations, torch.autograd.grad(value.square().sum(), k)[0]))
+    (value, iterations, slope), (expected, counted, gradient) = found
+    assert_close(value, expected, rtol=0, atol=1e-12)
+    assert (iterations == counted).all()
+    assert_close(slope, gradient, rtol=1e-9, atol=1e-9 * float(gradient.abs().max()))
+
+
+def test_a_closed_over_batch_that_changes_is_read_anew():
+    """Written to in place, and another of other numbers: by the program that there is; equilibria too."""
+    k = THREE.clone()
+    load = BATCHES["closed-over batch"](k)
+    stepper, _ = stepped(load)
+    k *= 2
+    state = stepper(stepper(stepper.rest()))
+    assert stepper.engine == "native"
+    assert_close(state.velocity, stepped(load, "eager")[1].velocity, rtol=0, atol=1e-12)
+    other = stepped(BATCHES["closed-over batch"](3 * THREE))[0]
+    assert other.compiled.program is stepper.compiled.program
+    shapes = [tb.equilibrium(scene(load), engine=engine).position for engine in ("compiled", "eager")]
+    assert shapes[0].shape[0] == 3
+    assert_close(*shapes, rtol=0, atol=1e-9)
+
+
+def test_samples_that_a_function_mixes_are_stepped_eagerly():
+    assert re.search(r"a batch \(3,\) of its own", why_eager(discretise(scene(mixing(THREE))), "midpoint"))
+    assert stepped(mixing(THREE))[0].engine == "eager"
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_has_no_native_code_says_why_and_runs_eagerly(name):
+    load, said = REFUSED[name]
+    load = load()
+    model = discretise(scene(load))
+    reason = why_eager(model, "midpoint") or why_not_traced(model, "midpoint")
+    assert re.search(said, reason), reason
+    with pytest.raises(ValueError, match="engine = 'compiled' was given"):
+        tb.Stepper(scene(load), 0.01, engine="compiled")

@@ -1,0 +1,1 @@
+"""Native engine: local functions traced, and run on a chain as machine code."""

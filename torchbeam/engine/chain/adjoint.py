@@ -1,0 +1,165 @@
+"""Adjoint program: the derivatives of a step's local functions, for the constants that want them."""
+
+from __future__ import annotations
+
+from functools import partial
+from math import prod
+
+from ..compiler.derivative import bar, vjp
+from ..compiler.function import Function
+from ..compiler.packing import Packing
+from ..compiler.shared_ends import END
+from . import midsides
+from .adjoint_driver import AdjointDriver
+from .conserving_functions import ENERGIES
+from .layout import BETWEEN, ELEMENTS, ENDS, INNER, MOVES, NODES, ONE, OWN, SUPPORTS, TURNS, Layout
+from .local_functions import LocalFunctions
+from .native import NativeProgram
+from .node_kinds import Kinds, without_side
+from .tracing import Traced, Tracing
+
+SAMPLE = ("good", "work_bar", "work_grad")
+ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
+
+
+class AdjointProgram(NativeProgram):
+    """wanted: names of the constants' fields whose cotangents are asked for."""
+
+    driver = AdjointDriver
+
+    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, wanted: frozenset[str],
+                 key: str | None = None, traced: Traced | None = None) -> None:
+        self.wanted = wanted
+        super().__init__(local, kinds, held, key, traced)
+
+    def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        wanted, w, shapes, node = sorted(self.wanted), self.w, self.shapes, traced.node
+        start = (*self.state, *wanted)
+        found = {"solution": traced(local.solution, {
+            "position": shapes["position"], "rotation": shapes["rotation"], "after_position": shapes["position"],
+            "after_rotation": shapes["rotation"]})}
+        nodes, elements, finishes = [], [], []
+        for k, kind in enumerate(self.kinds.nodes):
+            nodes.append(whole := traced(partial(local.node, kind), node))
+            found[f"node bar {k}"] = _derivative(whole.only(["balance"]), start)
+            finishes.append(finish := traced(partial(local.finish, kind), node))
+            found[f"finish bar {k}"] = _derivative(finish, (*start, "u", "m", "found", "last"), keep=("u", "m"))
+            update = traced(partial(local.update, kind), {**node, "move": (w,)})
+            if "move" in update.inputs:  # a clamp that moves goes its own way
+                found[f"update bar {k}"] = vjp(update, ["move"]).with_constants({"move": [0.0] * w})
+        if "kinetic" in local.element_ends:
+            project = traced(local.project, dict.fromkeys(("defect", "kinetic", "rise"), ()))
+            scaled = traced(local.scaled, {**{name: shapes[name] for name in ENDED}, "scale": ()})
+            found |= {"project": project.only(["scale"]), "project bar": vjp(project, ["defect", "kinetic", "rise"]),
+                      "scaled bar": vjp(scaled, [*ENDED, "scale"])}
+            found |= {f"ended {k}": finish.only([*ENDED, *ENERGIES]) for k, finish in enumerate(finishes)}
+        ends = [f"{side}.{name}" for side in self.sides for name in start if not name.startswith(("element", "common"))]
+        ended = [f"{side}.{name}" for side in self.sides for name in ("u", "m")]
+        ends += [*local.element_state, *(name for name in wanted if name.startswith(("element", "common")))]
+        for k, kind in enumerate(self.kinds.elements):
+            elements.append(whole := traced(partial(local.element, kind), traced.element))
+            found[f"element bar {k}"] = _derivative(whole.only([*(f"{side}.balance" for side in self.sides), "gap"]), ends)
+            if local.element_ends:
+                finish = traced(partial(local.finish_element, kind), traced.element)
+                if "kinetic" in finish.outputs:
+                    found[f"ended element {k}"] = finish
+                found[f"finish element bar {k}"] = _derivative(finish, [*ends, *ended])
+        own = Packing(OWN, nodes, ["D"])
+        blocks = [*(f"{side}.D" for side in self.sides), *(name for name in midsides.BLOCKS if name in whole.outputs)]
+        between = Packing(BETWEEN if self.order == 1 else INNER, elements, blocks)
+        nodes = [one.only([OWN]) for one in own.made()]
+        elements = [one.only([between.name, "E", "hB"]) for one in between.made()]
+        nodes, elements = self.with_ends(nodes, elements, (*self.state, "u", "m"), traced.constants["common"])
+        found |= {f"block {k}": one for k, one in enumerate(nodes)}
+        found |= {f"blocks {k}": one for k, one in enumerate(elements)}
+        law = {name: whole.outputs[name].shape for name in ("gap", "E", "hB")}
+        moves = {f"{side}.move": (w,) for side in self.sides}
+        found["stress bar"] = vjp(traced(local.stress, {**traced.element, **law, **moves}), ["gap", *moves])
+        found["pushed bar"] = vjp(traced(local.pushed, {**traced.element, **law}), ["gap"])
+        if self.order == 2:
+            inner = {"own.D": (w, w), "right": (w,), **{f"element.{name}": whole.outputs[name].shape for name in blocks}}
+            condense = {"condense": traced(partial(local.transposed_condense, False), inner)}
+            if self.held:
+                held = inner | {"free": (w,), "push": (w,)}
+                condense["held condense"] = traced(partial(local.transposed_condense, True), held)
+            restore = traced(local.transposed_restore, {
+                "own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)})
+            more, between, _ = midsides.eliminating(condense, restore, own, between)
+            found |= more
+        row = {"own.D": (w, w), "left.D": (w, w), "right.D": (w, w), "left.U": (w, w), "right.L": (w, w), "right": (w,),
+               "ahead": (w, w), "y": (w,)}
+        near = {f"{name}_{at}": (w,) for name in ("free", "push") for at in ("before", "here", "after")}
+        sides = {"left.D": "j.D", "left.U": "U", "right.D": "i.D", "right.L": "L"}
+
+        def packed(function: Function) -> Function:
+            return between.taken(own.taken(function, {"own.D": "D"}), sides)
+
+        found["row"] = packed(traced(partial(local.transposed_row, False), row))
+        if self.held:
+            found["held row"] = packed(traced(partial(local.transposed_row, True), row | near))
+            found["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
+        found["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
+        found["balance_bar"] = traced(local.balance_bar, {"move": (w,), "push": (w,), "free": (w,)})
+        return {name: function.only(function.outputs) for name, function in found.items()}
+
+    def _layout(self) -> Layout:
+        w, k, layout = self.w, self.k, Layout()
+        state = [(name, prod(self.shapes[name])) for name in self.state]
+        for kind, rows in (("node", NODES), ("element", ELEMENTS), ("common", ONE), *((("support", SUPPORTS),) * self.held)):
+            outputs = (one for name in self.functions for one in self.outputs(name))  # a derivative need not read what it is by
+            found = {name: size for out, size in outputs
+                     if (name := without_side(out).removesuffix("_bar")).startswith(f"{kind}.")}
+            layout.record(kind, rows, self.constants(kind))
+            layout.record(f"{kind}_bar", rows, sorted(found.items()))
+        for name in ("state", "state_bar", "state_grad", "start_bar"):
+            layout.record(name, NODES, state)
+        layout.record("after", NODES, [(f"after_{name}", size) for name, size in state[:2]])
+        layout.record("unknown", NODES, [("u", state[0][1]), ("m", state[1][1])])
+        for name in ("stress", "stress_bar", "stress_grad"):
+            layout.record(name, ELEMENTS, [("stress", k)])
+        if self.element_state:
+            own = [(name, prod(self.shapes[name])) for name in self.element_state]
+            for name in ("", "_bar", "_grad", "_start_bar"):
+                layout.record(f"element_state{name}", ELEMENTS, own)
+        if "finish element bar 0" in self.functions:
+            layout.record("unknown_bar", NODES, [("u_bar", state[0][1]), ("m_bar", state[1][1])])
+        if "project" in self.functions:
+            layout.record("ended", NODES, [(name, prod(self.shapes[name])) for name in ENDED])
+            bars = [*ENERGIES, "scale", *(f"{name}_bar" for name in (*ENERGIES, "scale"))]
+            layout.record("energy", ONE, [(name, 1) for name in bars])
+            layout.record("sample", ONE, [(name, 1) for name in ("defect", "defect_bar", "defect_grad")])
+        for name in ("asked", "push", "move", "found"):
+            layout.record(name, MOVES, [(name, w)])
+        layout.record("law", ELEMENTS, [*self.outputs("blocks 0", "E", "hB"), ("gap_bar", k)])
+        layout.record("at_node", TURNS, self.outputs("block 0", OWN))
+        layout.record("at_end", TURNS, self.largest("block", len(self.kinds.nodes), END))
+        midsides.record(layout, self.functions, "blocks 0")
+        layout.record("row", ENDS, [("ahead", w * w), ("y", w)])
+        layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
+        change = layout.record("change", ONE, [("gap_bar", k)])
+        for name in self.functions:
+            if name.startswith(("node bar", "finish bar", "stress bar", "ended", "scaled bar", "project bar")):
+                for out in self.outputs(name):
+                    change.add(*out)
+        of_element = layout.record("of_element", ONE)
+        for k in range(len(self.kinds.elements)):
+            for name in (f"element bar {k}", f"finish element bar {k}"):
+                for out in self.outputs(name) if name in self.functions else ():
+                    of_element.add(*out)
+        layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
+        layout.record("free", NODES, [("free", w)])
+        if self.held:
+            for name in ("found", "last"):
+                read = any(name in function.inputs for function in self.functions.values())
+                layout.record("support", SUPPORTS, [(name, w)] * read)
+            for name in ("reaction_bar", "reaction_grad", "last_bar"):
+                layout.record(name, SUPPORTS, [("reaction", w)])
+        return layout
+
+
+def _derivative(function: Function, by: tuple[str, ...] | list[str], keep: tuple[str, ...] = ()) -> Function:
+    """Cotangents of the inputs `by` that the function has; without those that are zero, but for `keep`."""
+    found = vjp(function, [name for name in by if name in function.inputs])
+    zero = found.graph.zero
+    return found.only(name for name, out in found.outputs.items()
+                      if name in map(bar, keep) or any(node != zero for node in out.nodes))

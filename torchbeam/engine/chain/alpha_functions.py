@@ -1,0 +1,87 @@
+"""Local functions of a generalized-alpha step: those of the midpoint step, of another local problem.
+
+A node's state has its accelerations as well, and an element's, where strains are damped, their rates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from torch import Tensor
+
+from ...equations.alpha_kinematics import EndKinematics
+from ...equations.generalized_alpha import AlphaState, EndUnknowns, GeneralizedAlphaProblem
+from ...nodal.conditions import Conditions, acting
+from ...nodal.rows import Rows
+from ...scene.effects import Pose
+from ...state.state import State
+from .chain_constants import Common, filled
+from .local_functions import LocalFunctions
+from .local_problem import NODE, Fields, Given, acting_loads
+from .node_kinds import NodeKind
+
+STRAINING = "straining"
+
+
+@dataclass(frozen=True)
+class LocalAlphaProblem(Given, GeneralizedAlphaProblem):
+    """A step of one node, or of one element; before: conditions at its start, None = they are the same there."""
+
+    before: Conditions | None = None
+
+    @property
+    def conditions_before(self) -> Conditions:
+        return replace(self.before or self.given, t=self.t - self.dt)
+
+    def straining(self, way: EndKinematics) -> Tensor:
+        return super().straining(way) if self.model.topology.element_count else self.start.straining
+
+
+@dataclass(frozen=True)
+class AlphaFunctions(LocalFunctions):
+    """Functions of nodes, of elements, of rows of the chain, of samples; and those of the adjoint."""
+
+    rho_inf: float = 0.8
+
+    NODE = (*NODE, "acceleration")
+    UNKNOWNS = EndUnknowns
+    INSTANT = GeneralizedAlphaProblem.INSTANT
+
+    @property
+    def options(self) -> tuple[Any, ...]:
+        return (self.rho_inf,)
+
+    @property
+    def element_state(self) -> tuple[str, ...]:
+        return (STRAINING,) if self.elements.law.damped else ()
+
+    def of_node(self, fields: Fields, kind: NodeKind) -> tuple[LocalAlphaProblem, EndUnknowns]:
+        problem, x = super().of_node(fields, kind)
+        if kind.support is not None and "last" in fields:
+            problem = replace(problem, start=replace(problem.start, reaction=fields["last"][None]))
+        rows, common = filled(self.nodes, lambda k: fields[f"node.{k}"][None]).before, self._common(fields).before
+        if common is None:
+            return problem, x
+        loads = acting_loads(kind, rows.loads, common.loads)
+        root = None if common.support is None else Pose(*vars(common.support).values())
+        before = replace(problem.given, root=root, dead=0.0 if rows.dead is None else rows.dead, loads=acting(
+            problem.model, loads, tuple(load.internal for load in loads), 0))
+        return replace(problem, before=before), x
+
+    def _stepping(self, rows: Rows, start: State, common: Common, given: Fields, now: Conditions, C: Tensor | None
+                  ) -> LocalAlphaProblem:
+        stations = rows.topology.element_count * self.order
+        straining = given.get(STRAINING, start.position.new_zeros(stations, 2 * rows.space.strain))
+        start = AlphaState(**vars(start), acceleration=given["acceleration"], straining=straining)
+        return LocalAlphaProblem(rows, start, common.dt, common.t, common.inputs, rho_inf=self.rho_inf, given=now, stiffness=C)
+
+    def finish_element(self, kind: Any, **fields: Tensor) -> Fields:
+        """The element's state at the end of the step."""
+        problem, x = self.of_element(fields, kind)
+        x = problem.apply_supports(x)
+        return {STRAINING: problem.straining(problem.motion.kinematics(x.u, x.m))}
+
+    def solution(self, position: Tensor, rotation: Tensor, after_position: Tensor, after_rotation: Tensor) -> Fields:
+        space = self.model.space
+        return {"u": after_position - position, "m": space.multiply(space.inverse(rotation), after_rotation)}

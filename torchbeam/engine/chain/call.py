@@ -1,0 +1,234 @@
+"""Calls of a native program: tables of the tensors that it reads and writes, its memory, its arguments."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ...nodal.model import Model
+from .chain_code import POINTERS
+from .native import NativeProgram
+from .node_kinds import Kinds
+from .transfers import ENTRY
+
+CPU = torch.device("cpu")  # whatever the default device is
+WORK = 4096  # samples times elements times steps that are worth a thread of their own (about a millisecond)
+
+
+class Field(NamedTuple):
+    """A tensor that stands for a field of a record: `axes` of its own, of which the first are the record's rows, if it has any;
+    before them the samples', and before these, where it has more, one of steps. flat: the samples' axes are one; every: so many
+    steps have one place, that is the last one's.
+    """
+
+    record: str
+    name: str
+    value: Tensor
+    axes: int
+    flat: bool = False
+    every: int = 1
+
+
+class Chain:
+    """A model with nodes and elements of these kinds in the memory of a program. free (N+1, w) bool: what supports leave of the
+    nodes.
+    """
+
+    def __init__(self, program: NativeProgram, model: Model, kinds: Kinds) -> None:
+        self.program, self.dtype = program, model.length.dtype
+        self.N, self.supports, self.free = model.scene.beam.element_count, model.constraints.nodes, model.constraints.moving
+        records, order, nodes = program.layout.records, program.order, range(model.node_count)
+        bases, self.size = program.layout.bases(order, self.N, len(self.supports))
+        self.base = dict(zip(records, bases, strict=True))
+        support_of = [self.supports.index(j) if j in self.supports else -1 for j in nodes]
+        near = [int(any(i in self.supports for i in ((j,) if j % order else (j - order, j, j + order)))) for j in nodes]
+        nodes, elements = ([there.index(kind) for kind in own] for there, own in zip(program.kinds, kinds, strict=True))
+        lists = bases, nodes, elements, near, support_of, [*self.supports, 0]
+        self.lists = dict(zip(POINTERS[1:], map(_integers, lists), strict=True))
+        self._blocks: dict[int, list[Tensor]] = {}  # of memory that no call uses, by lanes
+
+    def has(self, record: str, name: str) -> bool:
+        return name in self.program.layout.fields(record)
+
+    def rows(self, record: str) -> int:
+        """How many there are."""
+        return self.program.layout.rows(self.program.layout.records[record], self.program.order, self.N, len(self.supports))
+
+    def lanes(self, samples: int) -> int:
+        """As this processor has them; one for a sample alone."""
+        return 1 if samples == 1 else self.program.lanes()
+
+    def taken(self, lanes: int) -> Tensor:
+        """A block of memory, to be given back after the call."""
+        try:
+            return self._blocks.setdefault(lanes, []).pop()
+        except IndexError:
+            return torch.zeros(self.size * lanes, dtype=self.dtype, device=CPU)
+
+    def given_back(self, lanes: int, block: Tensor) -> None:
+        self._blocks[lanes].append(block)
+
+
+class Table:
+    """Where a program finds fields, or puts them: rows of integers, see `transfers.ENTRY`. Fields that the program does not
+    have are left out. varying: how many of them, the first, are other tensors at each call, of the same shapes and strides.
+    """
+
+    def __init__(self, chain: Chain, fields: Sequence[Field], batch: torch.Size, varying: int) -> None:
+        self.chain, self.batch = chain, batch
+        self.held: list[Tensor] = []
+        self.places: list[tuple[int, int, Field | None]] = []  # (which integer, which field, itself where it is copied)
+        rows: list[int] = []
+        for k, one in enumerate(fields):
+            if chain.has(one.record, one.name):
+                x = self._fitted(one, one.value)
+                if k < varying:
+                    copied = x.data_ptr() != one.value.data_ptr()
+                    self.places.append((len(rows), k, one._replace(value=None) if copied else None))
+                else:
+                    self.held.append(x)
+                rows += self._row(one, x)
+        self.count, self.rows = len(rows) // len(ENTRY), _integers(rows)
+
+    def fill(self, rows: Any, values: Sequence[Tensor], held: list[Any]) -> None:
+        """Write where the values of varying fields lie into a copy of `rows`; what has to last as long as the call is put into
+        `held`.
+        """
+        for place, k, copied in self.places:
+            x = values[k]
+            if copied is not None:
+                x = self._fitted(copied, x)
+                held.append(x)
+            rows[place] = x.data_ptr()
+
+    def _fitted(self, one: Field, x: Tensor) -> Tensor:
+        """The tensor as (steps, samples, rows, components), the components one after the other in memory."""
+        x, record = x.detach(), self.chain.program.layout.records[one.record]
+        components = record.fields[one.name][1]
+        batch = torch.Size((self.batch.numel(),)) if one.flat else self.batch
+        lead, own = x.shape[:x.ndim - one.axes], x.shape[x.ndim - one.axes:]
+        steps, lead = (lead[0], lead[1:]) if len(lead) > len(batch) else (1, lead)
+        samples = lead.numel()
+        if x.dtype != self.chain.dtype:
+            x = x.to(self.chain.dtype)
+        if 1 < samples < batch.numel():
+            x, samples = x.reshape(steps, *lead, *own).expand(steps, *batch, *own), batch.numel()
+        rows = own.numel() // components
+        if not rows and own[0] == 1:  # all stations of all elements have it in common
+            x, rows = x.expand(*x.shape[:x.ndim - one.axes], self.chain.program.order, *own[1:]), 1
+        x = x.reshape(steps, samples, rows, components)
+        return x.contiguous() if components > 1 and x.stride(-1) != 1 else x
+
+    def _row(self, one: Field, x: Tensor) -> tuple[int, ...]:
+        chain = self.chain
+        record = chain.program.layout.records[one.record]
+        first, components = record.fields[one.name]
+        step, sample, row = (0 if n == 1 else stride for n, stride in zip(x.shape[:3], x.stride()[:3], strict=True))
+        return (x.data_ptr(), sample, step, one.every, row, chain.rows(one.record), components,
+                chain.base[one.record] + first, record.size)
+
+
+class Arguments(NamedTuple):
+    """Of the native function, and the rows of its tables: of one call at a time."""
+
+    numbers: Any
+    tables: dict[str, Any]
+
+
+class Call:
+    """K steps of a batch of samples of a chain; lanes: None = as this processor has them. It may be run any number of times,
+    also at once by several threads, with tensors of the shapes and strides that it was `bound` to.
+    """
+
+    def __init__(self, chain: Chain, batch: torch.Size, K: int, lanes: int | None = None) -> None:
+        self.chain, self.batch, self.K, self.B = chain, batch, K, batch.numel()
+        self.lanes = lanes or chain.lanes(self.B)
+        self.groups = -(-self.B // self.lanes)
+        self.place = {name: k for k, name in enumerate(chain.program.driver.ARGS)}
+        self.tables: dict[str, Table] = {}
+        self._arguments: list[Arguments] = []  # that no call uses
+
+    def empty(self, *own: int, steps: bool = True) -> Tensor:
+        """For a flat field that is written."""
+        return torch.empty(*(self.K,) * steps, self.B, *own, dtype=self.chain.dtype, device=CPU)
+
+    def bound(self, varying: dict[str, int], **tables: Iterable[Field]) -> Call:
+        """This call with tables of these fields, by the names of the driver's arguments; varying: of how many of each, the
+        first, the tensors are told by `run`.
+        """
+        self.tables = {name: Table(self.chain, [*fields], self.batch, varying.get(name, 0)) for name, fields in tables.items()}
+        return self
+
+    def run(self, limit: int = 0, **values: Sequence[Tensor]) -> None:
+        """values: tensors of the varying fields, by table."""
+        try:
+            arguments = self._arguments.pop()
+        except IndexError:
+            arguments = self._new_arguments()
+        numbers, place = arguments.numbers, self.place
+        held: list[Any] = [arguments, values]
+        for name, tensors in values.items():
+            self.tables[name].fill(arguments.tables[name], tensors, held)
+        if "limit" in place:
+            numbers[place["limit"]] = limit
+        run = self.chain.program.run(self.lanes)
+        threads = min(torch.get_num_threads(), self.groups, self.B * self.chain.N * self.K // WORK)
+        if threads < 2:
+            self._part(run, numbers, held)
+        else:
+            self._parts(run, numbers, held, threads)
+        self._arguments.append(arguments)
+
+    def _new_arguments(self) -> Arguments:
+        tables = {name: _copied(table.rows) for name, table in self.tables.items()}
+        numbers = {"samples": self.B, "steps": self.K, "elements": self.chain.N, "supports": len(self.chain.supports),
+                   "end_group": self.groups, **{name: ctypes.addressof(x) for name, x in self.chain.lists.items()}}
+        for name, rows in tables.items():
+            numbers |= {name: ctypes.addressof(rows), f"{name[:-1]}_count": self.tables[name].count}
+        return Arguments(_integers(numbers.get(name, 0) for name in self.place), tables)
+
+    def _parts(self, run: Callable[[Any], None], numbers: Any, held: Any, threads: int) -> None:
+        ends = [self.groups * k // threads for k in range(threads + 1)]
+        parts = []
+        for first, end in pairwise(ends):
+            part = _copied(numbers)
+            part[self.place["first_group"]], part[self.place["end_group"]] = first, end
+            parts.append(part)
+        others = [threading.Thread(target=self._part, args=(run, part, held)) for part in parts[1:]]
+        for thread in others:
+            thread.start()
+        self._part(run, parts[0], held)
+        for thread in others:
+            thread.join()
+
+    def _part(self, run: Callable[[Any], None], numbers: Any, held: Any) -> None:
+        """Some groups of the samples; a thread of its own keeps what is `held`, should nobody wait for it."""
+        block = self.chain.taken(self.lanes)
+        numbers[self.place["memory"]] = block.data_ptr()
+        run(numbers)
+        self.chain.given_back(self.lanes, block)
+
+
+def like(shape: Sequence[int], dtype: torch.dtype) -> Tensor:
+    """A tensor of this shape that takes no memory, for `made_like`."""
+    return torch.empty((), dtype=dtype, device=CPU).expand(shape)
+
+
+def made_like(tensors: Iterable[Tensor]) -> list[Tensor]:
+    """Memory for tensors of the same shapes, in a third of the time that it takes by shape and dtype."""
+    return [torch.empty_like(x, memory_format=torch.contiguous_format) for x in tensors]
+
+
+def _copied(array: Any) -> Any:
+    return type(array).from_buffer_copy(array)
+
+
+def _integers(values: Iterable[int]) -> Any:
+    values = tuple(values)
+    return (ctypes.c_int64 * len(values))(*values)

@@ -1,0 +1,131 @@
+"""Which engine makes a scene's steps, and why: what native code does not take yet, by name."""
+
+from __future__ import annotations
+
+import os
+import types
+from importlib.util import find_spec
+from typing import Any
+
+from ...core.arguments import choice
+from ...core.leaves import own_leaves
+from ...core.surroundings import Unsteady
+from ...nodal.model import Model
+from ..compiler.trace import NotTraceable
+from ..engine_use import slow_path
+from .compiled_step import FUNCTIONS, CompiledStep
+from .constants import of_library
+from .user_functions import by_function, by_sample, known, surroundings
+
+ENGINES = ("auto", "eager", "compiled")
+VARIABLE = "TORCHBEAM_ENGINE"  # of the environment: what "auto" means
+MISSING = "llvmlite is not installed: `pip install torchbeam[fast]`"
+VALUES = ("; numbers that change are wanted by tb.Load(values=), others in numbers, tensors, lists, dictionaries, modules of "
+          "torch.nn or attributes of objects, which the function reads and does not write")
+
+
+def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -> str | None:
+    """Why steps of a model are not compiled; None where they are. Functions that a user wrote are tried by `compiled_step`."""
+    scene = model.scene
+    reasons = {
+        f"method {method!r}": (method, conserve) not in FUNCTIONS,
+        f"the device {scene.device}": scene.device.type != "cpu",
+    }
+    return next((reason for reason, given in reasons.items() if given), None)
+
+
+def why_eager(model: Model, method: str, **options: Any) -> str | None:
+    """Why "auto" steps a model eagerly, in words that `describe` shows, and whether "compiled" takes it, which is tried; None
+    where "auto" takes native code.
+    """
+    reason = refusal(model, method, **options) or (MISSING if find_spec("llvmlite") is None else None)
+    if reason is not None:
+        return reason
+    untraced = why_not_traced(model, method, **options)
+    reason = f"{VARIABLE} is 'eager'" if meaning() == "eager" else unsteady(model) if meaning() == "auto" else None
+    if reason is None or untraced is not None:
+        return untraced
+    return f"{reason}; 'compiled' takes it, as it is"
+
+
+def unsteady(model: Model) -> str | None:
+    """What a user's function of the motion reads that may change unnoticed, in words; None where there is none."""
+    own = by_function(model)
+    try:
+        surroundings(own)
+    except Unsteady as reason:
+        return f"{own[0].called} by a function of the motion that reads {reason}, which may change{place(own[0])}"
+    return None
+
+
+def why_not_traced(model: Model, method: str, **options: Any) -> str | None:
+    """Why what users wrote is not traced, by name and line, or what it raises; None where it is traced."""
+    own = by_function(model)
+    try:
+        if own:
+            _made(model, method, own, **options)
+    except Exception as error:
+        return untraceable(own[0], error)
+    return None
+
+
+def untraceable(load: Any, error: Exception) -> str:
+    return f"{load.called} by a function of the motion: {error}{place(load)}"
+
+
+def place(load: Any) -> str:
+    """File and line of the first function that a load is made of, in brackets; of a class of the user's own its name."""
+    functions = [one.value for one in own_leaves(load) if isinstance(one.value, types.FunctionType)]
+    if not functions:
+        return f" (class {type(load).__qualname__} of {type(load).__module__})" if not of_library(load) else ""
+    code = functions[0].__code__
+    return f" ({code.co_filename}:{code.co_firstlineno})"
+
+
+def meaning() -> str:
+    """What "auto" means. Raises ValueError for another word than an engine in the environment."""
+    return choice(VARIABLE, os.environ.get(VARIABLE) or "auto", ENGINES)
+
+
+def compiled_step(model: Model, method: str, **options: Any) -> CompiledStep:
+    """Steps of a model by native code. Raises ValueError with the reason where there are none."""
+    reason = refusal(model, method, **options)
+    if reason is None and find_spec("llvmlite") is None:
+        reason = MISSING
+    try:
+        if reason is None:
+            return _made(model, method, by_function(model), **options)
+    except NotTraceable as error:
+        reason = str(error)
+    raise ValueError(f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does")
+
+
+def automatic_step(model: Model, method: str, **options: Any) -> tuple[CompiledStep | None, str | None]:
+    """Steps of a model by native code where "auto" takes it; else None, and why it is to be said that steps are eager, None =
+    that is meant. What a user's function raises, of the motion or of time, is raised by the eager step, before a word is said.
+    """
+    if refusal(model, method, **options) is not None or meaning() == "eager":
+        return None, None
+    if find_spec("llvmlite") is None:
+        return None, MISSING
+    own, reason = by_function(model), unsteady(model) if meaning() == "auto" else None
+    if reason is not None:
+        return None, reason + VALUES
+    try:
+        return _made(model, method, own, **options), None
+    except Exception as error:
+        return None, untraceable(own[0], error) if own else impossible(error)
+
+
+def _made(model: Model, method: str, own: list[Any], **options: Any) -> CompiledStep:
+    return by_sample(lambda around: CompiledStep(model, method, around=around, **options), model, known(own))
+
+
+def given_up(error: Exception, what: str = "steps are made") -> None:
+    """The warning about a compiler that failed."""
+    slow_path(what, impossible(error))
+
+
+def impossible(error: Exception) -> str:
+    first = next(iter(str(error).splitlines()), "")
+    return f"no native code could be made: {type(error).__name__}: {first}"

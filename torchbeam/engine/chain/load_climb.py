@@ -1,0 +1,163 @@
+"""Load stepping by native code, from tensors to tensors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.util import find_spec
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch._C import _functorch as functorch
+
+from ...core.repetition import repetitions
+from ...core.surroundings import Surroundings
+from ...core.validation import broadcast
+from ...equations.load_steps import LIMIT
+from ...equations.steady import Configuration, rounding_stress
+from ...math.shapes import broadcast_shapes
+from ...nodal.balance import same_law
+from ...nodal.model import Model
+from ...scene.effects import Inputs
+from ...solvers.newton import TOLERANCE
+from ...state.supported_nodes import set_node
+from ..compiler.trace import NotTraceable
+from ..engine_use import slow_path
+from .call import Call, Chain, Field
+from .constants import Constants
+from .cotangents import constant_fields
+from .coverage import MISSING, given_up, meaning, unsteady, untraceable
+from .load_program import JudgedProgram, LoadProgram
+from .native import NotCompiled
+from .node_kinds import Kinds, node_kinds
+from .program import NOTHING, program_of
+from .steady_functions import SteadyFunctions, SteadyKind
+from .user_functions import by_function, by_sample, known, surroundings
+
+WORTH = 2**15  # samples times elements that "auto" compiles for: eager ones then take longer than tracing and loading
+
+
+class Climbed(NamedTuple):
+    """Shape, reaction and status as of `load_steps.climb`; doubtful (...): whether the tangent there is not positive definite,
+    None = not asked for.
+    """
+
+    x: Configuration
+    reaction: Tensor
+    status: Tensor
+    doubtful: Tensor | None
+
+
+def refusal(model: Model) -> str | None:
+    """Why the equilibria of a model are not found by native code; None where they are."""
+    scene = model.scene
+    reasons = {
+        f"the device {scene.device}": scene.device.type != "cpu",
+        MISSING: find_spec("llvmlite") is None,
+    }
+    return next((reason for reason, given in reasons.items() if given), None)
+
+
+def climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool,
+          lanes: int | None = None) -> Climbed | None:
+    """Raise the load from 0 to 1, see `load_steps.climb`; judged: whether to look at the tangent at the end. None where torch
+    alone can do it: within torch.func. Raises ValueError for what native code does not take.
+    """
+    reason = refusal(model)
+    try:
+        if reason is None:
+            return _climbed(model, t, inputs, x, tolerance, judged, lanes)
+    except NotTraceable as error:
+        reason = str(error)
+    raise ValueError(f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does")
+
+
+def automatic_climb(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool
+                    ) -> Climbed | None:
+    """The same where "auto" takes native code: for many samples of what it takes, those of all calls of a run, but for
+    what may change unnoticed. What is not taken is warned of; None where it is to be done eagerly.
+    """
+    if meaning() == "compiled":
+        return climb(model, t, inputs, x, tolerance, judged)
+    samples = broadcast("a scene, a start and inputs", model.scene.batch_shape, *(v.shape[:-2] for v in x),
+                        *(v.shape[:-1] for v in inputs.values())).numel()
+    samples *= repetitions()
+    if meaning() == "eager" or samples * model.station_count < WORTH or model.scene.device.type != "cpu":
+        return None
+    reason, own = refusal(model), by_function(model)
+    if reason is None and (reason := unsteady(model)) is None:
+        try:
+            return _climbed(model, t, inputs, x, tolerance, judged, None, surroundings(own) if own else NOTHING)
+        except NotCompiled as error:
+            given_up(error, "equilibria are found")
+            return None
+        except NotTraceable as error:
+            reason = untraceable(own[0], error) if own else str(error)
+        except Exception:
+            if own:  # of the user's function: raised eagerly, too
+                return None
+            raise
+    slow_path("equilibria are found", reason)
+    return None
+
+
+@torch.no_grad()
+def _climbed(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool,
+             lanes: int | None, around: Surroundings | None = None) -> Climbed | None:
+    if functorch.peek_interpreter_stack() is not None:
+        return None
+    if around is None:
+        around = known(by_function(model)) if by_function(model) else NOTHING
+    return by_sample(lambda own: _called(model, t, inputs, x, tolerance, judged, lanes, own), model, around)
+
+
+def _called(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool,
+            lanes: int | None, around: Surroundings | None) -> Climbed:
+    constants = Constants(model, steps=False, around=around)
+    nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
+    trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
+    kinds = _kinds(model, constants)
+    program = program_of(SteadyFunctions(model, *trees), kinds, bool(model.constraints.nodes), around,
+                         JudgedProgram if judged else LoadProgram)
+    chain = Chain(program, model, kinds)
+    like, one = model.length, model.length.new_tensor
+    p, least = model.space.position, rounding_stress(model)
+    numbers = {"total": like.sum((-1, -2)), "longest": like.amax((-1, -2)), "exact": same_law(trees[1].C, model.law.C),
+               "tolerance": one(tolerance or TOLERANCE[like.dtype]),
+               "least_force": least[..., :p].amax((-1, -2)), "least_moment": least[..., p:].amax((-1, -2))}
+    start = x._asdict()
+    given = [*constant_fields(trees), *_poses(model, t), *(Field("common", name, v, 0) for name, v in numbers.items()),
+             *(Field("start_stress" if name == "stress" else "kept", name, v, 2) for name, v in start.items())]
+    given = [one for one in given if chain.has(one.record, one.name)]
+    batch = broadcast_shapes(*(one.value.shape[:one.value.ndim - one.axes] for one in given))
+    call = Call(chain, batch, 1, lanes)
+    made = {name: call.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
+    made["reaction"] = call.empty(*model.constraints.fixed.shape, steps=False)
+    found = {name: call.empty(steps=False) for name in ("last_status", "indefinite")}
+    record = {"stress": ("start_stress", "stress"), "reaction": ("support", "last")}
+    out = [Field(*record.get(name, ("kept", name)), v, 2, flat=True) for name, v in made.items()]
+    out += [Field("sample", name, v, 0, flat=True) for name, v in found.items()]
+    call.bound({}, inputs=[*given, Field("free", "free", chain.free, 2)], outputs=out).run(LIMIT)
+    *shape, reaction = (v.reshape(*batch, *v.shape[1:]) for v in made.values())
+    status, indefinite = (v.reshape(batch) for v in found.values())
+    return Climbed(Configuration(*shape), reaction, status.long(), indefinite != 0 if judged else None)
+
+
+def _kinds(model: Model, constants: Constants) -> Kinds:
+    kinds = [SteadyKind(kind.acting, kind.hinge) for kind in node_kinds(model, constants.loads)]
+    for support, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True):
+        displaced = support.displacement is not None, support.turn is not None
+        kinds[support.node] = kinds[support.node]._replace(fixed=tuple(fixed.tolist()), displaced=displaced)
+    return Kinds.of(kinds, model.scene.beam.order)
+
+
+def _poses(model: Model, t: Tensor) -> list[Field]:
+    """Of supports."""
+    beam = model.scene.beam
+    found = {"position": beam.nodes, "frame": beam.frames}
+    for name in ("displacement", "turn"):
+        found[name] = torch.zeros_like(beam.nodes)
+    for support in model.scene.supports:
+        for name, value in zip(("displacement", "turn"), model.prescribed_motion.displacement(support, t), strict=True):
+            found[name] = found[name] if value is None else set_node(found[name], support.node, value)
+    return [Field("pose", f"pose.{name}", value, 2) for name, value in found.items()]

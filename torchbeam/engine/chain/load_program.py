@@ -1,0 +1,65 @@
+"""Program of load stepping: the functions of Newton's method on a chain, and the rules of the load's steps."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from ..compiler.function import Function
+from .layout import NODES, ONE, Layout
+from .load_driver import LoadDriver
+from .program import ChainProgram
+from .steady_functions import POSE, SteadyFunctions
+from .tracing import Tracing
+
+SAMPLE = ("over", "done", "before", "iterations", "status", "cosine", "turn", "climbing", "reached", "step", "good",
+          "last_status", "whole", "indefinite")
+RULES = {"first_step": ("turn",), "shares": ("reached", "step", "last_status"),
+         "advanced": ("climbing", "load_factor", "reached", "step", "last_status", "done", "status", "cosine",
+                      "iterations")}
+
+
+class LoadProgram(ChainProgram):
+    """judged: whether it says of each equilibrium if the tangent is positive definite."""
+
+    driver = LoadDriver
+    unknown = "position", "rotation"
+    varying = ("load_factor",)
+    numbers = (*ChainProgram.numbers, "least_force", "least_moment")
+    judging = (*ChainProgram.judging, "whole", "least_force", "least_moment")
+    judged = False
+
+    def _of_nodes(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
+        w, q = self.w, self.shapes["rotation"]
+        node = {**traced.node, "load_factor": ()}
+        found = {"cosine": traced(local.cosine, {"before": q, "rotation": q}), "turn": traced(local.turn, {"move": (w,)})}
+        for k, kind in enumerate(self.kinds.nodes):
+            found[f"node {k}"] = traced(partial(local.node, kind), node)
+            found[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
+            if kind.fixed is not None:
+                pose = {f"pose.{name}": (size,) for name, size in POSE.items()}
+                found[f"place {k}"] = traced(partial(local.place, kind), node | pose)
+        return found | {name: traced(getattr(local, name), dict.fromkeys(fields, ())) for name, fields in RULES.items()}
+
+    def _functions(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
+        found = super()._functions(traced, local)
+        for name in ("row", "held row"):
+            if name in found and not self.judged:
+                found[name] = found[name].only(field for field in found[name].outputs if field != "indefinite")
+        return found
+
+    def _layout(self) -> Layout:
+        layout = super()._layout()
+        layout.record("pose", NODES, self.constants("pose"))
+        layout.record("kept", NODES, self.outputs("update 0"))
+        layout.record("change", ONE, [("cosine", 1), ("turn", 1)])
+        layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
+        layout.record("ruled", ONE, [one for name in RULES for one in self.outputs(name)])
+        if self.judged:
+            layout.record("sums", ONE, [("indefinite", 1)])
+        return layout
+
+
+class JudgedProgram(LoadProgram):
+    """Of loads that are conservative."""
+
+    judged = True

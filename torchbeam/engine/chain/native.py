@@ -1,0 +1,151 @@
+"""Native program: local functions traced, laid out in memory, and compiled for lanes of samples."""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import fields, replace
+from functools import cache, cached_property, partial
+from math import prod
+from typing import Any
+
+import torch
+
+from ...core.leaves import detached
+from ..compiler.function import Function
+from ..compiler.library import Library
+from ..compiler.llvm import Module
+from ..compiler.object_cache import ObjectCache
+from ..compiler.shared_ends import share_ends
+from .chain_code import ChainCode
+from .disk_key import store_layout, stored_layout
+from .layout import Layout
+from .local_functions import LocalFunctions
+from .node_kinds import Kinds, without_side
+from .tracing import Traced, Tracing
+
+SMALL = 60  # operations of a function that is rather written into the driver than called
+LOG = logging.getLogger("torchbeam")
+
+
+class NotCompiled(RuntimeError):
+    """Error: the compiler could not make native code."""
+
+
+class NativeProgram:
+    """kinds: that there are of nodes and elements; held: whether there are supports; key: of the structure, by which the
+    layout and the object code are kept on disk, so that another process need not trace; None = by the code's text alone.
+    traced: by a program of the same structure, see `Tracing`, for what users wrote may read other things than it did then.
+
+    functions  by name, as the driver calls them
+    w, k       numbers of a node's unknowns, and of an element's stress
+    layout     of the memory
+    seconds    that tracing took
+    """
+
+    driver: type[ChainCode]
+
+    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, key: str | None = None, traced: Traced | None = None
+                 ) -> None:
+        self.traced: Traced | None = {} if traced is None and key is None else traced
+        self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
+        self.state, self.element_state, self.sample_state = local.state, local.element_state, local.sample_state
+        self.key, self.seconds = key, 0.0
+        self.order, self.sides = local.order, local.sides
+        self.w, self.k = local.model.space.unknowns, local.order * local.model.space.strain
+        self._libraries: dict[int, Any] = {}
+        self._untraced: LocalFunctions | None = local
+        layout = None if key is None else stored_layout(key)
+        if layout is None:
+            layout = self._traced_layout()
+            if key is not None:
+                store_layout(key, layout)
+        else:
+            self._untraced = replace(local, **{one.name: detached(getattr(local, one.name)) for one in fields(local)})
+        self.layout = layout
+
+    @cached_property
+    def functions(self) -> dict[str, Function]:
+        begin, local = time.perf_counter(), self._untraced
+        tracing = Tracing(local, self.traced)
+        self.shapes = tracing.shapes
+        found = self._functions(tracing, local)
+        self.seconds, self._untraced = time.perf_counter() - begin, None
+        return found
+
+    def _traced_layout(self) -> Layout:
+        _ = self.functions
+        return self._layout()
+
+    def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        raise NotImplementedError
+
+    def _layout(self) -> Layout:
+        raise NotImplementedError
+
+    def run(self, lanes: int) -> Callable[[Any], None]:
+        """The native function for so many lanes: it takes an array of its arguments, see `ChainCode.ARGS`. Raises NotCompiled
+        where the compiler fails.
+        """
+        if lanes not in self._libraries:
+            begin = time.perf_counter()
+            try:
+                library = Library(partial(self.text, lanes), ObjectCache(), None if self.key is None else f"{self.key} {lanes}")
+            except Exception as error:
+                raise NotCompiled(f"{type(error).__name__}: {error}") from error
+            function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(library.address("run"))
+            self._libraries[lanes] = library, function
+            LOG.info("%s for %d sample(s) at once: traced in %.2f s, %s in %.2f s", type(self).__name__, lanes, self.seconds,
+                     "compiled" if library.compiled else "loaded", time.perf_counter() - begin)
+        return self._libraries[lanes][1]
+
+    def lanes(self) -> int:
+        """As many samples as a register of this processor holds."""
+        return vector_bytes() // torch.empty((), dtype=self.dtype).element_size()
+
+    def text(self, lanes: int) -> str:
+        """What the compiler gets."""
+        module = Module(lanes, self.dtype)
+        for name, function in self.functions.items():
+            module.define(name, function, inline=function.operations() <= SMALL)
+        module.added.append(self.driver(module, self.functions, self.layout, self.kinds, self.held).text())
+        return module.text()
+
+    def given(self, record: str) -> list[tuple[str, int]]:
+        """(field, its number among the constants) of those that a record holds."""
+        return [(name, int(name.rpartition(".")[2])) for name in self.layout.records[record].fields if "." in name]
+
+    def outputs(self, name: str, *fields: str) -> list[tuple[str, int]]:
+        """(field, components) of a function's outputs, all or those of `fields` that it has."""
+        found = {field: len(out.nodes) for field, out in self.functions[name].outputs.items()}
+        return [(field, found[field]) for field in fields or found if field in found]
+
+    def largest(self, name: str, count: int, field: str) -> list[tuple[str, int]]:
+        """(field, components) of a record that takes this output of the functions "name 0", "name 1" ... of all kinds."""
+        return [(field, max(size for k in range(count) for _, size in self.outputs(f"{name} {k}", field)))]
+
+    def with_ends(self, nodes: list[Function], elements: list[Function], unknown: Iterable[str], common: Iterable[str]
+                  ) -> tuple[list[Function], list[Function]]:
+        """Functions of each kind of nodes and of elements, where what an element computes of one of its nodes alone is computed
+        by that node; see `share_ends`.
+        """
+        sides = [dict(zip(self.sides, kind, strict=True)) for kind in self.kinds.elements]
+        rests, ends = share_ends([*zip(elements, sides, strict=True)], unknown, common)
+        return [one.joined(ends[kind.end]) for one, kind in zip(nodes, self.kinds.nodes, strict=True)], rests
+
+    def constants(self, kind: str) -> list[tuple[str, int]]:
+        """(field, components) of the constants of a kind that functions read."""
+        read = {without_side(field): prod(shape)
+                for function in self.functions.values() for field, shape in function.inputs.items()}
+        return sorted((name, size) for name, size in read.items() if name.startswith(f"{kind}."))
+
+
+@cache
+def vector_bytes() -> int:
+    """Of a register of this processor."""
+    import llvmlite.binding as binding
+
+    features = binding.get_host_cpu_features()
+    return 64 if features.get("avx512f") else 32 if features.get("avx") else 16

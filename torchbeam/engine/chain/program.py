@@ -1,0 +1,243 @@
+"""Program of a step: the functions of Newton's method on a chain; one for all scenes of a structure."""
+
+from __future__ import annotations
+
+from functools import partial
+from types import FunctionType
+from typing import Any
+
+from torch import Tensor
+
+from ...core.derivatives import cache_of
+from ...core.leaves import Tree, map_leaves
+from ...core.surroundings import Surroundings
+from ...nodal.coordinates.planar import Plane
+from ..compiler.function import Function
+from ..compiler.object_cache import key_of
+from ..compiler.packing import Packing
+from ..compiler.shared_ends import END
+from ..compiler.split import HOISTED, split
+from . import midsides
+from .adjoint import AdjointProgram
+from .disk_key import key_on_disk
+from .driver import SUMS, Driver
+from .layout import BETWEEN, ELEMENTS, ENDS, INNER, LAW, MOVES, NODES, ONE, OWN, SUPPORTS, TURNS, Layout
+from .local_functions import LocalFunctions
+from .native import NativeProgram
+from .node_kinds import Kinds
+from .tracing import Tracing
+
+SAMPLE = ("over", "done", "before", "iterations", "status", "moving", "cosine", "good", "found_status", "last_status", "work")
+
+
+class ChainProgram(NativeProgram):
+    """Newton's method on a chain. Subclasses say what nodes do (`_of_nodes`), and add records of their own (`_layout`).
+
+    unknown  fields that an iteration changes, of a node; varying: others that are not the same throughout a call;
+             numbers: those that stay, of a sample; judging: those of a sample by which it is judged
+    """
+
+    unknown: tuple[str, ...]
+    varying: tuple[str, ...] = ()
+    numbers = "total", "longest", "exact", "tolerance"
+    judging = (*SUMS, *numbers, "before", "over", "done", "status", "iterations")
+
+    def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        """Functions that are not of all chains, `node` and `update` of each kind among them."""
+        raise NotImplementedError
+
+    def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        w, found = self.w, self._of_nodes(traced, local)
+        nodes = [found[f"node {k}"] for k in range(len(self.kinds.nodes))]
+        own = Packing(OWN, nodes, nodes[0].outputs)
+        elements = [traced(partial(local.element, kind), traced.element | {name: () for name in self.varying})
+                    for kind in self.kinds.elements]
+        shapes = {name: out.shape for name, out in elements[0].outputs.items()}
+        between = Packing(BETWEEN if self.order == 1 else INNER, elements, midsides.to_nodes(shapes))
+        law = Packing(LAW, between.made(), ("gap", "E"))
+        elements = [one.only(name for name in one.outputs if name != "hB") for one in law.made()]
+        self._iterated(found, own.made(), elements, traced)
+
+        moves = {f"{side}.move": (w,) for side in self.sides}
+        stress = traced(local.stress, {**traced.element, **{name: shapes[name] for name in law.fields}, **moves})
+        found["stress"] = law.taken(stress, {name: name for name in law.fields})
+        given = {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
+        if self.order == 2:
+            inner = given | {f"element.{name}": shapes[name] for name in between.fields}
+            condense = {"condense": traced(partial(local.condense, False), inner)}
+            if self.held:
+                condense["held condense"] = traced(partial(local.condense, True), inner | {"free": (w,)})
+            restore = traced(local.restore, {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)})
+            more, between, shapes = midsides.eliminating(condense, restore, own, between)
+            found |= more
+        row = dict(given)
+        sides = {
+            f"{side}.{name.removeprefix(f'{end}.')}": name for side, end, block in (("left", "j", "L"), ("right", "i", "U"))
+            for name in between.fields if name.startswith(f"{end}.") or name == block}
+        row |= {called: shapes[name] for called, name in sides.items()}
+        row |= {"ahead": (w, w), "y": (w,)}
+
+        def packed(function: Function) -> Function:
+            return between.taken(own.taken(function, {f"own.{name}": name for name in own.fields}), sides)
+
+        found["row"] = packed(traced(partial(local.row, False), row))
+        found["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
+        if self.held:
+            free = {f"free_{name}": (w,) for name in ("before", "here", "after")}
+            found["held row"] = packed(traced(partial(local.row, True), row | free))
+            found["reaction"] = traced(local.reaction, {
+                "rows": (w, 3 * w), **{name: (w,) for name in ("asked", "free", "before", "here", "after")}})
+        found["judge"] = traced(local.judge, dict.fromkeys(self.judging, ()))
+        return found
+
+    def _iterated(self, found: dict[str, Function], nodes: list[Function], elements: list[Function], traced: Tracing) -> None:
+        """What each iteration computes of nodes and elements: what is of one of an element's nodes alone is computed there, and
+        before the iterations what does not depend on the unknowns.
+        """
+        nodes, elements = self.with_ends(nodes, elements, self.unknown, (*traced.constants["common"], *self.varying))
+        for k, one in enumerate(nodes):
+            _split(found, f"node {k}", one, (*self.unknown, *self.varying))
+        changing = [f"{side}.{name}" for side in self.sides for name in (*self.unknown, END)]
+        for k, one in enumerate(elements):
+            _split(found, f"element {k}", one, (*changing, "stress", *self.varying))
+
+    def _layout(self) -> Layout:
+        inputs, outputs, w, k = self.constants, self.outputs, self.w, self.k
+        layout, row = Layout(), "held row" if self.held else "row"
+        layout.record("node", NODES, inputs("node"))
+        layout.record("element", ELEMENTS, inputs("element"))
+        layout.record("common", ONE, [*inputs("common"), *((name, 1) for name in (*self.numbers, *self.varying))])
+        layout.record("unknown", NODES, outputs("update 0"))
+        for name in ("stress", "start_stress"):
+            layout.record(name, ELEMENTS, [("stress", k)])
+        for name, rows, kinds in zip(("before node", "before element"), (NODES, ELEMENTS), self.kinds, strict=True):
+            layout.record(name, rows, self.largest(name, len(kinds), HOISTED))
+        layout.record("at_node", TURNS, outputs("node 0", OWN))
+        layout.record("at_end", TURNS, self.largest("node", len(self.kinds.nodes), END))
+        layout.record("at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain"))
+        midsides.record(layout, self.functions, "element 0")
+        layout.record("row", ENDS, outputs(row, "ahead", "y"))
+        layout.record("at_row", ONE, [one for one in outputs(row) if one[0] not in ("ahead", "y")])
+        layout.record("strain_law", ELEMENTS, outputs("element 0", LAW))
+        layout.record("move", MOVES, [("move", w)])
+        layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w))])
+        layout.record("change", ONE, [*outputs("update 0"), ("stress", k)])
+        layout.record("judged", ONE, outputs("judge"))
+        layout.record("sums", ONE, [(name, 1) for name in SUMS])
+        if self.held:
+            layout.record("free", NODES, [("free", w)])
+            layout.record("support", SUPPORTS, [*inputs("support"), *outputs(row, "rows", "asked"), *((name, w) for name in (
+                "reaction", "found", "last"))])
+        return layout
+
+
+class StepProgram(ChainProgram):
+    """Steps forwards; `adjoints` by the constants that want a gradient."""
+
+    driver = Driver
+    unknown = "u", "m"
+
+    def __init__(self, local: LocalFunctions, kinds: Kinds, held: bool, key: str | None = None) -> None:
+        super().__init__(local, kinds, held, key)
+        self.adjoints: dict[frozenset[str], AdjointProgram] = {}
+
+    def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        w, node = self.w, traced.node
+        still = {name: shape for name, shape in node.items() if name not in self.unknown}
+        found = {"cosine": traced(local.cosine, {"m": self.shapes["m"]})}
+        for k, kind in enumerate(self.kinds.nodes):
+            found[f"node {k}"] = traced(partial(local.node, kind), node)
+            found[f"predictor {k}"] = traced(partial(local.predictor, kind), still)
+            found[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
+            found[f"finish {k}"] = traced(partial(local.finish, kind), node)
+        if "kinetic" in local.element_ends:
+            found["project"] = traced(local.project, dict.fromkeys(("defect", "kinetic", "rise"), ()))
+            shapes = {name: self.shapes[name] for name in ("velocity", "spin")}
+            found["scaled"] = traced(local.scaled, shapes | {"scale": ()})
+        if local.element_ends:
+            for k, kind in enumerate(self.kinds.elements):
+                found[f"finish element {k}"] = traced(partial(local.finish_element, kind), traced.element)
+        found["outcome"] = traced(local.outcome, {name: () for name in (
+            "moving", "done", "status", "before", "cosine", "least")})
+        return found
+
+    def _layout(self) -> Layout:
+        layout = super()._layout()
+        layout.record("common", ONE, [("least", 1)])
+        layout.record("state", NODES, self.outputs("finish 0", *self.state))
+        layout.record("change", ONE, [*self.outputs("finish 0"), ("cosine", 1)])
+        if "finish element 0" in self.functions:
+            layout.record("change", ONE, self.outputs("finish element 0"))
+        if self.element_state:
+            layout.record("element_state", ELEMENTS, self.outputs("finish element 0", *self.element_state))
+        layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
+        if "project" in self.functions:
+            layout.record("energy", ONE, [(name, 1) for name in ("kinetic", "rise", "scale")])
+            layout.record("sample", ONE, [("defect", 1)])
+            layout.record("change", ONE, [("defect", 1)])
+        return layout
+
+
+def _split(found: dict[str, Function], name: str, function: Function, unknown: tuple[str, ...]) -> None:
+    """The function in two, of which the first does not depend on the unknowns."""
+    before, rest = split(function, [field for field in function.inputs if field not in unknown])
+    found[f"before {name}"], found[name] = before.only(before.outputs), rest
+
+
+PROGRAMS: dict[tuple, tuple[ChainProgram, Surroundings]] = {}  # by structure
+NOTHING = Surroundings()
+KEPT = 64  # of them; the one that was not asked for for longest goes first
+
+
+def program_of(local: LocalFunctions, kinds: Kinds, held: bool, around: Surroundings | None = NOTHING,
+               made: type[ChainProgram] = StepProgram) -> ChainProgram:
+    """The program of a structure, that of an earlier scene if there was one. kinds: of all nodes and elements; around: what
+    users' functions read, which is part of it; None = that is not known, and the program one of its own.
+    """
+    kinds = kinds.distinct()
+    if around is None:
+        return made(local, kinds, held)
+    key = made, around.key, *structure(local, kinds, held)
+    found = PROGRAMS.pop(key, None)  # other threads may ask too: at worst two of them make it
+    if found is None:
+        found = made(local, kinds, held, key_on_disk(key)), around  # which keeps what its key is made of
+        for oldest in [*PROGRAMS][:max(0, len(PROGRAMS) + 1 - KEPT)]:
+            PROGRAMS.pop(oldest, None)
+    PROGRAMS[key] = found
+    return found[0]
+
+
+def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str]) -> AdjointProgram:
+    """The adjoint of a program, for these constants: of what users' functions were when it was made."""
+    if wanted not in program.adjoints:
+        key = None if program.key is None else key_of(program.key, *sorted(wanted))
+        program.adjoints[wanted] = AdjointProgram(local, program.kinds, program.held, wanted, key, program.traced)
+    return program.adjoints[wanted]
+
+
+def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
+    """What the program of a step depends on; never the values of tensors, nor how many elements there are."""
+    model = local.model
+    space = model.space
+    plane = (space.name, tuple(space.section.flatten().tolist())) if isinstance(space, Plane) else None
+    trees = (local.nodes, 1), (local.elements, 1), (local.common, 0), (local.supports, 1)
+    return (type(local), local.options, type(space), plane, model.length.dtype, model.scene.beam.offset,
+            bool(model.scene.loads), kinds, held, *(_static(_shapes(tree, rows)) for tree, rows in trees))
+
+
+def _shapes(tree: Any, rows: int) -> Any:
+    return map_leaves(lambda x, axes: x.shape[x.ndim - axes + rows:] if isinstance(x, Tensor) else x, tree)
+
+
+def _static(x: Any) -> Any:
+    """What a tree holds, as something that can be a key."""
+    if isinstance(x, Tree):
+        return type(x), tuple((name, value is None if name == "node" else _static(value)) for name, value in vars(x).items()
+                              if not cache_of(x, name))
+    if isinstance(x, dict):
+        return tuple((name, _static(value)) for name, value in x.items())
+    if isinstance(x, FunctionType):
+        return x.__code__  # what it reads beside its arguments is in `Surroundings.key`
+    if callable(x) and not isinstance(x, type):
+        return type(x)
+    return tuple(map(_static, x)) if isinstance(x, (tuple, list)) else x

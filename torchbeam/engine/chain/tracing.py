@@ -1,0 +1,69 @@
+"""Tracing of local functions, with the shapes of the fields that they take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from ..compiler.function import Function
+from ..compiler.trace import trace
+from .chain_constants import flattened
+from .local_functions import LocalFunctions
+from .local_problem import INTERNAL
+
+Shapes = dict[str, tuple[int, ...]]
+Traced = dict[tuple, Function]  # by their names, kinds and shapes
+OF_LOADS = ("node", "finish")  # functions that ask loads, and so what users wrote
+
+
+class Tracing:
+    """shapes: of the states' and unknowns' fields; constants: of a node's, an element's, the common and a support's ones; node,
+    element: all that a function of a node, or of an element, may read; known: functions of `OF_LOADS` that were traced before,
+    and are not traced again, to which those that are traced now are added; None = none are to be known.
+    """
+
+    def __init__(self, local: LocalFunctions, known: Traced | None = None) -> None:
+        self.like, self.known = local.model.length.detach(), known
+        space = local.model.space
+        p, s, k = space.position, space.spin, space.strain
+        q = space.identity(self.like.new_zeros(p)).shape[-1]
+        self.shapes: Shapes = {"position": (p,), "rotation": (q,), "velocity": (p,), "spin": (s,), "u": (p,), "m": (q,),
+                               "stress": (local.order, k)}
+        if INTERNAL in local.state:
+            self.shapes[INTERNAL] = (sum(local.internal),)
+        self.shapes |= {"acceleration": (2 * (p + s),), "straining": (local.order, 2 * k)}
+        trees = ("node", local.nodes, 1), ("common", local.common, 0), ("support", local.supports, 1)
+        self.constants = {kind: {f"{kind}.{i}": tuple(x.shape[x.ndim - axes + rows:])
+                                 for i, (x, axes) in enumerate(flattened(tree))} for kind, tree, rows in trees}
+        elements = zip(flattened(local.elements), local.element_rows, strict=True)
+        self.constants["element"] = {f"element.{i}": (rows, *x.shape[x.ndim - axes + 1:])
+                                     for i, ((x, axes), rows) in enumerate(elements)}
+        own = {**self.constants["node"], **{name: self.shapes[name] for name in (*local.state, "u", "m")},
+               **self.constants["support"]}
+        support = {"found": (p + s,), "last": (p + s,)} if local.supports is not None else {}
+        self.node = {**own, **self.constants["common"], **support}
+        self.element = {**self.constants["element"], **self.constants["common"],
+                        **{name: self.shapes[name] for name in ("stress", *local.element_state)},
+                        **{f"{side}.{name}": shape for side in local.sides for name, shape in own.items()}}
+
+        own = [x for one in local.common.captured for x, _ in flattened(one)]
+        self.captured = {f"common.{i}": x for i, (x, _) in enumerate(flattened(local.common)) if any(x is y for y in own)}
+
+    def __call__(self, function: Callable, shapes: Shapes) -> Function:
+        """The function of fields of these shapes, without those that it does not read."""
+        name = function.func.__name__ if isinstance(function, partial) else function.__name__
+        if self.known is None or name not in OF_LOADS:
+            return self._traced(function, shapes, self.captured if name in OF_LOADS else {})
+        key = name, *function.args, *shapes.items()
+        if key not in self.known:
+            self.known[key] = self._traced(function, shapes, self.captured)
+        return self.known[key].taking({}, {})  # in a graph of its own, that grows
+
+    def _traced(self, function: Callable, shapes: Shapes, captured: dict[str, Tensor]) -> Function:
+        generator = torch.Generator().manual_seed(0)
+        given = {name: torch.rand(shape, generator=generator, dtype=self.like.dtype) for name, shape in shapes.items()}
+        found = trace(function, given, {name: x for name, x in captured.items() if name in shapes})
+        return found.only(found.outputs)

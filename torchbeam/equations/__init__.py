@@ -1,0 +1,1 @@
+"""Equations of the nodal form: of a step, and of equilibrium."""

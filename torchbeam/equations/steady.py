@@ -1,0 +1,206 @@
+"""Equilibrium of the nodal form: the balance of what stands still, or moves with a frame that moves steadily."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..core.derivatives import cached
+from ..core.leaves import Tree, leaf
+from ..nodal import loads as external
+from ..nodal.balance import CondensedTangent, Linearisation, Residual, largest, restrained_forces, size_of_strain
+from ..nodal.conditions import Conditions, conditions
+from ..nodal.constitutive_law import times
+from ..nodal.coordinates.spatial import Space
+from ..nodal.frame import FixedFrame
+from ..nodal.loads import STEADY, Nodes
+from ..nodal.model import Model
+from ..scene.effects import Inputs
+from ..state.state import State
+from ..state.supported_nodes import set_node
+from ..topology.protocols import Matrix, total
+from .steady_motion import AtRest, steady_motion
+from .step_element import ElementBalance
+
+
+class Configuration(NamedTuple):
+    """position (..., N+1, p) m, rotation (..., N+1, ...), stress (..., N, k) N and N m, in the space's coordinates."""
+
+    position: Tensor
+    rotation: Tensor
+    stress: Tensor
+
+
+@dataclass(frozen=True)
+class SteadyProblem(Tree):
+    """inertia + to_nodes(h B^T [F; M]) = load_factor * loads and S [F; M] = strain; `load_factor` (...) in [0, 1] steps the
+    loads, the inertia of a moving frame, the strain that a beam takes by itself and the motion of its supports.
+
+    The inertia is that of `steady_motion`.
+
+    internal  (..., z) of the loads, where they are held; None = where they come to rest
+    near      (..., z) where the laws of these are linearised to find that, None = at zero; see `internal_states`
+    """
+
+    model: Model
+    t: Tensor = leaf(0)
+    inputs: Inputs = leaf(1)
+    load_factor: Tensor = leaf(0)
+    internal: Tensor | None = leaf(1, default=None, kw_only=True)
+    near: Tensor | None = leaf(1, default=None, kw_only=True)
+
+    @cached
+    def conditions(self) -> Conditions:
+        """Of the instant; their eigenstrain is that of the whole load."""
+        return replace(conditions(self.model, self.t, self.inputs), orientation=self.model.orientation(self.t))
+
+    @property
+    def frame(self) -> FixedFrame:
+        return self.conditions.frame
+
+    @cached
+    def C(self) -> Tensor:
+        """S^-1 of the tangent."""
+        return self.model.tangent_stiffness()
+
+    @property
+    def orientation(self) -> Tensor | None:
+        """Of frame a, see `Model.orientation`."""
+        return self.conditions.orientation
+
+    @cached
+    def motion(self) -> AtRest:
+        """Of the nodes, with frame a."""
+        return steady_motion(self.model.inertia, self.frame)
+
+    @cached
+    def eigenstrain(self) -> Tensor | float:
+        """What the beam bends by itself, as far as it is raised."""
+        own = self.conditions.eigenstrain
+        return own if isinstance(own, float) else self.load_factor[..., None, None] * own
+
+    def update(self, x: Configuration, move: Tensor, dstress: Tensor) -> Configuration:
+        space = self.model.space
+        turn = move[..., space.position:]
+        turn = space.cayley(turn if space.turns else space.to_section(x.rotation, turn))
+        rotation = space.normalize(space.multiply(turn, x.rotation))
+        return Configuration(x.position + move[..., :space.position], rotation, x.stress + dstress)
+
+    @cached
+    def rounding(self) -> Tensor:
+        """See `rounding_stress`."""
+        return rounding_stress(self.model)
+
+    def nodes(self, x: Configuration) -> Nodes:
+        velocity, spin = self.velocity(x)
+        nodes = Nodes(x.position, x.rotation, velocity, spin, self.orientation, **self.frame.steady_acceleration(velocity))
+        sizes = self.conditions.internal_states
+        if not sizes:
+            return nodes
+        if self.internal is not None:
+            return nodes._replace(internal=self.internal)
+        start = x.position.new_zeros(*x.position.shape[:-2], sizes) if self.near is None else self.near
+        return nodes._replace(internal=start, dt=torch.full_like(self.t, STEADY))
+
+    def holding(self, x: Configuration, internal: Tensor | None) -> SteadyProblem:
+        """The same with the internal states of the loads held: at these, or (None) where they come to rest at x."""
+        if internal is None:
+            internal = external.internal(self.model, self.nodes(x), self.conditions, x.position.shape[:-2])
+        elif internal.shape[-1] != self.model.internal_states:
+            raise ValueError(f"a state with {internal.shape[-1]} internal states was given; the scene's loads have "
+                             f"{self.model.internal_states}")
+        return replace(self, internal=internal)
+
+    def velocity(self, x: Configuration) -> tuple[Tensor, Tensor]:
+        """Of nodes that move with frame a, and their spin, absolute, frame a."""
+        spin = torch.zeros_like(x.position[..., :self.model.space.spin])
+        return self.frame.velocity(torch.zeros_like(x.position), x.position), self.frame.spin(spin)
+
+    def load(self, x: Configuration) -> Tensor | float:
+        """Loads less the inertia of the nodes, as far as they are raised, (..., N+1, w); 0.0 where there is none."""
+        load = external.external(self.model, self.nodes(x), self.conditions, total=self.conditions.dead)
+        load = self.motion.less(load, *x[:2])
+        return load if isinstance(load, float) else self.load_factor[..., None, None] * load
+
+    def load_tangent(self, x: Configuration) -> Matrix | None:
+        """What that adds to the tangent; None = nothing."""
+        model, load_factor = self.model, self.load_factor[..., None, None, None]
+        inertia = self.motion.tangent(*x[:2])
+        inertia = None if inertia is None else inertia.each(lambda block: load_factor * block)
+        if not self.conditions.moving:
+            return inertia
+        by = self.frame.steady_jacobian()
+        tangent = external.tangent(model, self.nodes(x), self.conditions, by)
+        return inertia if isinstance(tangent, float) else total(model.topology.diagonal(-load_factor * tangent), inertia)
+
+    def element_balance(self, x: Configuration) -> ElementBalance:
+        """The elements, each by itself."""
+        model, space, h = self.model, self.model.space, self.model.length
+        kin = model.kinematics(x.position, x.rotation)
+        bent = model.strain(kin) - self.eigenstrain
+        return ElementBalance(kin, kin, space.forces(kin, x.stress, h), bent, model.law.gap(bent, x.stress))
+
+    def residual(self, x: Configuration) -> tuple[Residual, Any]:
+        model, own, h = self.model, self.eigenstrain, self.model.length
+        x = self.apply_supports(x)
+        load, element = self.load(x), self.element_balance(x)
+        sizes = largest(model.space.position, h, element.forces, load, restrained_forces(model, element.acting, own, h),
+                        self.rounding)
+        return Residual(model.constraints, model.assembly.to_nodes(element.forces) - load, element.gap, *sizes,
+                        size_of_strain(element.felt, own)), element.acting
+
+    def tangent(self, x: Configuration, kin: Any) -> CondensedTangent:
+        model, space = self.model, self.model.space
+        B = space.strain_operator(kin, model.length)
+        return CondensedTangent.of(model.assembly, space.geometric_stiffness(kin, x.stress, model.length), self.load_tangent(x),
+                                     model.length[..., None] * B, self.C, B)
+
+    def linearise(self, x: Configuration, kin: Any) -> Linearisation:
+        return Linearisation.of(self.model, self.tangent(x, kin))
+
+    def state(self, x: Configuration, reaction: Tensor, status: Tensor) -> State:
+        """The public state of a solution: at rest in frame a."""
+        model, space, shape = self.model, self.model.space, status.shape
+        velocity, spin = self.velocity(x)
+        zero, frame = torch.zeros_like(status, dtype=x.position.dtype), self.orientation
+        return space.to_public(State(
+            *x[:2], velocity=velocity, spin=space.to_section(x.rotation, spin), stress=x.stress, reaction=reaction, work=zero,
+            defect=zero, t=self.t.expand(shape), status=status,
+            frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
+            internal=external.internal(model, self.nodes(x), self.conditions, shape), supports=model.constraints.nodes))
+
+    def apply_supports(self, x: Configuration) -> Configuration:
+        """x with the supports where they have to be."""
+        position, rotation, space = x.position, x.rotation, self.model.space
+        for support, fixed in zip(self.model.scene.supports, self.model.constraints.fixed, strict=True):
+            at = support.node
+            pose = self.model.prescribed_motion.pose(support, self.t, self.load_factor[..., None])
+            r, q = placed(space.of_nodes(at), fixed, pose, position[..., at, :], rotation[..., at, :])
+            position, rotation = set_node(position, at, r), rotation if q is None else set_node(rotation, at, q)
+        for at, axis in self.model.constraints.hinges:
+            own, beam = space.of_nodes(at), self.model.scene.beam
+            _, q = own.pose(beam.nodes[..., at, :], beam.frames[..., at, :])
+            rotation = set_node(rotation, at, own.hinged(rotation[..., at, :], q, axis))
+        return Configuration(position, rotation, x.stress)
+
+
+def rounding_stress(model: Model) -> Tensor:
+    """(..., N, k) N and N m, the stress of strains that are rounding alone, in differences of places over an element: what a
+    balance is measured against where nothing acts.
+    """
+    p, C = model.space.position, model.tangent_stiffness()
+    h = model.length.detach()
+    eps = torch.finfo(h.dtype).eps
+    strain = torch.cat((torch.full_like(h, eps).expand(*h.shape[:-1], p), (eps / h).expand(*h.shape[:-1], C.shape[-2] - p)), -1)
+    return times(C.abs(), strain[..., None])[..., 0]
+
+
+def placed(space: Space, fixed: Tensor, pose: tuple[Tensor, Tensor], position: Tensor, rotation: Tensor
+           ) -> tuple[Tensor, Tensor | None]:
+    """Position and rotation (None = as it is) of a node that a support has in a pose, as far as its freedoms are fixed (w)."""
+    r, q = space.pose(*pose)
+    p = space.position
+    return torch.where(fixed[:p] > 0, r, position), q if bool(fixed[p:].all()) else None

@@ -1,1 +1,0 @@
-"""Equilibria by native code."""
