@@ -28,7 +28,7 @@ def remembered(function: Callable[..., T], *given: Any) -> T:
     Computed as it is where a derivative may be recorded, off the CPU, in torch.func, and for many numbers.
     """
     tensors: list[Tensor] = []
-    key = function, *(_structure(x, tensors) for x in given)
+    key = function, *(structure_of(x, tensors) for x in given)
     if not _plain(tensors):
         return function(*given)
     try:
@@ -40,7 +40,7 @@ def remembered(function: Callable[..., T], *given: Any) -> T:
         with lasting():
             copies, known = tuple(_copied(x) for x in given), []
             for x in copies:
-                _structure(x, known)
+                structure_of(x, known)
             found = function(*copies)
         recent = (known, found), *recent[:RECENT - 1]
         for oldest in [*_VALUES][:max(0, len(_VALUES) + 1 - STRUCTURES)]:
@@ -49,13 +49,15 @@ def remembered(function: Callable[..., T], *given: Any) -> T:
     return found
 
 
-def _structure(x: Any, tensors: list[Tensor]) -> Hashable:
-    """What is static in x; its tensors are added to those."""
+def structure_of(x: Any, tensors: list[Tensor]) -> Hashable:
+    """What is static in x, as something that can be a key; its tensors are added to those."""
     if isinstance(x, Tensor):
         tensors.append(x)
         return x.shape, x.dtype
     if isinstance(x, Tree):
-        return type(x), *(_structure(value, tensors) for name, value in vars(x).items() if not cache_of(x, name))
+        return type(x), *(structure_of(value, tensors) for name, value in vars(x).items() if not cache_of(x, name))
+    if isinstance(x, (tuple, list)):
+        return type(x), *(structure_of(value, tensors) for value in x)
     return x
 
 

@@ -10,9 +10,9 @@ from torch._C import _functorch as functorch
 from torch.autograd import forward_ad
 
 from ..core.leaves import Placeholder, leaves, with_values
+from ..engine.chain.constants import of_library
+from ..engine.chain.coverage import meaning
 from ..scene.scene import Scene
-from .compiled.constants import of_library
-from .compiled.coverage import meaning
 from .stepper import Stepper
 
 KEPT = "prepared steppers"  # on the scene; with a space in its name, copies and pickles go without it

@@ -117,6 +117,11 @@ class Plane(Space):
         return torch.block_diag(self.basis[:, :2], self.basis[:, 2:])
 
     @cached
+    def section_axes(self) -> tuple[float, ...]:
+        """The numbers of `section`."""
+        return tuple(self.section.flatten().tolist())
+
+    @cached
     def reversible(self) -> bool:
         """Whether a state that went to 3D comes back to the bit: the maps move numbers, and change signs at most."""
         maps = self.basis, self.section, self._rotation_map
