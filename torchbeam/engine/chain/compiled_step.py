@@ -120,14 +120,13 @@ class CompiledStep:
         return partial(_again, **self._options), (self.model,)
 
     def __call__(self, start: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, tolerance: float,
-                 least: float, limit: int, K: int | None = None, lanes: int | None = None, repeat: int = 1,
-                 every: int = 1) -> Steps | None:
+                 least: float, limit: int, K: int | None = None, lanes: int | None = None, every: int = 1
+                 ) -> Steps | None:
         """A step from `start`, in the space's coordinates, or K; differentiable once, backwards.
 
         dt, t   (...) s: lengths of the step, and its middle (None = not wanted, see `takes_time`); of K steps (K) or (K, ...)
         inputs  by name, (..., size) held over all steps; or (K, ..., size), with as many axes between as `moving`
         moving  (...) bool: samples that step; one whose step fails keeps its state and stops; None = all
-        repeat  in place of K: as many steps alike, of which the last is told; None where a gradient is wanted
         every   a divisor of K: the states after every so many steps are enough, where they are less work
         least   cosine of half the largest angle that a node may have turned by at mid step
 
@@ -144,7 +143,7 @@ class CompiledStep:
                       for name, x in inputs.items()}
         states = [self.constants.internal_rows(start.internal) if name == INTERNAL else getattr(start, name)
                   for name in structure.state]
-        if functorch.peek_interpreter_stack() is not None or (repeat > 1 and start.frame is not None):
+        if functorch.peek_interpreter_stack() is not None:
             return None
         if forward_ad._current_level >= 0 and any(forward_ad.unpack_dual(x).tangent is not None for x in (
                 *self.sources, dt, t, *inputs.values(), *states)):
@@ -162,12 +161,12 @@ class CompiledStep:
             return None
         held = [*given, *(one.value for one in self.constant), *states] if recorded else []
         wanted = [k for k, x in enumerate(held) if x.requires_grad]
-        if wanted and (repeat > 1 or not values["exact"].all()):
-            self.eager_because = RIGID if repeat == 1 else None
+        if wanted and not values["exact"].all():
+            self.eager_because = RIGID
             return None
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         every = 1 if wanted or frame is not None else every
-        form = self._form(tensors, K, dims, (tolerance, least, lanes, repeat, every))
+        form = self._form(tensors, K, dims, (tolerance, least, lanes, every))
         made = made_like(form.made)
         form.call.run(limit, inputs=tensors, outputs=made)
         *made, status, iterations = made

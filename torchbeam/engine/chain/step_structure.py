@@ -81,7 +81,7 @@ class StepStructure:
 
     @torch.no_grad()
     def _form(self, tensors: list[Tensor], constants: list[Field], K: int | None, dims: int, tolerance: float, least: float,
-              lanes: int | None, repeat: int, every: int) -> Form:
+              lanes: int | None, every: int) -> Form:
         *given, exact, moving = tensors[:-len(self.state)]
         state = dict(zip(self.state, tensors[-len(self.state):], strict=True))
         if any(x.device.type != "cpu" for x in tensors):
@@ -96,7 +96,7 @@ class StepStructure:
                   Field("free", "free", self.chain.free, 2), Field("sample", "last_status", none, 0)]
         leads = [one.value.shape[:one.value.ndim - one.axes] for one in fields if one.record != "free"]
         batch = broadcast_shapes(*(lead if K is None else lead[len(lead) > dims:] for lead in leads))
-        call = Call(self.chain, batch, K or repeat, lanes)
+        call = Call(self.chain, batch, K or 1, lanes)
         axes, own = moving.ndim or state["work"].ndim, batch
         if K is not None and batch[:dims - axes].numel() == 1:
             own = batch[dims - axes:]
