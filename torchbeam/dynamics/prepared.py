@@ -20,10 +20,9 @@ RECENT = 4  # of a scene
 
 
 class Prepared(NamedTuple):
-    """A stepper, the tensors of the scene that it was made of, and how often these had been written to."""
+    """A stepper, and how often the scene's tensors had been written to when it was made."""
 
     stepper: Stepper
-    tensors: list[Tensor]
     versions: list[int]
 
 
@@ -32,30 +31,34 @@ def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
     same options, and no tensor of the scene was written to since. Made anew where a derivative by the scene may be recorded,
     and where the scene holds functions, whose surroundings may have changed.
     """
-    tensors = _tensors(scene)
-    if tensors is None:
+    steppers, tensors = _kept(scene)
+    if tensors is None or not _plain(tensors):
         return Stepper(scene, dt, method, **options)
-    known = vars(scene).setdefault(KEPT, {})
     key, versions = (meaning(), method, *sorted(options.items())), [x._version for x in tensors]
-    found = known.pop(key, None)
+    found = steppers.pop(key, None)
     if found is None or found.versions != versions:
         # of a twin: the scene holds the stepper, which holds no scene that holds it
-        found = Prepared(Stepper(with_values(scene), dt, method, **options), tensors, versions)
-        for oldest in [*known][:max(0, len(known) + 1 - RECENT)]:
-            known.pop(oldest, None)
-    known[key] = found
+        found = Prepared(Stepper(with_values(scene), dt, method, **options), versions)
+        for oldest in [*steppers][:max(0, len(steppers) + 1 - RECENT)]:
+            steppers.pop(oldest, None)
+    steppers[key] = found
     return found.stepper.again(dt)
 
 
-def _tensors(scene: Scene) -> list[Tensor] | None:
-    """Those that a scene holds; None where a stepper of it is not to be kept."""
+def _kept(scene: Scene) -> tuple[dict[Any, Prepared], list[Tensor] | None]:
+    """A scene's steppers by options, and the tensors that it holds; None where it holds functions, or effects of a user's."""
+    found = vars(scene).get(KEPT)
+    if found is None:
+        values = [one.value for one in leaves(scene)]
+        plain = all(isinstance(x, (Tensor, Placeholder)) for x in values) and all(map(of_library, scene.effects))
+        found = vars(scene)[KEPT] = {}, [x for x in values if isinstance(x, Tensor)] if plain else None
+    return found
+
+
+def _plain(tensors: list[Tensor]) -> bool:
+    """Whether no derivative of these is recorded, no function of them mapped, and each tells whether it is written to."""
     if torch.is_inference_mode_enabled() or forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None:
-        return None
-    values, recorded = [one.value for one in leaves(scene)], torch.is_grad_enabled()
-    for x in values:
-        if isinstance(x, Tensor):
-            if (recorded and x.requires_grad) or x.is_inference() or functorch.is_functorch_wrapped_tensor(x):
-                return None
-        elif not isinstance(x, Placeholder):
-            return None
-    return [x for x in values if isinstance(x, Tensor)] if all(map(of_library, scene.effects)) else None
+        return False
+    recorded = torch.is_grad_enabled()
+    return not any((recorded and x.requires_grad) or x.is_inference() or functorch.is_functorch_wrapped_tensor(x)
+                   for x in tensors)

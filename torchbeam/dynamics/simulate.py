@@ -189,6 +189,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     changing(inputs, len(counts))
     first = inputs_at(inputs, t[0], t)
     start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
+    begun = stepper.remember(start, stepper.reduced(start), well=False)
     check_room(stepper, start, first, len(plan), len(t), checkpoint)
     names, reported = tuple(vars(start)), 0
 
@@ -222,7 +223,7 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
-    parts, state, iterations = [stepper.reduced(start).map(lambda x: x[None])], start, []
+    parts, state, iterations = [begun.map(lambda x: x[None])], start, []
     for done in range(0, len(plan), length):
         span = done, min(done + length, len(plan))
         if checkpoint:
@@ -302,7 +303,8 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
 def _begin(model: Model, initial: State | None, t: Tensor) -> State:
     scene = model.scene
     start = rest(scene, t=t) if initial is None else check_state(initial, scene)
-    model.space.start(start)  # says so where it does not fit
+    if initial is not None or scene.has_prescribed_motion:
+        model.space.start(start)  # says so where it does not fit
     start = with_optional_fields(start.broadcast(), scene)
     if start.frame is not None:  # it turns on from the state's own time
         start = replace(start, frame=oriented(scene, start.frame, start.t, t))
@@ -327,7 +329,8 @@ def _energy(model: Model, states: State | ReducedStates, t: Iterable[Tensor], in
 
 def _judged(solution: Solution, throw: bool, warned: bool = False) -> Solution:
     """The solution, with a sentence on every kind of failure in its stats; raised, or warned of where the solver has not."""
-    status, steps = (concrete(x) for x in (solution.status, (solution.states.status == 0).sum(0)))
+    statuses = concrete(solution.states.status)
+    status, steps = statuses[-1], (statuses == 0).sum(0)
     for code in sorted(set(status.flatten().tolist()) - {0}):
         failed = (status == code).nonzero().tolist()
         which = f"sample {failed[0][0] if len(failed[0]) == 1 else tuple(failed[0])}" if failed[0] else "the sample"

@@ -238,10 +238,15 @@ class Stepper:
         return self.model.space.to_reduced(with_optional_fields(state, self.scene))
 
     def known(self, reduced: State, well: bool) -> State:
-        """A state that native code has made, to be known again."""
+        """A state that native code has made, as a public one, to be known again."""
         after = self.model.space.to_public(reduced)
-        self._last = KnownState.of(after, reduced, self.model.space, well)
+        self.remember(after, reduced, well)
         return after
+
+    def remember(self, state: State, reduced: State, well: bool) -> State:
+        """A public state to be known again by itself in the space's coordinates; well: that no sample of it has failed."""
+        self._last = KnownState.of(state, reduced, self.model.space, well)
+        return reduced
 
     def _length(self, dt: float | Tensor | None) -> Tensor:
         """Of a step, s."""
