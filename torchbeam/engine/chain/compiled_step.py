@@ -19,6 +19,7 @@ from ...state.state import State
 from ..compiler.trace import NotTraceable
 from .alpha_functions import AlphaFunctions
 from .call import Chain, Field, made_like
+from .chain_constants import Trees
 from .conserving_functions import ConservingFunctions
 from .constants import Constants, of_library
 from .cotangents import Adjoint, Differentiated
@@ -72,11 +73,11 @@ class CompiledStep:
         self.structure = known_structure(key)
         if self.structure is not None:
             self.around, self.function = NOTHING, False
-            self.trees = self.constants.trees(dict.fromkeys(self.structure.values, self.none))
+            trees = self.constants.trees(dict.fromkeys(self.structure.values, self.none))
         else:
-            self.structure = self._traced(around)
+            self.structure, trees = self._traced(around)
             keep_structure(key, self.structure)
-        self.constant, length = self.structure.constant(self.trees), model.length.detach()
+        self.constant, length = self.structure.constant(trees), model.length.detach()
         total, longest = length.sum((-1, -2)), length.amax((-1, -2))
         self._lengths = [Field("common", "total", total, 0), Field("common", "longest", longest, 0)]
         self.sources = [*(one.value for one in self.constant), *self.constants.sources]
@@ -84,27 +85,26 @@ class CompiledStep:
         self._seen: tuple[int, ...] | None = None
         self._forms: dict[tuple, Form] = {}
 
-    def _traced(self, around: Surroundings | None) -> StepStructure:
+    def _traced(self, around: Surroundings | None) -> tuple[StepStructure, Trees]:
         """The structure, by a look at all trees; its program is that of an earlier one, or traced."""
         model, instant = self.model, self._functions.INSTANT
         nothing = {name: self.none.new_zeros(size) for name, size in model.scene.inputs.items()}
         dt = torch.full_like(self.none, TRIED)
         values = self.constants.changing(dt, instant * dt, nothing, self.constants.orientation)
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
-        self.trees = self.constants.trees(values)
-        self.function = any(one.axes is None for one in functions((self.trees[0].loads, self.trees[2].loads)))
+        trees = self.constants.trees(values)
+        self.function = any(one.axes is None for one in functions((trees[0].loads, trees[2].loads)))
         by_user = self.function or not all(map(of_library, self.constants.loads))
         self.around = NOTHING if around is None and not by_user else around
         kinds = Kinds.of(node_kinds(model, self.constants.loads), model.scene.beam.order)
-        program = program_of(self.local, kinds, bool(model.constraints.nodes), self.around)
+        program = program_of(self.local(trees), kinds, bool(model.constraints.nodes), self.around)
         if self.around is not None and not self.around.unchanged():
             raise NotTraceable("a function of the motion writes to what it reads; one without memory is wanted")
-        return StepStructure(program, model, kinds, self.trees, values, self.constants.asks)
+        return StepStructure(program, model, kinds, trees, values, self.constants.asks), trees
 
-    @property
-    def local(self) -> LocalFunctions:
-        """What the program is traced of."""
-        return self._functions(self.model, *self.trees, **self._own)
+    def local(self, trees: Trees) -> LocalFunctions:
+        """What programs are traced of."""
+        return self._functions(self.model, *trees, **self._own)
 
     @property
     def program(self) -> StepProgram:
@@ -174,7 +174,7 @@ class CompiledStep:
             good = status == 0 if moving is None else (status == 0) & moving.expand(status.shape)
             changing = [one._replace(value=x) for (one, _), x in zip(structure.changing, given, strict=True)]
             known = [*changing, *self.constant]
-            chain = self._adjoint(frozenset(known[k].name for k in wanted if k < len(known)))
+            chain = self.adjoint(frozenset(known[k].name for k in wanted if k < len(known)), values)
             adjoint = Adjoint(chain, form.call, form.adjoints, changing, self.constant, good.reshape(form.call.K, -1), wanted)
             made = Differentiated.apply(adjoint, states, made, *(held[k] for k in wanted))
         fields = dict(zip(structure.state, made, strict=True))
@@ -219,9 +219,10 @@ class CompiledStep:
             self._forms[key] = found
         return found
 
-    def _adjoint(self, names: frozenset[str]) -> Chain:
-        """Of the cotangents of constants of these names."""
-        return self.structure.adjoint(names, self.model, lambda: adjoint_of(self.program, self.local, names))
+    def adjoint(self, names: frozenset[str], values: dict[str, Tensor]) -> Chain:
+        """Of the cotangents of constants of these names; values: of those that change."""
+        return self.structure.adjoint(names, self.model, lambda: adjoint_of(
+            self.program, self.local(self.constants.trees(values)), names))
 
 
 def _again(model: Model, **options: Any) -> CompiledStep:
