@@ -32,6 +32,7 @@ from ..nodal.balance import CondensedTangent, Linearisation, Residual, largest, 
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import InertiaForces
+from ..nodal.joints import Pose
 from ..nodal.loads import Nodes
 from ..nodal.rows import Rows
 from ..scene.effects import Inputs
@@ -198,7 +199,8 @@ class MidpointProblem(Tree):
 
     def element_balance(self, x: MidpointUnknowns, way: StepKinematics) -> ElementBalance:
         """The elements, whose nodes move so."""
-        return self.element.balance(x.stress, *(self.model.assembly.poses(*pose) for pose in way.poses))
+        stress, _ = self.model.joints.split(x.stress)
+        return self.element.balance(stress, *(self.model.assembly.poses(*pose) for pose in way.poses))
 
     def residual(self, x: MidpointUnknowns) -> tuple[Residual, StepKinematics, ElementBalance, InertiaForces]:
         """The balance at x; with it what the nodes and the elements do there."""
@@ -207,17 +209,26 @@ class MidpointProblem(Tree):
         way, inertia, load = self.node_balance(x)
         element = self.element_balance(x, way)
         nodes = inertia.wrench + model.assembly.to_nodes(element.forces) - load
+        nodes, gap = model.joints.balance(nodes, element.gap, x.stress, lambda: self.joint_poses(way))
         restrained = restrained_forces(model, element.acting, self.eigenstrain, h)
         sizes = largest(model.space.position, h, element.forces, load, inertia.wrench, restrained)
         sizes = *sizes, size_of_strain(element.felt, self.eigenstrain)
-        return Residual(model.constraints, nodes, element.gap, *sizes), way, element, inertia
+        return Residual(model.constraints, nodes, gap, *sizes, model.joints, h), way, element, inertia
+
+    def joint_poses(self, way: StepKinematics) -> tuple[Pose, Pose]:
+        """Means over the step, and at its end."""
+        joints = self.model.joints
+        end = joints.pose(way.position_end, way.q_end)
+        return joints.pose(self.start.position, self.start.rotation).mean(end), end
 
     def tangent(self, x: MidpointUnknowns, way: StepKinematics, element: ElementBalance, inertia: InertiaForces
                 ) -> CondensedTangent:
         """By the nodes' moves, see `TANGENT`."""
+        joints = self.model.joints
         nodes, matrix = self.node_tangent(way, inertia)
-        tangent = self.element.tangent(element, x.stress, lambda: self.model.assembly.ends(nodes.half, 2))
-        return CondensedTangent.of(self.model.assembly, tangent.stiffness, matrix, tangent.hB, self.C, tangent.E)
+        tangent = self.element.tangent(element, joints.split(x.stress)[0], lambda: self.model.assembly.ends(nodes.half, 2))
+        condensed = CondensedTangent.of(self.model.assembly, tangent.stiffness, matrix, tangent.hB, self.C, tangent.E)
+        return joints.joined(condensed, x.stress, lambda: self.joint_poses(way), lambda: nodes.half, 2.0)
 
     def linearise(self, x: MidpointUnknowns, way: StepKinematics, element: ElementBalance, inertia: InertiaForces
                   ) -> Linearisation:

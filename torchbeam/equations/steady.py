@@ -16,6 +16,7 @@ from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Space
 from ..nodal.frame import FixedFrame
+from ..nodal.joints import Pose
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -140,8 +141,8 @@ class SteadyProblem(Tree):
         """The elements, each by itself."""
         model, space, h = self.model, self.model.space, self.model.length
         kin = model.kinematics(x.position, x.rotation)
-        bent = model.strain(kin) - self.eigenstrain
-        return ElementBalance(kin, kin, space.forces(kin, x.stress, h), bent, model.law.gap(bent, x.stress))
+        bent, (stress, _) = model.strain(kin) - self.eigenstrain, model.joints.split(x.stress)
+        return ElementBalance(kin, kin, space.forces(kin, stress, h), bent, model.law.gap(bent, stress))
 
     def residual(self, x: Configuration) -> tuple[Residual, Any]:
         model, own, h = self.model, self.eigenstrain, self.model.length
@@ -149,14 +150,22 @@ class SteadyProblem(Tree):
         load, element = self.load(x), self.element_balance(x)
         sizes = largest(model.space.position, h, element.forces, load, restrained_forces(model, element.acting, own, h),
                         self.rounding)
-        return Residual(model.constraints, model.assembly.to_nodes(element.forces) - load, element.gap, *sizes,
-                        size_of_strain(element.felt, own)), element.acting
+        nodes, gap = model.joints.balance(model.assembly.to_nodes(element.forces) - load, element.gap, x.stress,
+                                          lambda: self.joint_poses(x))
+        return Residual(model.constraints, nodes, gap, *sizes, size_of_strain(element.felt, own), model.joints, h
+                        ), element.acting
+
+    def joint_poses(self, x: Configuration) -> tuple[Pose, Pose]:
+        """Where forces act, and where joints are closed: the same."""
+        pose = self.model.joints.pose(*x[:2])
+        return pose, pose
 
     def tangent(self, x: Configuration, kin: Any) -> CondensedTangent:
         model, space = self.model, self.model.space
-        B = space.strain_operator(kin, model.length)
-        return CondensedTangent.of(model.assembly, space.geometric_stiffness(kin, x.stress, model.length), self.load_tangent(x),
-                                     model.length[..., None] * B, self.C, B)
+        B, (stress, _) = space.strain_operator(kin, model.length), model.joints.split(x.stress)
+        condensed = CondensedTangent.of(model.assembly, space.geometric_stiffness(kin, stress, model.length),
+                                        self.load_tangent(x), model.length[..., None] * B, self.C, B)
+        return model.joints.joined(condensed, x.stress, lambda: self.joint_poses(x), None, 1.0)
 
     def linearise(self, x: Configuration, kin: Any) -> Linearisation:
         return Linearisation.of(self.model, self.tangent(x, kin))

@@ -29,9 +29,25 @@ def block_tridiagonal(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
     return torch.cat(torch.broadcast_tensors(*x[::-1]), -1).mT
 
 
+def block_tridiagonal_columns(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
+    """The same for many right-hand sides: b and x (..., n, k, m)."""
+    n = b.shape[-3]
+    ahead, y = [], []
+    for i in range(n):
+        above = U[..., i, :, :] if i < n - 1 else None
+        before = () if i == 0 else (L[..., i - 1, :, :], ahead[-1], y[-1])
+        *solved, right = eliminated(D[..., i, :, :], above, b[..., i, :, :], *before)
+        ahead.extend(solved)
+        y.append(right)
+    x = [y[-1]]
+    for i in range(n - 2, -1, -1):
+        x.append(y[i] - ahead[i] @ x[-1])
+    return torch.stack(torch.broadcast_tensors(*x[::-1]), -3)
+
+
 def eliminated(diagonal: Tensor, above: Tensor | None, right: Tensor, below: Tensor | None = None, ahead: Tensor | None = None,
                y: Tensor | None = None) -> tuple[Tensor, ...]:
-    """D'^-1 U and D'^-1 b' (..., k, 1) of a row D, U, b, from L of the row (below) and both of the row before; of the last row,
+    """D'^-1 U and D'^-1 b' (..., k, m) of a row D, U, b, from L of the row (below) and both of the row before; of the last row,
     where above is None, D'^-1 b' alone.
     """
     if below is not None:
@@ -39,8 +55,8 @@ def eliminated(diagonal: Tensor, above: Tensor | None, right: Tensor, below: Ten
         right = right - below @ y
     if above is None:
         return (_solve(diagonal, right),)
-    solved = _solve(diagonal, above, right)
-    return solved[..., :-1], solved[..., -1:]
+    solved, k = _solve(diagonal, above, right), diagonal.shape[-1]
+    return solved[..., :k], solved[..., k:]
 
 
 def _solve(A: Tensor, *right: Tensor) -> Tensor:

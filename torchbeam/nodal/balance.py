@@ -24,11 +24,14 @@ from ..topology.protocols import Matrix, MatrixRows, System, total
 from .assembly import Assembly
 from .constitutive_law import times
 from .constraints import Constraints
+from .joints import NoJoints
 from .rows import Rows
 
 
 class Residual(NamedTuple):
-    """nodes (..., N+1, w), strain (..., N, k) as above; force, moment, size_strain (...): the largest terms in them."""
+    """nodes (..., N+1, w), strain (..., N, k) as above, with the gaps of joints behind; force, moment, size_strain (...): the
+    largest terms in them; length (..., N, 1) m of the elements.
+    """
 
     constraints: Constraints
     nodes: Tensor
@@ -36,13 +39,16 @@ class Residual(NamedTuple):
     force: Tensor
     moment: Tensor
     size_strain: Tensor
+    joints: NoJoints
+    length: Tensor
 
     def measure(self) -> Tensor:
         """(...) the scaled residual: each equation over the largest term in it; not finite where anything is not."""
         free = self.constraints.unknowns.select(self.nodes.detach()).abs()
         p = (free.shape[-1] + 1) // 2  # of 6: 3, of 3: 2
-        gap = self.strain.detach().abs().amax((-1, -2))
-        return scaled(free[..., :p].amax((-1, -2)), free[..., p:].amax((-1, -2)), gap, *self[3:])
+        gap, joints = self.joints.split(self.strain.detach())
+        size = scaled(free[..., :p].amax((-1, -2)), free[..., p:].amax((-1, -2)), gap.abs().amax((-1, -2)), *self[3:6])
+        return self.joints.measure(size, joints, lambda: self.length.detach().sum((-1, -2)))
 
 
 def scaled(force: Tensor, moment: Tensor, gap: Tensor, largest_force: Tensor, largest_moment: Tensor, size_strain: Tensor
@@ -87,22 +93,25 @@ class Linearisation(NamedTuple):
     C: Tensor
     E: Tensor  # (..., N, k, p + 2 s)
     law: Tensor  # S^-1 as the law has it, which C may differ from
+    joints: NoJoints
 
     @classmethod
     def of(cls, model: Rows, tangent: CondensedTangent) -> Linearisation:
         """With the supports of a model."""
         matrix, constraints = tangent.matrix, model.constraints
         return cls(model.assembly, constraints, matrix.restricted(constraints.unknowns), matrix.rows(constraints.nodes),
-                   *tangent[1:], model.law.C)
+                   *tangent[1:], model.law.C, model.joints)
 
     def solve(self, g: Tensor, g_strain: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """What a residual asks for: move (..., N+1, w), zero where the beam is held, d[F; M] (..., N, k); and the supports'
         balances after it, the reactions (..., K, w).
         """
+        g_strain, gap = self.joints.split(g_strain)
         pushed = g + self.assembly.to_nodes(pushed_by(self.hB, self.C, g_strain))
-        move = self.system.solve(-pushed)
-        change = dstress(self.C, self.E, g_strain, self.assembly.to_elements(move))
-        return move, change, self.constraints.reaction(self.rows, pushed, move)
+        solution = self.system.solve(self.joints.asked(-pushed, gap))
+        move, change = self.joints.answered(
+            solution, lambda move: dstress(self.C, self.E, g_strain, self.assembly.to_elements(move)))
+        return move, change, self.constraints.reaction(self.rows, pushed, solution)
 
     @property
     def exact(self) -> Tensor:
@@ -110,7 +119,7 @@ class Linearisation(NamedTuple):
         return same_law(self.C, self.law)
 
     def detach(self) -> Linearisation:
-        return Linearisation(self.assembly, self.constraints, *(x.detach() for x in self[2:]))
+        return Linearisation(self.assembly, self.constraints, *(x.detach() for x in self[2:-1]), self.joints)
 
 
 def same_law(C: Tensor, law: Tensor) -> Tensor:

@@ -23,6 +23,7 @@ from .coordinates.planar import PLANES, Plane
 from .coordinates.selection import in_space, only_numbers, space_of
 from .coordinates.spatial import Space
 from .inertia import inertia_of
+from .joint_constraints import joints_of
 from .loads import Nodes, external
 from .model import Model
 
@@ -53,6 +54,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
         reference=remembered(_reference, space, assembly, in_space(beam), beam.nodes, beam.frames, beam.length),
         law=law_of(scene, space),
         section_mass=section_mass, tributary_length=share, s=topology.arclength(beam.length),
+        joints=joints_of(scene, space, topology),
     )
     if space.plane is not None:
         check_plane(model, with_values(model, space=in_space(beam)))

@@ -4,7 +4,7 @@ elements of a model, or of one node or one element of it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from torch import Tensor
@@ -17,6 +17,7 @@ from .constitutive_law import ElasticLaw
 from .constraints import Constraints
 from .coordinates.spatial import Space
 from .inertia import Inertia
+from .joints import NoJoints
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Rows(Tree):
     section_mass  (..., N+1, 6, 6) mean mass per length about each node, with what is fixed to it: for line loads
     tributary_length  (..., N+1, 1) m of beam that belong to each node
     s          (..., N+1) m, arclength of the nodes
+    joints     between nodes
     """
 
     space: Space
@@ -41,6 +43,7 @@ class Rows(Tree):
     section_mass: Tensor = leaf(3)
     tributary_length: Tensor = leaf(2)
     s: Tensor = leaf(1)
+    joints: NoJoints = field(default_factory=NoJoints, kw_only=True)
 
     @property
     def node_count(self) -> int:

@@ -1,0 +1,114 @@
+"""Constraints of a scene's joints, as products of two vectors: see `joints`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..math import quaternions as quat
+from ..scene.scene import Scene
+from .coordinates.spatial import Space
+from .joints import Factor, Joints, NoJoints
+
+TURNS = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}  # the axes of a and of b that a turn about this one brings together
+
+
+@dataclass(frozen=True)
+class Vector:
+    """constant (..., 3) + shift (...) (r_b - r_a) + R_a in_a + R_b in_b"""
+
+    constant: Tensor
+    shift: Tensor
+    in_a: Tensor
+    in_b: Tensor
+
+    def __add__(self, other: Vector) -> Vector:
+        return Vector(*(x + y for x, y in zip(vars(self).values(), vars(other).values(), strict=True)))
+
+    def times(self, factor: Tensor | float) -> Vector:
+        factor = torch.as_tensor(factor, dtype=self.constant.dtype, device=self.constant.device)
+        return Vector(self.constant * factor[..., None], self.shift * factor, self.in_a * factor[..., None],
+                      self.in_b * factor[..., None])
+
+
+@dataclass(frozen=True)
+class End:
+    """One part of a joint, at rest: its node (None = the ground), at r (..., 3) with the axes R (..., 3, 3); point p of the
+    joint.
+    """
+
+    second: bool
+    ground: bool
+    r: Tensor
+    R: Tensor
+    p: Tensor
+
+    @classmethod
+    def of(cls, beam: Any, node: int | None, second: bool, p: Tensor) -> End:
+        at = 0 if node is None else node
+        return cls(second, node is None, beam.nodes[..., at, :], quat.matrix(beam.frames[..., at, :]), p)
+
+    def direction(self, e: Tensor) -> Vector:
+        """What at rest is e (..., 3), frame a."""
+        zero = torch.zeros_like(e)
+        own = e if self.ground else (self.R.mT @ e[..., None])[..., 0]
+        parts = [own if place == (0 if self.ground else 2 if self.second else 1) else zero for place in range(3)]
+        return Vector(parts[0], zero[..., 0], *parts[1:])
+
+    @property
+    def arm(self) -> Vector:
+        """From the node, or from the origin, to the joint."""
+        return self.direction(self.p if self.ground else self.p - self.r)
+
+
+def joints_of(scene: Scene, space: Space, topology: Any) -> Any:
+    """`Joints` of a scene, or `NoJoints`."""
+    if not getattr(scene, "joints", ()):
+        return NoJoints()
+    each = [_constraints(joint, scene.beam, space) for joint in scene.joints]
+    J, m = len(each), space.unknowns
+
+    def stacked(parts: list[Tensor], axes: int) -> Tensor:
+        return torch.stack(torch.broadcast_tensors(*parts), -1 - axes).unflatten(-1 - axes, (J, m))
+
+    factors = []
+    for k in (0, 1):
+        own = [row[k] for rows, _ in each for row in rows]
+        fixed = torch.stack((stacked([x.in_a for x in own], 1), stacked([x.in_b for x in own], 1)), -3)
+        factors.append(Factor(stacked([x.constant for x in own], 1), stacked([x.shift for x in own], 0)[..., None], fixed))
+    like = scene.beam.nodes
+    return Joints(space=space, framework=topology, held=like.new_tensor([held for _, held in each]), v=factors[0], w=factors[1],
+                  c=stacked([row[2] for rows, _ in each for row in rows], 0),
+                  moves=space.embed(torch.eye(m, dtype=like.dtype, device=like.device)))
+
+
+def _constraints(joint: Any, beam: Any, space: Space) -> tuple[list[tuple[Vector, Vector, Tensor]], list[float]]:
+    """(v, w, c) of the m constraints of a joint, those that it does not have as well, and which it holds."""
+    at_a, at_b, axes = joint.drawn(beam)
+    a, b = End.of(beam, joint.ends[0], False, at_a), End.of(beam, joint.ends[1], True, at_b)
+    apart = b.arm + a.arm.times(-1.0)
+    apart = Vector(apart.constant, torch.ones_like(apart.shift), apart.in_a, apart.in_b)
+    names = dict(zip("xyz", axes.unbind(-1), strict=True))
+    along, about = ("xyz", "xyz") if space.plane is None else _of_plane(joint, names, space.basis[:, 2])
+    none = apart.shift * 0.0
+    rows = [(a.direction(names[i]), apart, none) for i in along]
+    rows += [(a.direction(names[i]).times(-1.0), b.direction(names[j]), none) for i, j in (TURNS[k] for k in about)]
+    held = [i in joint.position for i in along] + [i in joint.rotation for i in about]
+    if joint.distance:
+        L = torch.linalg.vector_norm(at_b - at_a, dim=-1)
+        rows[0] = apart.times(0.5 / L), apart, L / 2
+        held = [True] + [False] * (len(rows) - 1)
+    return rows, [float(x) for x in held]
+
+
+def _of_plane(joint: Any, axes: dict[str, Tensor], normal: Tensor) -> tuple[str, str]:
+    """Names of the joint's axes in the plane, and of the one along its normal: z, where x alone is given, and in the plane."""
+    across = {name: float((e.detach() @ normal).abs().min()) for name, e in axes.items()}
+    out = max(across, key=across.get)
+    if out != "x" and joint.position[-2:] == "yz" and joint.rotation != "z":  # y and z are alike
+        axes["z"], out = normal.expand_as(axes["x"]), "z"
+        axes["y"] = torch.linalg.cross(axes["z"], axes["x"])
+    return "".join(name for name in "xyz" if name != out), out

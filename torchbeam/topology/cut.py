@@ -1,0 +1,66 @@
+"""Where a framework is cut: at the nodes that joints sit at, and at single ones. What is left of the chains are runs of nodes
+that know nothing of joints.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import pairwise
+from typing import NamedTuple
+
+Joints = tuple[tuple[int | None, int | None], ...]  # the nodes that each connects, None = the ground
+
+
+class Run(NamedTuple):
+    """Nodes between two of the interface: the first of them, how many, the places in the interface of the nodes before and
+    after them (None = the chain ends there), and the element before the first one.
+    """
+
+    first: int
+    count: int
+    before: int | None
+    after: int | None
+    element: int
+
+    @property
+    def nodes(self) -> range:
+        return range(self.first, self.first + self.count)
+
+    @property
+    def inner(self) -> range:
+        """The elements between its nodes."""
+        return range(self.element + 1, self.element + self.count)
+
+
+class Cut(NamedTuple):
+    """interface: its nodes; runs: those of the same length together; direct: elements whose nodes are both in the interface,
+    with their places there; joints: places of what each connects.
+    """
+
+    interface: tuple[int, ...]
+    runs: tuple[tuple[Run, ...], ...]
+    direct: tuple[tuple[int, int, int], ...]
+    joints: Joints
+
+
+@lru_cache(maxsize=64)
+def cut(chains: tuple[int, ...], singles: int, joints: Joints) -> Cut:
+    """Of chains of so many elements of order 1, and single nodes behind them."""
+    total = sum(N + 1 for N in chains)
+    joined = {node for pair in joints for node in pair if node is not None}
+    interface = tuple(sorted(joined | set(range(total, total + singles))))
+    place = {node: k for k, node in enumerate(interface)}
+    runs, direct, start = [], [], 0
+    for chain, N in enumerate(chains):
+        end = start + N + 1
+        for before, after in pairwise((start - 1, *(node for node in interface if start <= node < end), end)):
+            count, element = after - before - 1, before - chain
+            if count:
+                runs.append(Run(before + 1, count, place[before] if before >= start else None,
+                                place[after] if after < end else None, element))
+            elif start <= before and after < end:
+                direct.append((element, place[before], place[after]))
+        start = end
+    by_length = tuple(tuple(run for run in runs if run.count == n) for n in sorted({run.count for run in runs}))
+    ends = tuple(tuple(None if node is None else place[node] for node in pair) for pair in joints)
+    return Cut(interface, by_length, tuple(direct), ends)

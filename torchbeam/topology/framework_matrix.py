@@ -1,0 +1,151 @@
+"""Matrix of a framework: blocks on the diagonal, between the nodes of an element, and of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import permutations
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..math.shapes import broadcast_shapes
+from .framework_system import FrameworkSystem
+from .framework_unknowns import FrameworkUnknowns
+
+
+class JointBlocks(NamedTuple):
+    """Of J joints, each of two ends, of which one that is the ground has zeros; a joint has as many constraints and forces as a
+    node has unknowns, of which it uses those that it holds.
+
+    held        (J, w) 1 where there is a constraint, else 0
+    stiffness   (..., J, 2, 2, w, w): the ends' balances by their moves, at fixed joint forces
+    force       (..., J, 2, w, w): the ends' balances by the joint forces
+    constraint  (..., J, 2, w, w): the constraints by the ends' moves
+    """
+
+    held: Tensor
+    stiffness: Tensor
+    force: Tensor
+    constraint: Tensor
+
+
+@dataclass(frozen=True)
+class FrameworkMatrix:
+    """See `protocols.Matrix`. diagonal (..., nodes, w, w); couplings (..., elements, w, w) between two of an element's nodes i
+    and j, in the order of `itertools.permutations`; none where nodes have nothing in common.
+
+    With joints, vectors have a row (w) of each joint behind those of the nodes: its forces, or its constraints.
+    """
+
+    framework: Any
+    diagonal: Tensor
+    couplings: tuple[Tensor, ...] = ()
+    joints: JointBlocks | None = None
+
+    @property
+    def tensors(self) -> tuple[Tensor, ...]:
+        return self.diagonal, *self.couplings, *(() if self.joints is None else self.joints[1:])
+
+    @property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """Of an element's nodes, those of the couplings."""
+        return tuple(permutations(range(self.framework.order + 1), 2))
+
+    def __add__(self, other: FrameworkMatrix) -> FrameworkMatrix:
+        couplings = self.couplings or other.couplings
+        if self.couplings and other.couplings:
+            couplings = tuple(a + b for a, b in zip(self.couplings, other.couplings, strict=True))
+        joints = other.joints if self.joints is None else self.joints
+        return FrameworkMatrix(self.framework, self.diagonal + other.diagonal, couplings, joints)
+
+    def joined(self, joints: JointBlocks) -> FrameworkMatrix:
+        """With the joints."""
+        return replace(self, joints=joints)
+
+    def plus(self, blocks: Tensor) -> FrameworkMatrix:
+        return replace(self, diagonal=self.diagonal + blocks)
+
+    def minus(self, blocks: Tensor) -> FrameworkMatrix:
+        return replace(self, diagonal=self.diagonal - blocks)
+
+    def each(self, function: Callable[[Tensor], Tensor]) -> FrameworkMatrix:
+        return FrameworkMatrix(self.framework, function(self.diagonal), tuple(map(function, self.couplings)))
+
+    def between(self, function: Callable[..., Tensor], rows: Tensor, columns: Tensor) -> FrameworkMatrix:
+        couplings = ()
+        if self.couplings:
+            at, by = self.framework.gather(rows, 2), self.framework.gather(columns, 2)
+            couplings = tuple(function(A, at[i], by[j]) for A, (i, j) in zip(self.couplings, self.pairs, strict=True))
+        return FrameworkMatrix(self.framework, function(self.diagonal, rows, columns), couplings)
+
+    def times(self, x: Tensor) -> Tensor:
+        nodes = x.narrow(-2, 0, self.framework.node_count)
+        y = (self.diagonal @ nodes[..., None])[..., 0]
+        if self.couplings:
+            ends = self.framework.gather(nodes)
+            parts: list[Any] = [0.0] * len(ends)
+            for A, (i, j) in zip(self.couplings, self.pairs, strict=True):
+                parts[i] = parts[i] + (A @ ends[j][..., None])[..., 0]
+            y = y + self.framework.scatter(tuple(parts))
+        return y if self.joints is None else self._with_joints(x, y)
+
+    def _with_joints(self, x: Tensor, y: Tensor) -> Tensor:
+        _, stiffness, force, constraint = self.joints
+        ends = self.framework.at_joints(x)  # (..., J, 2, w)
+        forces = x.narrow(-2, self.framework.node_count, len(self.framework.joints))
+        push = torch.einsum("...abij,...bj->...ai", stiffness, ends) + (force @ forces[..., None, :, None])[..., 0]
+        closed = (constraint @ ends[..., None])[..., 0].sum(-2)
+        y = self.framework.from_joints(push, y)
+        return torch.cat((y, closed.expand(*y.shape[:-2], *closed.shape[-2:])), -2)
+
+    def dense(self) -> Tensor:
+        """Of the nodes alone."""
+        count, w = self.diagonal.shape[-3:-1]
+        shape = broadcast_shapes(*(x.shape[:-3] for x in (self.diagonal, *self.couplings)))
+        A = self.diagonal.new_zeros(*shape, count, count, w, w)
+        at = torch.arange(count, device=A.device)
+        A[..., at, at, :, :] = self.diagonal.expand(*shape, count, w, w)
+        ends = [torch.tensor(nodes, device=A.device) for nodes in self.framework.elements]
+        for block, (i, j) in zip(self.couplings, self.pairs, strict=False):
+            A[..., ends[i], ends[j], :, :] = block.expand(*shape, len(ends[i]), w, w)
+        return A.transpose(-3, -2).flatten(-4, -3).flatten(-2)
+
+    def rows(self, nodes: tuple[int, ...]) -> FrameworkRows:
+        return FrameworkRows(self, nodes)
+
+    def symmetric(self, unknowns: FrameworkUnknowns, held: float) -> None:
+        return None
+
+    def restricted(self, unknowns: FrameworkUnknowns) -> FrameworkSystem:
+        D, couplings, joints = self.diagonal, self.couplings, self.joints
+        if not couplings:
+            none = torch.zeros_like(D[..., :1, :, :]).expand(*D.shape[:-3], self.framework.element_count, *D.shape[-2:])
+            couplings = (none,) * len(self.pairs)
+        if unknowns.free is not None:
+            free = unknowns.free[..., None]
+            ends = self.framework.gather(free, 2)
+            D = D * free * free.mT + torch.diag_embed(1 - unknowns.free)
+            couplings = tuple(A * ends[i] * ends[j].mT for A, (i, j) in zip(couplings, self.pairs, strict=True))
+            if joints is not None:
+                at = self.framework.at_joints(unknowns.free)[..., None]  # (J, 2, w, 1)
+                joints = JointBlocks(joints.held, joints.stiffness * at[..., :, None, :, :] * at[..., None, :, :, :].mT,
+                                     joints.force * at, joints.constraint * at.mT)
+        return FrameworkSystem.of(self.framework, unknowns, D, couplings, joints)
+
+
+class FrameworkRows(NamedTuple):
+    """See `protocols.MatrixRows`."""
+
+    matrix: FrameworkMatrix
+    nodes: tuple[int, ...]
+
+    def times(self, x: Tensor) -> Tensor:
+        return self.matrix.times(x)[..., list(self.nodes), :]
+
+    def detach(self) -> FrameworkRows:
+        matrix = self.matrix
+        joints = matrix.joints if matrix.joints is None else JointBlocks(*(x.detach() for x in matrix.joints))
+        couplings = tuple(A.detach() for A in matrix.couplings)
+        return FrameworkRows(FrameworkMatrix(matrix.framework, matrix.diagonal.detach(), couplings, joints), self.nodes)
