@@ -9,7 +9,7 @@ from torch import Tensor
 from torch._C import _functorch as functorch
 from torch.autograd import forward_ad
 
-from ..core.leaves import Placeholder, leaves, with_values
+from ..core.leaves import Placeholder, leaves
 from ..engine.chain.constants import of_library
 from ..engine.chain.coverage import meaning
 from ..scene.scene import Scene
@@ -38,11 +38,18 @@ def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
     found = steppers.pop(key, None)
     if found is None or found.versions != versions:
         # of a twin: the scene holds the stepper, which holds no scene that holds it
-        found = Prepared(Stepper(with_values(scene), dt, method, **options), versions)
+        found = Prepared(Stepper(_twin(scene), dt, method, **options), versions)
         for oldest in [*steppers][:max(0, len(steppers) + 1 - RECENT)]:
             steppers.pop(oldest, None)
     steppers[key] = found
     return found.stepper.again(dt)
+
+
+def _twin(scene: Scene) -> Scene:
+    """The same scene, that holds no steppers."""
+    twin = object.__new__(Scene)
+    vars(twin).update((name, value) for name, value in vars(scene).items() if name != KEPT)
+    return twin
 
 
 def _kept(scene: Scene) -> tuple[dict[Any, Prepared], list[Tensor] | None]:
