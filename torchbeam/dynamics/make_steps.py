@@ -129,7 +129,7 @@ def _natively(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) ->
     if not count:
         return None
     shape = found.status.shape[1:]  # functions of time may bring axes along
-    now, status = in_line(t[:count] + dt[:count], shape), start.status.expand(count, *shape)
+    now, status = in_line(t[:count], shape) + in_line(dt[:count], shape), start.status.expand(count, *shape)
     if found.well or stopped:
         now = torch.where(moving, now, start.t)
     else:
