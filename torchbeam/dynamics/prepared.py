@@ -9,8 +9,6 @@ from torch import Tensor
 from torch._C import _functorch as functorch
 from torch.autograd import forward_ad
 
-from ..core.leaves import Placeholder, leaves
-from ..engine.chain.constants import of_library
 from ..engine.chain.coverage import meaning
 from ..scene.scene import Scene
 from .stepper import Stepper
@@ -31,7 +29,7 @@ def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
     same options, and no tensor of the scene was written to since. Made anew where a derivative by the scene may be recorded,
     and where the scene holds functions, whose surroundings may have changed.
     """
-    steppers, tensors = _kept(scene)
+    tensors, steppers = scene.numbers, vars(scene).setdefault(KEPT, {})
     if tensors is None or not _plain(tensors):
         return Stepper(scene, dt, method, **options)
     key, versions = (meaning(), method, *sorted(options.items())), [x._version for x in tensors]
@@ -52,17 +50,7 @@ def _twin(scene: Scene) -> Scene:
     return twin
 
 
-def _kept(scene: Scene) -> tuple[dict[Any, Prepared], list[Tensor] | None]:
-    """A scene's steppers by options, and the tensors that it holds; None where it holds functions, or effects of a user's."""
-    found = vars(scene).get(KEPT)
-    if found is None:
-        values = [one.value for one in leaves(scene)]
-        plain = all(isinstance(x, (Tensor, Placeholder)) for x in values) and all(map(of_library, scene.effects))
-        found = vars(scene)[KEPT] = {}, [x for x in values if isinstance(x, Tensor)] if plain else None
-    return found
-
-
-def _plain(tensors: list[Tensor]) -> bool:
+def _plain(tensors: tuple[Tensor, ...]) -> bool:
     """Whether no derivative of these is recorded, no function of them mapped, and each tells whether it is written to."""
     if torch.is_inference_mode_enabled() or forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None:
         return False

@@ -15,13 +15,14 @@ from ...core.status import SUCCESS
 from ...core.surroundings import Surroundings
 from ...nodal.model import Model
 from ...scene.effects import Inputs
+from ...scene.effects.effect import of_library
 from ...state.state import State
 from ..compiler.trace import NotTraceable
 from .alpha_functions import AlphaFunctions
 from .call import Chain, Field, made_like
 from .chain_constants import Trees
 from .conserving_functions import ConservingFunctions
-from .constants import Constants, of_library
+from .constants import Constants
 from .cotangents import Adjoint, Differentiated
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL

@@ -21,7 +21,8 @@ from ...nodal.coordinates.linearised import Small
 from ...nodal.coordinates.planar import Plane
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
-from ...scene.effects import Effect, Input, Inputs, Pose
+from ...scene.effects import Input, Inputs, Pose
+from ...scene.effects.effect import of_library
 from ...scene.effects.values import value_at
 from ...state.state import State, rest
 from .chain_constants import (
@@ -292,8 +293,3 @@ def _by_inputs(load: Any) -> bool:
     values = [one.value for one in own_leaves(load) if one.value is not None]
     return (of_library(load) and any(isinstance(x, Input) for x in values)
             and all(isinstance(x, (Tensor, Input)) for x in values) and not load.inputs)
-
-
-def of_library(effect: Any) -> bool:
-    """Whether an effect's class is torchbeam's own."""
-    return type(effect).__module__.startswith(f"{Effect.__module__.rpartition('.')[0]}.")

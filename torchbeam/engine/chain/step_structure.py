@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from ...core.leaves import Placeholder, leaves
 from ...core.remembered import structure_of
 from ...math.shapes import broadcast_shapes
 from ...nodal.coordinates.planar import Plane
@@ -18,7 +17,6 @@ from . import program as programs
 from .adjoint import AdjointProgram
 from .call import Call, Chain, Field, like
 from .chain_constants import Trees
-from .constants import of_library
 from .cotangents import constant_fields, state_fields
 from .node_kinds import Kinds
 from .program import StepProgram
@@ -117,8 +115,7 @@ def key_of(model: Model, *options: Any) -> Hashable | None:
     one: a function, or an effect of a user's own, is asked for what it gives.
     """
     scene, space = model.scene, model.space
-    if not (isinstance(model.topology, ChainTopology) and all(map(of_library, scene.effects))
-            and all(isinstance(one.value, (Tensor, Placeholder)) for one in leaves(scene))):
+    if scene.numbers is None or not isinstance(model.topology, ChainTopology):
         return None
     plane = space.section_axes if isinstance(space, Plane) else None
     key = structure_of(scene, []), type(space), plane, type(model.inertia.translational), model.topology, options
