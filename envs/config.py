@@ -120,7 +120,7 @@ class BeamEnvConfig:
             return
         if not isinstance(self.beam, tb.Beam):
             raise ValueError(f"beam = {type(self.beam).__name__} was given; a torchbeam.Beam is wanted")
-        if self.beam.count < 2:
+        if self.beam.station_count < 2:
             raise ValueError("a beam of one element was given; at least 2 are wanted")
         beside = [f.name for f in fields(self)
                   if f.name in ("length", "section", "elements", "direction", "up") and getattr(self, f.name) is not f.default

@@ -171,15 +171,15 @@ def observed_parts(names: Sequence[str | Observed], beam: tb.Beam, plane: str | 
         if isinstance(name, Observed):
             parts.append((name, ""))
         elif name in ("tip", "middle"):
-            parts += point(-1 if name == "tip" else beam.count // 2, name)
+            parts += point(-1 if name == "tip" else beam.station_count // 2, name)
         elif name == "gauges":
-            parts += [gauge(0), gauge(beam.count // 2)]
+            parts += [gauge(0), gauge(beam.station_count // 2)]
         else:
             each = [*d * ["displacement"], *d * ["velocity"], *r * ["rotation"], *r * ["spin"]]
             units = {"displacement": torch.full_like(omega, length), "velocity": speed, "rotation": torch.ones_like(omega),
                      "spin": omega}
-            scale = torch.cat(beam.count * [units[kind] for kind in each], -1)
-            high = beam.count * [HIGH[kind] for kind in each]
+            scale = torch.cat(beam.station_count * [units[kind] for kind in each], -1)
+            high = beam.station_count * [HIGH[kind] for kind in each]
             parts.append((Observed(lambda start: NodeMotions(start, plane), scale, high), "full"))
     return parts
 

@@ -37,6 +37,7 @@ from .mixed.block import BlockRate, block_rate
 from .mixed.consistent import consistent_state
 from .mixed.state import MixedState
 from .scene.beam import Beam
+from .scene.body import Body
 from .scene.effects import (
     Accelerogram,
     Actuation,
@@ -58,6 +59,7 @@ from .scene.effects import (
     TipLoad,
     rayleigh,
 )
+from .scene.joints import Ball, Cylindrical, Distance, Hinge, Slider, Universal, Weld
 from .scene.scene import Scene
 from .scene.section import Section
 from .scene.stations import Stations, Table
@@ -69,15 +71,16 @@ from .statics.equilibrium import equilibrium
 from .statics.path import Path, path
 
 __all__ = [
-    "Accelerogram", "Actuation", "Advice", "Along", "Beam", "BlockRate", "Critical", "Damping", "Description", "Drag",
-    "Energy", "Estimate", "ExplicitStepper", "FieldFit", "Fit", "Frame", "Gravity", "History", "Input", "LineLoad",
-    "Linear", "Load", "MassDamping", "Measurement", "MixedState", "Modes", "MomentDerivatives", "PairedModes", "Parameter",
-    "Path", "PerElement", "PerInterval", "PointLoad", "PointMass", "RareEvent", "RootMotion", "RootSpring", "Samples",
-    "Scene", "Section", "SlowPathWarning", "Smoothness", "SobolIndices", "Solution", "Spring", "State", "Stations", "Stats",
-    "Stepper", "Stream", "Support", "Table", "TipLoad", "Tornado", "advise", "block_rate", "consistent_state", "critical_load",
-    "describe", "equilibrium", "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes",
-    "moment_derivatives", "monte_carlo", "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event",
-    "rayleigh", "rest", "rollout", "sensors", "simulate", "sobol_indices", "tornado",
+    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Critical", "Cylindrical",
+    "Damping", "Description", "Distance", "Drag", "Energy", "Estimate", "ExplicitStepper", "FieldFit", "Fit", "Frame",
+    "Gravity", "Hinge", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping", "Measurement", "MixedState",
+    "Modes", "MomentDerivatives", "PairedModes", "Parameter", "Path", "PerElement", "PerInterval", "PointLoad", "PointMass",
+    "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "Slider", "SlowPathWarning", "Smoothness",
+    "SobolIndices", "Solution", "Spring", "State", "Stations", "Stats", "Stepper", "Stream", "Support", "Table", "TipLoad",
+    "Tornado", "Universal", "Weld", "advise", "block_rate", "consistent_state", "critical_load", "describe", "equilibrium",
+    "identify", "identify_fields", "laws", "linearize", "modal_assurance", "modes", "moment_derivatives", "monte_carlo",
+    "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "rare_event", "rayleigh", "rest", "rollout", "sensors",
+    "simulate", "sobol_indices", "tornado",
 ]
 
 # results that hold tensors and plain values alone: torch.load(weights_only=True) takes them

@@ -235,7 +235,7 @@ CASES = {
     # supports, planes
     "support's letters": (lambda: tb.Support(0, position="xw"), "position = 'xw' was given; some of the letters x, y and z"),
     "support about one axis": (lambda: tb.Support(0, rotation="x"), "rotation = 'x' was given; all three components are held"),
-    "support's node": (lambda: tb.Scene(BEAM, supports=tb.Support(7)), "a support of node 7 was given; the beam has the nodes"),
+    "support's node": (lambda: tb.Scene(BEAM, supports=tb.Support(7)), "the node of a support = 7 was given for a beam with"),
     "two supports of a node": (lambda: tb.Scene(BEAM, supports=(tb.Support(0), tb.Support(0))), "two supports of node 0"),
     "motion of what is free": (lambda: tb.Support(0, position="", displacement=lambda t: t), "whose position is free"),
     "turn of a hinge": (lambda: tb.Support(0, rotation="xz", turn=lambda t: t), "rotation = 'xyz' is wanted"),
@@ -385,7 +385,7 @@ VALUES = {  # of every kind of argument that wants numbers: one call each
     "direction": lambda x: straight(direction=x)(), "twist": lambda x: straight(twist=x)(),
     "curvature": lambda x: tb.Beam.curve(1.0, 2, SECTION, x), "nodes": lambda x: tb.Beam.from_nodes(x, SECTION),
     "velocity": lambda x: tb.Frame(velocity=x), "displacement": lambda x: tb.Support(0, displacement=x),
-    "force": lambda x: tb.TipLoad(force=x), "node": lambda x: tb.PointLoad(node=x, force=(0, 0, 1.0)),
+    "force": lambda x: tb.TipLoad(force=x), "node": lambda x: tb.Scene(BEAM, [tb.PointLoad(node=x, force=(0, 0, 1.0))]),
     "per element": tb.PerElement, "intrinsic curvature": lambda x: tb.Actuation(curvature=x),
     "actuated elements": lambda x: tb.Actuation(curvature=(0, 0, 1.0), elements=x),
     "tau": tb.Damping, "alpha": tb.MassDamping, "frequencies": lambda x: tb.rayleigh(x, (0.1, 0.1)),

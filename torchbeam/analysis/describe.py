@@ -69,7 +69,7 @@ def describe(scene: Scene) -> Description:
     planes = () if plane or scene.small else tuple(name for name in PLANES if _fits(scene, name))
     free = model.constraints.count
     states, refusals = _forms(scene, free)
-    nodes = scene.beam.count + 1
+    nodes = scene.beam.node_count
     unknowns = f"{free}: {space.unknowns} a node of {nodes} nodes, less {nodes * space.unknowns - free} that supports hold"
     lines = {
         "beam": tuple(_beam(scene)),

@@ -58,7 +58,7 @@ class ExplicitStepper:
             return rest(self.scene, shape)
         zero = {name: torch.zeros(*shape, size, dtype=self.scene.dtype, device=self.scene.device)
                 for name, size in self.scene.inputs.items()}
-        still = torch.zeros(*shape, self.scene.beam.count, 3, dtype=self.scene.dtype, device=self.scene.device)
+        still = torch.zeros(*shape, self.scene.beam.station_count, 3, dtype=self.scene.dtype, device=self.scene.device)
         return consistent_state(self.scene, u=still, form=self.form, inputs=zero)
 
     def merge(self, few: BatchSubset, part: ExplicitStepper) -> ExplicitStepper:

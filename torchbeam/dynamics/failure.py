@@ -14,7 +14,7 @@ from torch import Tensor
 from ..core.derivatives import no_derivatives
 from ..core.status import SUCCESS
 from ..core.validation import concrete
-from ..equations.midpoint import MidpointProblem
+from ..equations.step_problem import StepProblem
 from ..math.shapes import broadcast_shapes
 from ..nodal.conditions import conditions
 from ..nodal.loads import external
@@ -32,7 +32,7 @@ HALVES = 30  # of the way between two of them: what then still changes by half o
 class Failure(NamedTuple):
     """A step that has failed: the problem that it solved, and the samples (...) at fault."""
 
-    problem: MidpointProblem
+    problem: StepProblem
     failed: Tensor
 
     def reason(self) -> str | None:

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean
 from ..equations.midpoint import MidpointProblem
+from ..equations.step_problem import StepProblem
 from ..nodal.model import Model
 from ..state.state import State, plain
 
@@ -56,7 +57,7 @@ class Method:
     PART     of a solve's rotation: what the unknown holds
     """
 
-    PROBLEM: ClassVar[type[MidpointProblem]] = MidpointProblem
+    PROBLEM: ClassVar[type[StepProblem]] = MidpointProblem
     WHOLE: ClassVar[Scheme] = Scheme()
     SOLVES: ClassVar[str] = "midpoint"
     ORDER: ClassVar[int] = 2
@@ -79,7 +80,7 @@ class Method:
     def check(self, model: Model) -> None:
         """Raises ValueError for a model that the method does not take."""
 
-    def problem(self, *args: Any) -> MidpointProblem:
+    def problem(self, *args: Any) -> StepProblem:
         """One solve: model, state, dt, t, inputs."""
         return self.PROBLEM(*args, **self.options)
 

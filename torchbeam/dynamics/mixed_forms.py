@@ -68,8 +68,8 @@ def simulate_mixed(
     if initial is not None and not isinstance(initial, MixedState):
         raise ValueError(f"initial of type {type(initial).__name__} was given; the mixed forms want a MixedState, "
                          "see consistent_state")
-    if initial is not None and initial.u.shape[-2] != scene.beam.count:
-        raise ValueError(f"initial with {initial.u.shape[-2]} elements was given; the beam has {scene.beam.count}")
+    if initial is not None and initial.u.shape[-2] != scene.beam.station_count:
+        raise ValueError(f"initial with {initial.u.shape[-2]} elements was given; the beam has {scene.beam.station_count}")
     model = MixedModel(scene, form, {} if inputs is None else inputs)
     t = increasing("t", as_tensor(t, scene.dtype, scene.device))
     instants = t if begin is None else [begin + now for now in t]

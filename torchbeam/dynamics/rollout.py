@@ -31,7 +31,7 @@ def rollout(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] |
     `Stepper` refuses, and for values for another number of steps.
     """
     instance("a stepper", stepper, Stepper)
-    of_mesh(state, stepper.scene.beam.count + 1, stepper.scene.dtype, "a state")
+    of_mesh(state, stepper.scene.beam, "a state")
     steps, given = count("steps", steps), merge_inputs(inputs, more)
     t, dt = shared(state.t), stepper.dt.expand(steps)
     changing(given, steps)

@@ -184,7 +184,7 @@ class Stepper:
             u = dict(zip(sizes, axis_last("u", whole, sum(sizes.values())).split(tuple(sizes.values()), -1), strict=True))
         given, alone = self.scene.tensors(u), copy(self)
         alone._last, alone.failures = None, Failures()
-        state = self.model.space.to_public(self.reduced(of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")))
+        state = self.model.space.to_public(self.reduced(of_mesh(state, self.scene.beam, "a state")))
         return step_jacobian(lambda before, inputs: alone.advance(before, inputs, dt=dt), self.model.space, model, state,
                              {name: given[name] for name in sizes})
 
@@ -221,7 +221,7 @@ class Stepper:
         known = self._known(state)
         if known is not None:
             return known.reduced, known.well
-        of_mesh(state, self.scene.beam.count + 1, self.scene.dtype, "a state")
+        of_mesh(state, self.scene.beam, "a state")
         return self.reduced(self._begin(state, dt, inputs=inputs)), False
 
     def _known(self, state: State) -> KnownState | None:

@@ -30,8 +30,8 @@ from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..state.state import State, plain
 from .alpha_kinematics import EndKinematics, EndMotion, EndTangent, GeneralizedAlpha
-from .midpoint import MidpointProblem
 from .step_element import EndElement
+from .step_problem import StepProblem
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class EndUnknowns(NamedTuple):
 
 
 @dataclass(frozen=True)
-class GeneralizedAlphaProblem(MidpointProblem):
+class GeneralizedAlphaProblem(StepProblem):
     """A step of length dt (0-dim or (...)) from `start`, with loads as at time t, its end, and inputs held over it."""
 
     start: AlphaState
@@ -93,7 +93,9 @@ class GeneralizedAlphaProblem(MidpointProblem):
     @cached
     def element(self) -> EndElement:
         """The elements at the end."""
-        return EndElement(*self._elements, self.start.straining, self.method)
+        model, start = self.model, self.model.assembly.poses(self.start.position, self.start.rotation)
+        return EndElement(model.space, model.law, model.length, model.reference, self.eigenstrain, self.h, start,
+                          self.start.straining, self.method)
 
     def predictor(self) -> EndUnknowns:
         """Constant velocity, and the stress of the step before."""

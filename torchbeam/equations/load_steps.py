@@ -26,7 +26,7 @@ def climb(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tu
     """Raise the load from 0 to 1, that of the problem `whole`: (shape, reaction, status)."""
     with torch.no_grad():
         model = whole.model
-        probe, _ = whole.residual(x)
+        probe = whole.residual(x)[0]
         shape = probe.measure().shape
         x = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in x))
         whole = replace(whole, load_factor=probe.nodes.new_ones(shape))

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
-from ..core.leaves import Tree, leaf
+from ..core.leaves import leaf
 from ..nodal import loads as external
-from ..nodal.balance import CondensedTangent, Linearisation, Residual, largest, restrained_forces, size_of_strain
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Space
-from ..nodal.frame import FixedFrame
 from ..nodal.joints import Pose
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
@@ -23,8 +21,9 @@ from ..scene.effects import Inputs
 from ..state.state import State
 from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
+from .balance_problem import BalanceProblem
+from .balanced_element import ElementAtRest
 from .steady_motion import AtRest, steady_motion
-from .step_element import ElementBalance
 
 
 class Configuration(NamedTuple):
@@ -34,9 +33,14 @@ class Configuration(NamedTuple):
     rotation: Tensor
     stress: Tensor
 
+    @property
+    def poses(self) -> tuple[tuple[Tensor, Tensor], ...]:
+        """Position and rotation, for the elements."""
+        return ((self.position, self.rotation),)
+
 
 @dataclass(frozen=True)
-class SteadyProblem(Tree):
+class SteadyProblem(BalanceProblem):
     """inertia + to_nodes(h B^T [F; M]) = load_factor * loads and S [F; M] = strain; `load_factor` (...) in [0, 1] steps the
     loads, the inertia of a moving frame, the strain that a beam takes by itself and the motion of its supports.
 
@@ -46,7 +50,6 @@ class SteadyProblem(Tree):
     near      (..., z) where the laws of these are linearised to find that, None = at zero; see `internal_states`
     """
 
-    model: Model
     t: Tensor = leaf(0)
     inputs: Inputs = leaf(1)
     load_factor: Tensor = leaf(0)
@@ -58,13 +61,8 @@ class SteadyProblem(Tree):
         """Of the instant; their eigenstrain is that of the whole load."""
         return replace(conditions(self.model, self.t, self.inputs), orientation=self.model.orientation(self.t))
 
-    @property
-    def frame(self) -> FixedFrame:
-        return self.conditions.frame
-
     @cached
     def C(self) -> Tensor:
-        """S^-1 of the tangent."""
         return self.model.tangent_stiffness()
 
     @property
@@ -91,9 +89,14 @@ class SteadyProblem(Tree):
         return Configuration(x.position + move[..., :space.position], rotation, x.stress + dstress)
 
     @cached
-    def rounding(self) -> Tensor:
+    def least(self) -> tuple[Tensor, ...]:
         """See `rounding_stress`."""
-        return rounding_stress(self.model)
+        return (rounding_stress(self.model),)
+
+    @cached
+    def element(self) -> ElementAtRest:
+        model = self.model
+        return ElementAtRest(model.space, model.law, model.length, model.reference, self.eigenstrain)
 
     def nodes(self, x: Configuration) -> Nodes:
         velocity, spin = self.velocity(x)
@@ -137,38 +140,17 @@ class SteadyProblem(Tree):
         tangent = external.tangent(model, self.nodes(x), self.conditions, by)
         return inertia if isinstance(tangent, float) else total(model.topology.diagonal(-load_factor * tangent), inertia)
 
-    def element_balance(self, x: Configuration) -> ElementBalance:
-        """The elements, each by itself."""
-        model, space, h = self.model, self.model.space, self.model.length
-        kin = model.kinematics(x.position, x.rotation)
-        bent, (stress, _) = model.strain(kin) - self.eigenstrain, model.joints.split(x.stress)
-        return ElementBalance(kin, kin, space.forces(kin, stress, h), bent, model.law.gap(bent, stress))
+    def node_balance(self, x: Configuration) -> tuple[Configuration, None, Tensor | float]:
+        """The loads are less the inertia."""
+        return x, None, self.load(x)
 
-    def residual(self, x: Configuration) -> tuple[Residual, Any]:
-        model, own, h = self.model, self.eigenstrain, self.model.length
-        x = self.apply_supports(x)
-        load, element = self.load(x), self.element_balance(x)
-        sizes = largest(model.space.position, h, element.forces, load, restrained_forces(model, element.acting, own, h),
-                        self.rounding)
-        nodes, gap = model.joints.balance(model.assembly.to_nodes(element.forces) - load, element.gap, x.stress,
-                                          lambda: self.joint_poses(x))
-        return Residual(model.constraints, nodes, gap, *sizes, size_of_strain(element.felt, own), model.joints, h
-                        ), element.acting
+    def node_tangent(self, way: Configuration, inertia: None) -> tuple[None, Matrix | None]:
+        return None, self.load_tangent(way)
 
-    def joint_poses(self, x: Configuration) -> tuple[Pose, Pose]:
-        """Where forces act, and where joints are closed: the same."""
-        pose = self.model.joints.pose(*x[:2])
+    def joint_poses(self, way: Configuration) -> tuple[Pose, Pose]:
+        """The same."""
+        pose = self.model.joints.pose(*way[:2])
         return pose, pose
-
-    def tangent(self, x: Configuration, kin: Any) -> CondensedTangent:
-        model, space = self.model, self.model.space
-        B, (stress, _) = space.strain_operator(kin, model.length), model.joints.split(x.stress)
-        condensed = CondensedTangent.of(model.assembly, space.geometric_stiffness(kin, stress, model.length),
-                                        self.load_tangent(x), model.length[..., None] * B, self.C, B)
-        return model.joints.joined(condensed, x.stress, lambda: self.joint_poses(x), None, 1.0)
-
-    def linearise(self, x: Configuration, kin: Any) -> Linearisation:
-        return Linearisation.of(self.model, self.tangent(x, kin))
 
     def state(self, x: Configuration, reaction: Tensor, status: Tensor) -> State:
         """The public state of a solution: at rest in frame a."""
@@ -182,7 +164,6 @@ class SteadyProblem(Tree):
             internal=external.internal(model, self.nodes(x), self.conditions, shape), supports=model.constraints.nodes))
 
     def apply_supports(self, x: Configuration) -> Configuration:
-        """x with the supports where they have to be."""
         position, rotation, space = x.position, x.rotation, self.model.space
         for support, fixed in zip(self.model.scene.supports, self.model.constraints.fixed, strict=True):
             at = support.node

@@ -9,70 +9,30 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 from torch import Tensor
 
 from ..core.derivatives import cached
-from ..core.leaves import Tree, leaf
-from ..nodal.constitutive_law import ElasticLaw
-from ..nodal.coordinates.spatial import Space
+from ..core.leaves import leaf
 from ..nodal.linear_interpolation import Ends
 from .alpha_kinematics import GeneralizedAlpha
-
-
-class ElementBalance(NamedTuple):
-    """acting, end: kinematics where the forces are taken, and at the end; forces (..., N, p + 2 s); felt strain and gap
-    (..., N, k).
-    """
-
-    acting: Any
-    end: Any
-    forces: Tensor
-    felt: Tensor
-    gap: Tensor
-
-
-class ElementTangent(NamedTuple):
-    """stiffness (..., N, p + 2 s, p + 2 s) at fixed stress; hB and E (..., N, k, p + 2 s): h times the strain operator where
-    the forces are taken, and the derivative of the gap by the moves.
-    """
-
-    stiffness: Tensor
-    hB: Tensor
-    E: Tensor
+from .balanced_element import BalancedElement, ElementBalance, ElementTangent
 
 
 @dataclass(frozen=True)
-class StepElement(Tree):
-    """Any number of elements, one too: length (..., N, 1) m, h (..., 1, 1) s the step, reference (..., N, k) strain of the
-    undeformed beam, start the nodes then, eigenstrain (..., N or 1, k) or 0.0.
-    """
+class StepElement(BalancedElement):
+    """h (..., 1, 1) s the step, start the nodes then."""
 
-    space: Space
-    law: ElasticLaw
-    length: Tensor = leaf(2)
     h: Tensor = leaf(2)
-    reference: Tensor = leaf(2)
     start: Ends = leaf(2)
-    eigenstrain: Tensor | float = leaf(2)
 
     @cached
     def strain(self) -> Tensor:
         """(..., N, k) at the start."""
         return self._kinematics(self.start)[1]
 
-    def _kinematics(self, nodes: Ends) -> tuple[Any, Tensor]:
-        """With the strain."""
-        kin = self.space.kinematics(*nodes, self.length)
-        return kin, self.space.strains(kin, self.length, self.reference)
-
-    def _balance(self, acting: Any, end: Any, strain: Tensor, rate: Callable[[], Tensor], stress: Tensor) -> ElementBalance:
-        felt = self.law.felt(strain - self.eigenstrain, rate)
-        return ElementBalance(acting, end, self.space.forces(acting, stress, self.length), felt, self.law.gap(felt, stress))
-
-    def _tangent(self, acting: Any, stress: Tensor, B: Tensor, E: Tensor) -> ElementTangent:
-        return ElementTangent(self.space.geometric_stiffness(acting, stress, self.length), self.length[..., None] * B, E)
+    def _felt(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
+        return self.law.felt(strain - self.eigenstrain, rate)
 
 
 @dataclass(frozen=True)
@@ -88,10 +48,10 @@ class MidpointElement(StepElement):
         """stress (..., N, k); nodes at mid step and at the end."""
         acting = self.space.kinematics(*middle, self.length)
         end, after = self._kinematics(end)
-        return self._balance(acting, end, (self.strain + after) / 2, lambda: (after - self.strain) / self.h, stress)
+        felt = self._felt((self.strain + after) / 2, lambda: (after - self.strain) / self.h)
+        return self._balance(acting, end, felt, stress)
 
     def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
-        """half() (..., N, s, s) of an element's nodes: half the spin of a rotation at the end by its spin at mid step."""
         space = self.space
         by_r, *by_spin = space.interpolation.by_spins(space.strain_operator(found.end, self.length), space.position)
         turned = (by @ own for by, own in zip(by_spin, half(), strict=True))
@@ -116,7 +76,7 @@ class EndElement(StepElement):
     def balance(self, stress: Tensor, end: Ends) -> ElementBalance:
         """stress (..., N, k); nodes at the end."""
         kin, strain = self._kinematics(end)
-        return self._balance(kin, kin, strain, lambda: self.rates(strain)[0], stress)
+        return self._balance(kin, kin, self._felt(strain, lambda: self.rates(strain)[0]), stress)
 
     def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
         """By the move of the end: `half` is not asked for."""

@@ -38,7 +38,7 @@ from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
 from ..statics.mechanism import unheld
-from .system_matrices import matrices, moves
+from .system_matrices import in_basis, moves
 
 STABLE, DIVERGENCE, FLUTTER, LOST = range(4)
 KINDS = ("stable", "divergence", "flutter", "lost")
@@ -154,7 +154,7 @@ def critical_load(
         factor, leading = path.crossing(low, high, kind)
     found = (kind == DIVERGENCE) | (kind == FLUTTER)
     leading = torch.where(kind == FLUTTER, leading, 0)
-    model, condition, v = path.condition(factor, leading, kind)
+    model, condition, v, basis = path.condition(factor, leading, kind)
     if wants_gradient(condition(factor)):
         with no_derivatives():
             nudge = 1e-4 * torch.maximum(factor.abs(), torch.full_like(factor, 1e-2 * (highest - lowest)))
@@ -164,9 +164,9 @@ def critical_load(
     frequency = leading.imag.abs() if path.damped else leading.real.neg().clamp(min=0).sqrt()
     slow = coarse.eigenvalue if path.damped else _root(coarse.eigenvalue)
     nan = torch.full_like(frequency, torch.nan)
-    shape = upright(v[..., :model.constraints.count])[0].real
-    return Critical(torch.where(kind == STABLE, nan, factor), kind, torch.where(found, frequency, nan), moves(model, shape),
-                    factors, slow)
+    shape = upright(v[..., :model.constraints.count - model.joints.held_count])[0].real
+    return Critical(torch.where(kind == STABLE, nan, factor), kind, torch.where(found, frequency, nan),
+                    moves(model, shape, basis), factors, slow)
 
 
 class _Path:
@@ -204,16 +204,19 @@ class _Path:
         t = torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device)
         return unheld(discretise(scene), t, inputs, (0,) * len(self.batch_shape(factor)))[1]
 
-    def matrices(self, factor: Tensor) -> tuple[Model, State, tuple[Tensor, Tensor | None, Tensor]]:
+    def matrices(self, factor: Tensor, near: Tensor | None = None
+                 ) -> tuple[Model, State, tuple[Tensor, Tensor | None, Tensor], Tensor | None]:
+        """With their basis, near another one."""
         scene, inputs = self.scene(factor)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of unstable branches: they are what is looked for
             state = equilibrium(scene, t=self.t, throw=False, inputs=inputs)
         model = discretise(scene, self.lumped)
-        return model, state, matrices(model, state, torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device), inputs)
+        t = torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device)
+        return model, state, *in_basis(model, state, t, inputs, near)
 
     def spectrum(self, factor: Tensor) -> _Spectrum:
-        model, state, (M, D, K) = self.matrices(factor)
+        model, state, (M, D, K), _ = self.matrices(factor)
         self.damped, lags = D is not None, model.internal_states > 0
         value = spectrum(M, D, K)[0]
         slow = slow_first(value, self.count, lags)
@@ -254,21 +257,24 @@ class _Path:
         leading = a.leading + share * (b.leading - a.leading)
         return factor, leading if self.damped else leading.real.to(leading.dtype)
 
-    def condition(self, factor: Tensor, leading: Tensor, kind: Tensor) -> tuple[Model, Callable[[Tensor], Tensor], Tensor]:
-        """Critical condition, zero at the critical factor, as a function of the factor and of what the scene holds; and v."""
-        def parts(factor: Tensor) -> tuple[Model, Tensor, Tensor]:
-            model, _, (M, D, K) = self.matrices(factor)
+    def condition(self, factor: Tensor, leading: Tensor, kind: Tensor
+                  ) -> tuple[Model, Callable[[Tensor], Tensor], Tensor, Tensor | None]:
+        """Critical condition, zero at the critical factor, as a function of the factor and of what the scene holds; v, and the
+        basis that it is in.
+        """
+        def parts(factor: Tensor, near: Tensor | None = None) -> tuple[Model, Tensor, Tensor, Tensor | None]:
+            model, _, (M, D, K), basis = self.matrices(factor, near)
             if D is None:
-                return model, K + leading[..., None, None] * M, M.to(leading.dtype)
+                return model, K + leading[..., None, None] * M, M.to(leading.dtype), basis
             by = leading[..., None, None]
-            return model, K + by * D + by**2 * M, D + 2 * by * M
+            return model, K + by * D + by**2 * M, D + 2 * by * M, basis
 
         with no_derivatives():
-            model, Q, slope = parts(factor)
+            model, Q, slope, basis = parts(factor)
             v, w = _null(Q)
             scale = _form(w, slope, v) if self.damped else torch.ones_like(leading)
             scale = torch.where(kind == FLUTTER, scale, _form(w, Q.abs().to(Q.dtype), v).abs().to(Q.dtype))
-        return model, lambda factor: (_form(w, parts(factor)[1], v) / scale).real, v
+        return model, lambda factor: (_form(w, parts(factor, basis)[1], v) / scale).real, v, basis
 
 
 def _first(factors: Tensor, kind: Tensor) -> tuple[Tensor, Tensor, Tensor]:

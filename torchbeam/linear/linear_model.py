@@ -72,7 +72,7 @@ class Linear:
 
         Raises ValueError for a state of another form, mesh or dtype.
         """
-        of_mesh(state, self.state.position.shape[-2], self.state.position.dtype, "a state")
+        of_mesh(state, self.state, "a state")
         return (self.reads @ self.chart.coordinates(self.space.to_reduced(state))[..., None])[..., 0]
 
     def state_at(self, z: Tensor) -> State:

@@ -23,7 +23,7 @@ from ..nodal.discretise import discretise
 from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
-from .system_matrices import at_rest, augmented, dense, moves, of_nodes
+from .system_matrices import at_rest, augmented, dense, free_moves, moves, of_nodes
 
 GROWING = 1e-6  # real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts by its root
 NORMS = ("largest", "mass")
@@ -102,7 +102,7 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     check_count("count", count)
     given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
     state = equilibrium(scene, t=t, inputs=inputs) if state is None else at_rest(model, state, time, given, lumped)
-    free = model.constraints.count
+    free = model.constraints.count - model.joints.held_count
     if count > free:
         raise ValueError(f"count = {count} was given; {scene.beam.element_count} elements have at most {free} modes")
     M, D, K, lags = of_nodes(model, state, time, given)
@@ -116,8 +116,9 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
             pairs = None if None in sparse else slowest_of_chain(*sparse, count)
             if pairs is not None:
                 pairs = pairs._replace(right=pairs.right[..., unknowns.grouped])
+    basis = free_moves(model, K)
     if pairs is None or derivatives or normalize == "mass":
-        M, D, K = augmented(model, *(None if one is None else dense(model, one) for one in (M, D, K)), lags)
+        M, D, K = augmented(model, *(None if one is None else dense(model, one, basis) for one in (M, D, K)), lags, basis)
     if pairs is None:
         with no_derivatives():
             pairs = slowest(M, D, K, count, symmetric, derivatives, lags is not None)
@@ -126,4 +127,4 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
         M, shape = M[..., :free, :free], upright(shape[..., :free])[0]
     if normalize == "mass":
         shape = shape / sum((x * (x @ M)).sum(-1, keepdim=True) for x in (shape.real, shape.imag)).sqrt()
-    return Modes(value, moves(model, shape))
+    return Modes(value, moves(model, shape, basis))

@@ -18,6 +18,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..core.leaves import wants_gradient
 from ..equations.steady import Configuration, SteadyProblem
 from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
@@ -49,18 +50,28 @@ def matrices(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]) -
     """M, D (None without damping or rotation) and K (..., n, n) at an equilibrium, of the free moves, see `moves`, and the
     internal states of loads.
     """
+    return in_basis(model, state, t, inputs)[0]
+
+
+def in_basis(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor], near: Tensor | None = None
+             ) -> tuple[tuple[Tensor, Tensor | None, Tensor], Tensor | None]:
+    """The same, with the basis of the moves, see `free_moves`."""
     M, D, K, lagging = of_nodes(model, state, t, inputs)
-    return augmented(model, *(None if one is None else dense(model, one) for one in (M, D, K)), lagging)
+    basis = free_moves(model, K, near)
+    own = (None if one is None else dense(model, one, basis) for one in (M, D, K))
+    return augmented(model, *own, lagging, basis), basis
 
 
-def augmented(model: Model, M: Tensor, D: Tensor | None, K: Tensor, lagging: Lags | None
+def augmented(model: Model, M: Tensor, D: Tensor | None, K: Tensor, lagging: Lags | None, basis: Tensor | None
               ) -> tuple[Tensor, Tensor | None, Tensor]:
-    """The same from the matrices of the free moves alone."""
+    """The same from the matrices of the free moves alone, in their `basis`, see `free_moves`."""
     M, K = torch.broadcast_tensors(M, K)
     if lagging is None:
         return (M, None, K) if D is None else torch.broadcast_tensors(M, D, K)
     free = model.constraints.moving.flatten().nonzero()[:, 0]
     L, (H, H_v, H_a) = lagging.L.index_select(-2, free), (x.index_select(-1, free) for x in lagging[2:])
+    if basis is not None:
+        L, H, H_v, H_a = basis.mT @ L, H @ basis, H_v @ basis, H_a @ basis
     D = torch.zeros_like(K) if D is None else D
     shape = broadcast_shapes(*(x.shape[:-2] for x in (M, D, L)))
 
@@ -81,10 +92,10 @@ def of_nodes(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
     problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
     if model.internal_states:
         problem = problem.holding(x, state.internal)
-    kin = model.kinematics(x.position, x.rotation)
+    kin, (stress, _) = model.kinematics(x.position, x.rotation), model.joints.split(x.stress)
     B = space.strain_operator(kin, model.length)
     hB = (model.length[..., None] * B).mT
-    K = model.assembly.to_matrix(space.geometric_stiffness(kin, x.stress, model.length) + hB @ times(model.law.C, B))
+    K = model.assembly.to_matrix(space.geometric_stiffness(kin, stress, model.length) + hB @ times(model.law.C, B))
     D = model.assembly.to_matrix(hB @ model.law.damping_by(B)) if model.law.damped else None
     M = model.inertia.matrix(x.rotation, model.inertia.offset.turned(x.rotation))
     K, D = total(K, problem.motion.tangent(*x[:2])), total(D, problem.motion.gyroscopic(*x[:2]))
@@ -102,14 +113,17 @@ def of_nodes(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
         if model.read.intersection(moved):
             rate = at - external.tangent(model, nodes, now, moved)
             D = model.topology.diagonal(rate) if D is None else D.plus(rate)
-    return M, D, K, lagging
+    return M, D, model.joints.matrix(K, x.stress, lambda: problem.joint_poses(x)), lagging
 
 
-def moves(model: Model, free: Tensor) -> Tensor:
-    """Free moves (..., n), what stands behind them left out -> displacement and spin of all nodes (..., N+1, 6), frame a, zero
-    where constrained.
+def moves(model: Model, free: Tensor, basis: Tensor | None = None) -> Tensor:
+    """Free moves (..., n), in their `basis`, what stands behind them left out -> displacement and spin of all nodes
+    (..., N+1, 6), frame a, zero where constrained.
     """
-    at, free = model.constraints.moving.flatten(), free[..., :model.constraints.count]
+    at = model.constraints.moving.flatten()
+    if basis is not None:
+        free = (basis.to(free.dtype) @ free[..., :basis.shape[-1], None])[..., 0]
+    free = free[..., :model.constraints.count]
     whole = free.new_zeros(*free.shape[:-1], at.numel())
     whole = whole.index_copy(-1, at.nonzero()[:, 0], free).unflatten(-1, (model.node_count, -1))
     if model.space.unknowns == 6:
@@ -118,7 +132,23 @@ def moves(model: Model, free: Tensor) -> Tensor:
     return whole @ to
 
 
-def dense(model: Model, matrix: Matrix) -> Tensor:
-    """(..., n, n) of the free moves, from a matrix of all nodes."""
+def dense(model: Model, matrix: Matrix, basis: Tensor | None = None) -> Tensor:
+    """(..., n, n) of the free moves, in their `basis`, from a matrix of all nodes."""
     free = model.constraints.moving.flatten().nonzero()[:, 0]
-    return matrix.dense().index_select(-1, free).index_select(-2, free)
+    own = matrix.dense().index_select(-1, free).index_select(-2, free)
+    return own if basis is None else basis.mT @ own @ basis
+
+
+def free_moves(model: Model, K: Matrix, near: Tensor | None = None) -> Tensor | None:
+    """Basis (..., moves that supports leave free, n) of those that joints leave free as well; None where there are no joints.
+    K: the tangent stiffness with these. near: the basis of a state nearby, which it is to follow; None = one that is
+    orthonormal.
+
+    With N a basis at the values, Z = N - G^T (G G^T)^-1 G N has these, and the derivatives of G Z = 0.
+    """
+    if not model.joints.count:
+        return None
+    free = model.constraints.moving.flatten().nonzero()[:, 0]
+    G = K.constraints().index_select(-1, free)
+    N = torch.linalg.svd(G.detach()).Vh[..., G.shape[-2]:, :].mT if near is None else near
+    return N if near is None and not wants_gradient(G) else N - G.mT @ torch.linalg.solve(G @ G.mT, G @ N)

@@ -103,7 +103,7 @@ class MixedModel:
 
     @property
     def count(self) -> int:
-        return self.scene.beam.count
+        return self.scene.beam.station_count
 
     @property
     def s(self) -> Tensor:
@@ -176,6 +176,8 @@ def _changes(value: Any, moving: dict[str, Any]) -> bool:
 
 def _refuse(scene: Scene, form: str) -> None:
     beam = scene.beam
+    if beam.parts:
+        raise ValueError(f"a structure was given for form={form!r}, which is of one beam; form='nodal' takes it")
     for effect in scene.effects:
         load = effect.kind == "load"
         more = (effect.frees_root or effect.internal) if load else effect.kind != "strain"

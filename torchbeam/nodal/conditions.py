@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from torch import Tensor
 
 from ..core.derivatives import cached
+from ..scene.beam import Beam
 from ..scene.effects import Inputs, Pose
 from .frame import FixedFrame, frame_of
 from .model import Model
@@ -17,14 +18,20 @@ from .rows import Rows
 
 
 class ActingLoad(NamedTuple):
-    """A load; node: the row that it acts on, None = it acts along all of them; what it reads of a node's motion; which of the
-    internal states are its own, None = it has none.
+    """A load; node: the row that it acts on, or the rows along which it does, None = all of them; what it reads of a node's
+    motion; which of the internal states are its own, None = it has none; elements: along how many it acts, None = the beam's.
     """
 
     load: Any
-    node: int | None
+    node: int | slice | None
     reads: frozenset[str]
     internal: slice | None
+    elements: int | None = None
+
+    @property
+    def along(self) -> bool:
+        """Whether it acts along rows, per length."""
+        return not isinstance(self.node, int)
 
 
 class SupportConditions(NamedTuple):
@@ -90,12 +97,28 @@ def acting(rows: Rows, loads: tuple[Any, ...], sizes: tuple[int, ...], node: int
     return tuple(found)
 
 
+def by_part(beam: Beam, one: ActingLoad) -> tuple[ActingLoad, ...]:
+    """A load in the pieces in which it acts along the parts of a structure."""
+    spans = beam.spans(one.load) if one.node is None else None
+    if spans is None:
+        return (one,)
+    found, at = [], None if one.internal is None else one.internal.start
+    for span in spans:
+        size = 0 if at is None else one.load.internal * (span.nodes.stop - span.nodes.start)
+        internal = slice(at, at + size) if size else None
+        found.append(one._replace(node=span.nodes, elements=span.element_count, internal=internal))
+        at = None if at is None else at + size
+    return tuple(found)
+
+
 def conditions(model: Model, t: Tensor, inputs: Inputs, end: Tensor | None = None, loads: tuple[Any, ...] | None = None
                ) -> Conditions:
     """Of all of a model at t (...), its supports at the time `end` (...); loads: these of the scene's alone, without what the
     beam bends by itself, None = all.
     """
     acts, motion, eigenstrain = acting(model, model.scene.loads, model.scene.internal_states), model.prescribed_motion, 0.0
+    if model.scene.beam.parts:
+        acts = tuple(part for one in acts for part in by_part(model.scene.beam, one))
     if loads is None:
         eigenstrain = model.eigenstrain(t, inputs)
     else:

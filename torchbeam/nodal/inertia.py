@@ -15,6 +15,7 @@ momentum exactly where v_c rises by 2 (x_{n+1} - x_n)/dt - 2 v_c.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -108,7 +109,8 @@ class Inertia(Tree):
 
 
 def inertia_of(scene: Scene, space: Space, assembly: Assembly, lumped: bool) -> tuple[Inertia, Tensor, Tensor]:
-    """(inertia, section mass about each node per length (..., N+1, 6, 6), length that belongs to each node (..., N+1, 1)).
+    """(inertia, section mass about each node per length (..., N+1, 6, 6), length that belongs to each node (..., N+1, 1): of a
+    body's node 1, so that its mass per length is its mass).
 
     Raises ValueError for a mass that is not that of rigid sections: M11 = m I and M12 = -m ~e, or that changes too much within
     an element of order 2 to be shared among its nodes.
@@ -130,10 +132,14 @@ def inertia_of(scene: Scene, space: Space, assembly: Assembly, lumped: bool) -> 
                              "elements are wanted")
     if beam.linked_interpolation:
         density = m[..., 0]
-        if concrete(too_uneven(beam.length, density) | too_uneven(beam.length)).any():
+        if any(concrete(uneven).any() for x in (density, 1.0) for uneven in _along(beam, too_uneven, x)):
             warn(UNEVEN)
-        mass = mass * (gregory(beam.length, density) / trapezoidal(beam.length, density))[..., None, None]
-        tributary_length = gregory(beam.length)[..., None]
+        weights, halves, shares = (_of_nodes(beam, _along(beam, *rule)) for rule in ((gregory, density), (trapezoidal, density),
+                                                                                     (gregory,)))
+        mass, tributary_length = mass * (weights / halves)[..., None, None], shares[..., None]
+    elif beam.masses:
+        share, own = tributary_length.split((beam.node_count - len(beam.masses), len(beam.masses)), -2)
+        tributary_length = torch.cat((share, torch.ones_like(own)), -2)
     beam_mass = mass
     for body in scene.bodies:
         at, nodes = body.node % assembly.topology.node_count, assembly.topology.node_count
@@ -155,6 +161,22 @@ def inertia_of(scene: Scene, space: Space, assembly: Assembly, lumped: bool) -> 
     inertia = Inertia(space, translational,
                       RotaryInertia(space, space.project_inertia(J)) if rotary else NoRotaryInertia(space), lever)
     return inertia, mass / tributary_length[..., None], tributary_length
+
+
+def _along(beam: Beam, rule: Callable[..., Tensor], density: Tensor | float = 1.0) -> list[Tensor]:
+    """What a rule of quadrature says of each beam by itself; density (..., N or 1) per metre."""
+    if not beam.parts:
+        return [rule(beam.length, density)]
+    return [rule(beam.length[..., part.stations], density if isinstance(density, float) else density[..., part.stations])
+            for part in beam.beams]
+
+
+def _of_nodes(beam: Beam, weights: list[Tensor]) -> Tensor:
+    """(..., nodes) of each beam's nodes, 1 of a body."""
+    if not beam.masses:
+        return weights[0] if len(weights) == 1 else torch.cat(weights, -1)
+    shape = weights[0].shape[:-1] if weights else ()
+    return torch.cat((*weights, beam.nodes.new_ones(*shape, len(beam.masses))), -1)
 
 
 def _axes_at_nodes(beam: Beam) -> tuple[Tensor, ...]:

@@ -77,7 +77,8 @@ def joints_of(scene: Scene, space: Space, topology: Any) -> Any:
     factors = []
     for k in (0, 1):
         own = [row[k] for rows, _ in each for row in rows]
-        fixed = torch.stack((stacked([x.in_a for x in own], 1), stacked([x.in_b for x in own], 1)), -3)
+        arms = (stacked([getattr(x, name) for x in own], 1) for name in ("in_a", "in_b"))
+        fixed = torch.stack(torch.broadcast_tensors(*arms), -3)
         factors.append(Factor(stacked([x.constant for x in own], 1), stacked([x.shift for x in own], 0)[..., None], fixed))
     like = scene.beam.nodes
     return Joints(space=space, framework=topology, held=like.new_tensor([held for _, held in each]), v=factors[0], w=factors[1],

@@ -41,6 +41,7 @@ class NoJoints(Tree):
     """None: balances, stress and tangents are those of nodes and elements alone."""
 
     count = 0
+    held_count = 0
 
     def split(self, stress: Tensor) -> tuple[Tensor, Tensor | None]:
         """Stress or gaps: (of the elements (..., N, k), of the joints (..., J, k))."""
@@ -57,6 +58,10 @@ class NoJoints(Tree):
                rate: float) -> Any:
         """The tangent of a balance with that of the joints, see `Joints.blocks`."""
         return tangent
+
+    def matrix(self, stiffness: Any, stress: Tensor, poses: Callable[[], tuple[Any, Any]]) -> Any:
+        """A tangent stiffness of the nodes with that of the joints."""
+        return stiffness
 
     def measure(self, size: Tensor, gap: Tensor | None, length: Callable[[], Tensor]) -> Tensor:
         """(...) a scaled residual, with that of the joints; length() (...) m: the size of the whole."""
@@ -133,6 +138,11 @@ class Joints(NoJoints):
     def count(self) -> int:
         return len(self.framework.joints)
 
+    @property
+    def held_count(self) -> int:
+        """How many constraints there are."""
+        return int(self.held.sum())
+
     def split(self, stress: Tensor) -> tuple[Tensor, Tensor]:
         N = stress.shape[-2] - self.count
         return stress.narrow(-2, 0, N), stress.narrow(-2, N, self.count)
@@ -146,6 +156,9 @@ class Joints(NoJoints):
                rate: float) -> Any:
         blocks = self.blocks(*poses(), self.split(stress)[1], None if half is None else half(), rate)
         return tangent._replace(matrix=tangent.matrix.joined(blocks))
+
+    def matrix(self, stiffness: Any, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]) -> Any:
+        return stiffness.joined(self.blocks(*poses(), self.split(stress)[1], None, 1.0))
 
     def measure(self, size: Tensor, gap: Tensor, length: Callable[[], Tensor]) -> Tensor:
         p = self.space.position

@@ -53,8 +53,8 @@ class Nodes(NamedTuple):
     acceleration: Tensor | None = None
     angular_acceleration: Tensor | None = None
 
-    def of(self, node: int, reads: frozenset[str]) -> Nodes:
-        """Of one, (..., *): its rotation, and what a load reads."""
+    def of(self, node: int | slice, reads: frozenset[str]) -> Nodes:
+        """Of one, (..., *), or of some: rotation, and what a load reads."""
         known = {name: getattr(self, name) for name in AT_NODES if name == ROTATION or name in reads}
         return self._replace(**{name: x[..., node, :] for name, x in known.items() if x is not None})
 
@@ -130,10 +130,11 @@ def wrench_tangent(space: Space, load: Any, point: LoadPoint, t: Tensor, inputs:
 
 
 def _of_node(one: ActingLoad, by: MotionJacobian) -> MotionJacobian:
-    """Of the node that a load acts on, without an axis of nodes; along the beam as it is."""
+    """Of the node that a load acts on, without an axis of nodes; along the beam of its rows."""
     if one.node is None:
         return by
-    return {name: x[..., one.node if x.shape[-3] > 1 else 0, :, :] for name, x in by.items()}
+    alike = slice(None) if one.along else 0
+    return {name: x[..., one.node if x.shape[-3] > 1 else alike, :, :] for name, x in by.items()}
 
 
 def _moved(space: Space, name: str, by: MotionJacobian) -> bool:
@@ -206,13 +207,12 @@ def lags(rows: Rows, nodes: Nodes, now: Conditions, still: MotionJacobian, moved
 
         H = total(_of_node(one, still))
         H = H, total(_of_node(one, moved)) - H, sum((by[name] for name in INERTIAL if name in by), zero)
-        if one.node is None:
-            eye = torch.eye(rows.node_count, dtype=G.dtype, device=G.device)[:, None, :, None]
-            L, G, *H = ((x[..., None, :] * eye).flatten(-4, -3).flatten(-2)
-                        for x in (rows.tributary_length[..., None] * L, G, *H))
-        else:
-            w = space.unknowns
-            around = one.node * w, (rows.node_count - 1 - one.node) * w
+        if one.along:
+            shares = _shares(rows, one)
+            eye = torch.eye(shares.shape[-2], dtype=G.dtype, device=G.device)[:, None, :, None]
+            L, G, *H = ((x[..., None, :] * eye).flatten(-4, -3).flatten(-2) for x in (shares[..., None] * L, G, *H))
+        if one.node is not None:
+            around = tuple(space.unknowns * count for count in _around(one, rows))
             L, *H = pad(L, (0, 0, *around)), *(pad(x, around) for x in H)
         parts.append((L, G, *H))
     if not parts:
@@ -239,20 +239,20 @@ def _remembering(now: Conditions) -> tuple[ActingLoad, ...]:
 
 def _flat(one: ActingLoad, z: Tensor) -> Tensor:
     """A load's internal states in one row."""
-    return z if one.node is not None else z.flatten(-2)
+    return z.flatten(-2) if one.along else z
 
 
 def _points(rows: Rows, nodes: Nodes, now: Conditions, loads: tuple[ActingLoad, ...]) -> Iterator[tuple[ActingLoad, LoadPoint]]:
     for one in loads:
-        load, internal = one.load, one.internal is not None
+        load, internal, place = one.load, one.internal is not None, {}
+        space, at = (rows.space, nodes) if one.node is None else (rows.space.of_nodes(one.node), nodes.of(one.node, one.reads))
         if one.node is None:
             place = dict(mass=rows.section_mass, s=rows.s, elements=now.elements)
-            space, at = rows.space, nodes
-        else:
-            space, at, place = rows.space.of_nodes(one.node), nodes.of(one.node, one.reads), {}
+        elif one.along:
+            place = dict(mass=rows.section_mass[..., one.node, :, :], s=rows.s[..., one.node], elements=one.elements)
         if internal and nodes.internal is not None:
             z = nodes.internal[..., one.internal]
-            place["internal"] = z if one.node is not None else z.unflatten(-1, (-1, load.internal))
+            place["internal"] = z.unflatten(-1, (-1, load.internal)) if one.along else z
         if internal:
             place["dt"] = nodes.dt
         if nodes.frame is not None:
@@ -266,6 +266,18 @@ def _points(rows: Rows, nodes: Nodes, now: Conditions, loads: tuple[ActingLoad, 
 
 def _spread(rows: Rows, one: ActingLoad, x: Tensor, axes: int) -> Tensor:
     """What a load brings, per length or on its node (..., *), on all nodes (..., N+1, *)."""
-    if one.node is None:
-        return rows.tributary_length[(..., *(None,) * (axes - 1))] * x
-    return pad(x.unsqueeze(-1 - axes), (0, 0) * axes + (one.node, rows.node_count - 1 - one.node))
+    if one.along:
+        x = _shares(rows, one)[(..., *(None,) * (axes - 1))] * x
+        return x if one.node is None else pad(x, (0, 0) * axes + _around(one, rows))
+    return pad(x.unsqueeze(-1 - axes), (0, 0) * axes + _around(one, rows))
+
+
+def _shares(rows: Rows, one: ActingLoad) -> Tensor:
+    """Length (..., nodes, 1) m of the nodes along which a load acts."""
+    return rows.tributary_length if one.node is None else rows.tributary_length[..., one.node, :]
+
+
+def _around(one: ActingLoad, rows: Rows) -> tuple[int, int]:
+    """How many nodes come before and after those that a load acts on."""
+    first, end = (one.node.start, one.node.stop) if one.along else (one.node, one.node + 1)
+    return first, rows.node_count - end

@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.derivatives import cached
 from ..scene.effects import INERTIAL, Inputs
@@ -76,10 +77,15 @@ class Model(Rows):
 
     def eigenstrain(self, t: Tensor, inputs: Inputs) -> Tensor | float:
         """Strain (..., N or 1, k) that the beam takes by itself; 0.0 where there is none."""
-        total = 0.0
+        total, beam = 0.0, self.scene.beam
         for effect in self.scene.eigenstrains:
-            own = self.space.project_strain(effect.eigenstrain(t, inputs, self.length, self.scene.beam.element_count))
-            total = total + self.scene.beam.at_stations(own, 1)
+            for span in beam.spans(effect) or (None,):
+                elements = beam.element_count if span is None else span.element_count
+                own = beam.at_stations(self.space.project_strain(effect.eigenstrain(t, inputs, self.length, elements)), 1)
+                if span is not None:
+                    own = own.expand(*own.shape[:-2], span.stations.stop - span.stations.start, own.shape[-1])
+                    own = pad(own, (0, 0, span.stations.start, beam.station_count - span.stations.stop))
+                total = total + own
         return total
 
     def tangent_stiffness(self, dt: Tensor | None = None) -> Tensor:

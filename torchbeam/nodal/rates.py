@@ -41,6 +41,9 @@ class Rates:
         """Raises ValueError where a block of the mass is singular or a stiffness infinite (both need the implicit form), and
         for supports that move, by themselves or with frame a, other than clamps.
         """
+        if scene.joints:
+            raise ValueError("joints were given to an explicit method, which has no forces of joints; the implicit method "
+                             "'midpoint' takes them")
         model = discretise(scene, lumped=True)
         rotary = cls(model, inputs).free.rotary
         if not rotary.present or (torch.linalg.det(rotary.J) <= 0).any():

@@ -28,7 +28,7 @@ class Rows(Tree):
     reference  (..., N, k) strain of the undeformed beam
     law        the constitutive law
     section_mass  (..., N+1, 6, 6) mean mass per length about each node, with what is fixed to it: for line loads
-    tributary_length  (..., N+1, 1) m of beam that belong to each node
+    tributary_length  (..., N+1, 1) m of beam that belong to each node, 1 of a body
     s          (..., N+1) m, arclength of the nodes
     joints     between nodes
     """

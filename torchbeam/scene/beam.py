@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.arguments import function as check_function
-from ..core.leaves import Tree, batch_shapes, leaf
+from ..core.leaves import leaf
 from ..core.summary import counted, kind, lines, point, span
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive
 from ..math import quaternions as quat
@@ -19,13 +19,14 @@ from ..math.shapes import broadcast_shapes
 from ..topology.chain import Chain
 from .axes import axes_between, axes_of_nodes, carried_along, orthonormal, parabolas
 from .beam_arguments import Sections, check_order, dtype_with, intervals, placed
+from .beam_rows import BeamRows
 from .curve import curve, places, screws
 from .section import Section, notes
 from .stations import of_elements
 
 
 @dataclass(frozen=True)
-class Beam(Tree):
+class Beam(BeamRows):
     """A chain of N elements between N + 1 nodes, undeformed, at rest; node 0 is the root, node -1 the tip.
 
     nodes       (..., N+1, 3) m, frame a
@@ -63,28 +64,9 @@ class Beam(Tree):
                      kind(self.batch_shape, self.nodes))
 
     @property
-    def count(self) -> int:
-        """The number of intervals between nodes, and of stations of stress: N, times the order of the elements."""
-        return self.nodes.shape[-2] - 1
-
-    @property
-    def element_count(self) -> int:
-        """N, the number of elements."""
-        return self.count // self.order
-
-    @property
     def topology(self) -> Chain:
         """Which nodes the elements lie between."""
         return Chain(self.order, self.element_count)
-
-    def at_stations(self, x: Tensor, axes: int) -> Tensor:
-        """Values of the elements, (..., N or 1, *) with `axes` axes of their own, at their stations."""
-        one = self.order == 1 or x.shape[-1 - axes] == 1
-        return x if one else x.repeat_interleave(self.order, -1 - axes)
-
-    @property
-    def batch_shape(self) -> torch.Size:
-        return broadcast_shapes(*batch_shapes(self))
 
     def station_axes(self, frames: Tensor) -> Tensor:
         """Axes of the elements, or of the stations (..., N, 4), of a beam whose nodes have the axes (..., N+1, 4), quaternions:

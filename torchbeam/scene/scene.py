@@ -1,4 +1,4 @@
-"""Scene: a beam, its supports, the motion of its frame, and the effects that act on it."""
+"""Scene: a beam, or a structure of beams and bodies, its supports, the motion of its frame, and the effects that act on it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,16 @@ from torch import Tensor
 from ..core.arguments import boolean, choice, instance, listed
 from ..core.arguments import function as check_function
 from ..core.derivatives import cached
-from ..core.leaves import Placeholder, Tree, batch_shapes, bound, leaves, own_leaves, sent
+from ..core.leaves import Placeholder, Tree, batch_shapes, bound, leaves, own_leaves, sent, with_values
 from ..core.summary import kind, lines
 from ..core.validation import as_tensor, axis_last, broadcast, precision, shown
 from .beam import Beam
+from .body import Body
 from .effects import Damping, Effect, Inputs, PerElement, inputs_of
 from .effects.effect import of_library
+from .joined import joints_of
+from .joint import Joint
+from .structure import Structure
 from .supports import Frame, RootMotion, Support
 
 PLANES = (None, "xy", "xz", "auto")
@@ -28,32 +32,39 @@ KINDS = ("load", "strain", "inertia", "eigenstrain")
 class Scene(Tree):
     """Scene: a beam with supports and effects; only what is named exists.
 
-    beam      `Beam`
+    beam      `Beam`; or, of a structure, beams and bodies by their names: {"arm": Beam, "hub": Body}. A node is then
+              (name, node) or the name of a body wherever one is meant
     effects   loads, damping, point masses ..., see `torchbeam.scene.effects`
     frame     `Frame`, None = frame a is inertial
     root      `RootMotion` of the clamp at node 0, None = it stays where the beam has it
     plane     None = 3D. "xy" or "xz": solved in that plane of frame a with three unknowns a node; what acts out of it is left
               out where it is a function or an input, and refused where it is a number. "auto": in a plane if the beam, its
               sections and all numbers lie in one and nothing else acts. A gradient by what would leave the plane is 0
-    supports  `Support`s; None = a clamp at node 0, () = free
+    supports  `Support`s; None = a clamp at node 0, in a structure none; () = free
     small     small displacements and rotations: linear about the undeformed beam. A state holds rotations below pi
+    joints    `Weld`, `Hinge` and others between the parts of a structure, or a part and the ground
 
-    Sorted once, here: `loads`, `bodies` (point masses), `eigenstrains`, `damping` (one `Damping` or None), `inputs` (name ->
-    size). `supports` stay in the order given, their nodes counted from the root.
+    Sorted once, here: `loads`, `bodies` (point masses, and those of a structure's bodies), `eigenstrains`, `damping` (one
+    `Damping` or None), `inputs` (name -> size). `supports` stay in the order given, their nodes counted from the root.
 
     Raises ValueError for an object without a kind, two dampings, a node that does not exist, a load whose dtype is not
-    the beam's, two inputs of one name with different sizes, two supports of one node, or what leaves the plane.
+    the beam's, two inputs of one name with different sizes, two supports of one node, what leaves the plane, or joints that do
+    not fit (see `joints_of`).
     """
 
-    beam: Beam
+    beam: Beam | dict[str, Beam | Body]
     effects: Iterable[Effect] = ()
     frame: Frame | None = None
     root: RootMotion | None = None
     plane: str | None = None
     supports: Iterable[Support] | None = None
     small: bool = False
+    joints: Iterable[Joint] = ()
 
     def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        if isinstance(self.beam, dict):
+            set_(self, "beam", Structure.of(self.beam))
         instance("a beam", self.beam, Beam)
         for name, wanted in (("frame", Frame), ("root", RootMotion)):
             if getattr(self, name) is not None:
@@ -61,30 +72,32 @@ class Scene(Tree):
         choice("plane", self.plane, PLANES)
         boolean("small", self.small)
         precision(self.beam.nodes.dtype)
+        if self.beam.parts and self.root is not None:
+            raise ValueError("root was given in a structure; a Support with a displacement or a turn is wanted there")
         effects = listed(self.effects)
         for effect in effects:
             if not isinstance(effect, Effect) or effect.kind not in KINDS:
                 raise ValueError(f"{shown(effect)} was given, which is not an effect; see torchbeam.scene.effects for what is")
-            self._check_node(effect)
-            for one in own_leaves(effect):
-                if isinstance(one.value, PerElement) and not callable(one.value.value):
-                    one.value.checked(one.value.value, self.beam.element_count)
-        set_ = object.__setattr__
-        for name, given in (("effects", effects), ("frame", self.frame), ("root", self.root)):
+        effects = tuple(map(self._placed, effects))
+        for name, given in (("effects", effects), ("frame", self.frame), ("root", self.root), ("joints", listed(self.joints))):
             set_(self, name, self._bound(given))
+        if self.joints or self.beam.parts:
+            joints = joints_of(self)
+            set_(self, "joints", joints)
+            set_(self, "beam", with_values(self.beam, joined=tuple(joint.ends for joint in joints)))
         set_(self, "supports", self._bound(self._supported()))
         if len(self._of("strain")) > 1:
             raise ValueError(f"{len(self._of('strain'))} dampings were given; at most one is wanted")
         _ = self.inputs, self.batch_shape  # say so where sizes or axes do not fit
 
     def __repr__(self) -> str:
-        nodes = self.beam.count + 1
         held = [("clamp" if s.clamp else "support") + f" of node {s.node}" + (", moving" if s.moves else "")
                 for s in self.supports]
+        joints = [f"joints: {', '.join(map(str, self.joints)) or 'none'}"] * bool(self.beam.parts)
         moving = ("frame a moves; " if self.frame is not None else "") + (
             "small displacements and rotations" if self.small else "in 3D" if self.plane is None else f"plane {self.plane!r}")
-        return lines("Scene", repr(self.beam), f"effects: {', '.join(_where(e, nodes) for e in self.effects) or 'none'}",
-                     "supports: " + (", ".join(held) or "none, free"), moving, kind(self.batch_shape, self.beam.nodes))
+        return lines("Scene", repr(self.beam), f"effects: {', '.join(map(self._where, self.effects)) or 'none'}",
+                     *joints, "supports: " + (", ".join(held) or "none, free"), moving, kind(self.batch_shape, self.beam.nodes))
 
     def to(self, *args: Any, **kwargs: Any) -> Scene:
         """On another device, or in another floating dtype, as `Tensor.to`; differentiable. What functions close over stays.
@@ -108,7 +121,7 @@ class Scene(Tree):
 
     @cached
     def bodies(self) -> tuple[Effect, ...]:
-        return self._of("inertia")
+        return self._of("inertia") + self.beam.masses
 
     @cached
     def eigenstrains(self) -> tuple[Effect, ...]:
@@ -168,16 +181,17 @@ class Scene(Tree):
         """The supports as given, nodes counted from the root; the root's motion in that of node 0."""
         freed = any(e.frees_root for e in self._of("load"))
         asked = self.supports.given if isinstance(self.supports, SceneSupports) else self.supports
-        given = (() if freed else (Support(0),)) if asked is None else asked
+        given = (() if freed or self.beam.parts else (Support(0),)) if asked is None else asked
         given = listed(given)
-        count, found = self.beam.count + 1, {}
+        count, found = self.beam.node_count, {}
         for support in given:
             if not isinstance(support, Support):
                 raise ValueError(f"{shown(support)} was given as a support; a torchbeam.Support is wanted")
-            if not -count <= support.node < count:
-                raise ValueError(f"a support of node {support.node} was given; the beam has the nodes 0 to {count - 1}")
-            if found.setdefault(support.node % count, support) is not support:
-                raise ValueError(f"two supports of node {support.node % count} were given; one is wanted")
+            row = self.beam.row(support.node, "the node of a support")
+            row = row if self.beam.parts else row % count
+            if row in found:
+                raise ValueError(f"two supports of node {row} were given; one is wanted")
+            found[row] = support
         if freed and 0 in found and any(found[0].held):
             raise ValueError("a RootSpring and a support that holds node 0 were given; one of them is wanted")
         if self.root is not None and not freed and not (0 in found and found[0].turn is self.root.rotation
@@ -190,10 +204,23 @@ class Scene(Tree):
         supports.given = None if asked is None else given
         return supports
 
-    def _check_node(self, effect: Effect) -> None:
-        node, N = effect.node, self.beam.count
-        if node is not None and not -(N + 1) <= node <= N:
-            raise ValueError(f"node = {node} was given for a beam with the nodes 0 to {N}; -1 is the tip")
+    def _placed(self, effect: Effect) -> Effect:
+        """An effect at its node's row. Raises ValueError where there is no such node or part, or another number of elements."""
+        if effect.node is not None:
+            row = self.beam.row(effect.node)
+            return effect if row is effect.node else with_values(effect, node=row)
+        self.beam.named(effect.on, effect)
+        for one in own_leaves(effect):
+            if isinstance(one.value, PerElement) and not callable(one.value.value):
+                for elements in self.beam.element_counts(effect):
+                    one.value.checked(one.value.value, elements)
+        return effect
+
+    def _where(self, effect: Effect) -> str:
+        """An effect's name and, where it acts at one node or on one part, that."""
+        if effect.node is None:
+            return effect.called + ("" if effect.on is None else f" on {effect.on!r}")
+        return f"{effect.called} at node {effect.node if self.beam.parts else effect.node % self.beam.node_count}"
 
     @property
     def dtype(self) -> torch.dtype:
@@ -233,11 +260,6 @@ class Scene(Tree):
         if found:
             broadcast("a scene and inputs", self.batch_shape, *(value.shape[:-1] for value in found.values()))
         return found
-
-
-def _where(effect: Effect, nodes: int) -> str:
-    """An effect's name and, where it acts at one node, that node."""
-    return effect.called + ("" if effect.node is None else f" at node {effect.node % nodes}")
 
 
 class SceneSupports(tuple):

@@ -10,10 +10,10 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import function as check_function
-from ..core.arguments import whole
 from ..core.leaves import Tree, leaf
 from ..core.validation import Value, axis_last, finite, shown
 from .effects.values import plain
+from .parts import check_node
 
 AXES = "xyz"
 Motion = Callable[[Tensor], Tensor]
@@ -57,7 +57,7 @@ class RootMotion(Tree):
 class Support(Tree):
     """Support: prescribed position and rotation components of a node.
 
-    node          counts from the root, -1 is the tip
+    node          counts from the root, -1 is the tip; in a structure (name, node), or the name of a body
     position      the components in frame a that are held: "xyz" all, "yz" a slide along x, "" none
     rotation      "xyz" all; two letters: a hinge about the third axis of frame a; "": a pin
     displacement  (..., 3) m of the held components from where the beam has the node, frame a: a value, or a function of t for
@@ -78,7 +78,7 @@ class Support(Tree):
     turn: Value | Motion | None = leaf(1, default=None)
 
     def __post_init__(self) -> None:
-        whole("node", self.node)
+        check_node(self.node)
         for name in ("position", "rotation"):
             letters = getattr(self, name)
             if not isinstance(letters, str) or set(letters) - set(AXES) or len(set(letters)) != len(letters):

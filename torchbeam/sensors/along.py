@@ -74,8 +74,8 @@ class _Along(Sensor):
 
     def __call__(self, state: Any) -> Tensor:
         position = getattr(state, "position", None)
-        if position is not None and self.beam.count + 1 != position.shape[-2]:
-            raise ValueError(f"a state with {position.shape[-2]} nodes was given; the sensor's beam has {self.beam.count + 1}")
+        if position is not None and self.beam.node_count != position.shape[-2]:
+            raise ValueError(f"a state with {position.shape[-2]} nodes was given; the sensor's beam has {self.beam.node_count}")
         return super().__call__(state)
 
     def of_elements(self, state: Any) -> Tensor:
@@ -154,7 +154,8 @@ class _Strains(_Along):
     def read(self, state: Any) -> Tensor:
         if not isinstance(state, State):  # a mixed form holds its own
             return super().read(state)
-        at = slice(None) if self.element is None else slice(self.element % self.beam.count, self.element % self.beam.count + 1)
+        N = self.beam.station_count
+        at = slice(None) if self.element is None else slice(self.element % N, self.element % N + 1)
         values = without_residual_bending(self.beam, self._strain(state.position, state.rotation) - self.reference, at)
         values = values.mean(-2) if self.weights is None else (self.weights[..., None, :] @ values)[..., 0, :]
         return self.of(values)

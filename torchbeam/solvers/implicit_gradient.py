@@ -47,7 +47,7 @@ def differentiated(problem: Problem, x: Any) -> bool:
 
 
 def _detached(x: Any) -> Any:
-    """A tensor, a tree, or a named tuple of such."""
+    """A tensor, a tree, None, or a named tuple of such."""
     if isinstance(x, tuple):
         return type(x)(*map(_detached, x))
-    return detached(x) if isinstance(x, Tree) else x.detach()
+    return detached(x) if isinstance(x, Tree) else x if x is None else x.detach()

@@ -25,22 +25,23 @@ def bent(still: Placed, scene: Scene, nodes: Value, frames: Value | None, twist:
 
     def given(name: str, value: Value) -> Tensor:
         value = finite(name, axis_last(name, as_tensor(value, scene.dtype, scene.device), 3))
-        if value.ndim < 2 or value.shape[-2] != beam.count + 1:
-            raise ValueError(f"{name} of shape {tuple(value.shape)} were given; (..., {beam.count + 1}, 3) is wanted")
+        if value.ndim < 2 or value.shape[-2] != beam.node_count:
+            raise ValueError(f"{name} of shape {tuple(value.shape)} were given; (..., {beam.node_count}, 3) is wanted")
         return value
 
     nodes = given("nodes", nodes)
     if frames is not None:
         if twist is not None:
             raise ValueError("frames and a twist were given; one of them is wanted")
-        frames = quat.from_matrix(orthonormal(as_tensor(frames, scene.dtype, scene.device), beam.count + 1, beam.count))
-        rotation = frames if frames.shape[-2] == beam.count + 1 else axes_of_nodes(frames)
+        frames = as_tensor(frames, scene.dtype, scene.device)
+        frames = quat.from_matrix(orthonormal(frames, beam.node_count, beam.station_count))
+        rotation = frames if frames.shape[-2] == beam.node_count else axes_of_nodes(frames)
     else:
         s = beam.topology.arclength(beam.length)
         if callable(twist):
             twist = as_tensor(check_function("twist", twist, "s")(s), scene.dtype, scene.device)
             if twist.shape[-1:] != s.shape[-1:]:
-                raise ValueError(f"a twist of shape {tuple(twist.shape)} was given; (..., {beam.count + 1}) is wanted")
+                raise ValueError(f"a twist of shape {tuple(twist.shape)} was given; (..., {beam.node_count}) is wanted")
         elif twist is not None:
             twist = as_tensor(twist, scene.dtype, scene.device)[..., None] * s / s[..., -1:]
 

@@ -12,6 +12,7 @@ from ..core.arguments import batch, instance, instants, place
 from ..core.leaves import leaf, map_leaves
 from ..core.validation import Value, broadcast
 from ..math import quaternions as quat
+from ..scene.beam import Beam
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
 from .bent import bent
@@ -83,6 +84,14 @@ class State(Instant):
         return bent(rest(scene, t=t), scene, nodes, frames, twist, velocity, spin)
 
     @property
+    def node_count(self) -> int:
+        return self.position.shape[-2]
+
+    @property
+    def stress_count(self) -> int:
+        return self.stress.shape[-2]
+
+    @property
     def axes(self) -> Tensor:
         """(..., N+1, 3, 3): section axes of the nodes as columns, frame a."""
         return quat.matrix(self.rotation)
@@ -140,21 +149,22 @@ def plain(state: State) -> State:
 
 def check_state(state: Any, scene: Any, name: str = "initial") -> State:
     """`state`, to start from; ValueError where it is not one of the nodal form, of the scene's mesh and dtype."""
-    of_mesh(state, scene.beam.count + 1, scene.dtype, name)
+    of_mesh(state, scene.beam, name)
     broadcast("a scene and an initial state", scene.batch_shape, state.batch_shape)
     return state
 
 
-def of_mesh(state: Any, nodes: int, dtype: torch.dtype, name: str) -> State:
-    """`state`; ValueError where it is not one of the nodal form with so many nodes, of that dtype, in each of its
-    fields: native code takes them on trust.
+def of_mesh(state: Any, like: Beam | State, name: str) -> State:
+    """`state`; ValueError where it is not one of the nodal form, with the nodes, the rows of stress and the dtype of `like` in
+    each of its fields: native code takes them on trust.
     """
+    nodes, stresses, dtype = like.node_count, like.stress_count, like.nodes.dtype
     if not isinstance(state, State):
         raise ValueError(f"{name} of type {type(state).__name__} was given; the nodal form wants a torchbeam.State")
     if state.position.shape[-2] != nodes:
         raise ValueError(f"{name} with {state.position.shape[-2]} nodes was given; the beam has {nodes}")
     own = dict(position=3, rotation=4, velocity=3, spin=3)
-    for key, shape in (*((key, (nodes, k)) for key, k in own.items()), ("stress", (nodes - 1, 6))):
+    for key, shape in (*((key, (nodes, k)) for key, k in own.items()), ("stress", (stresses, 6))):
         x = getattr(state, key)
         if x.shape[-2:] != shape:
             raise ValueError(f"{name} whose {key} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, {shape[1]}) is "
@@ -170,7 +180,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     t = 0, when it coincides with the inertial axes. Raises ValueError for what is no scene, batch axes or time.
     """
     beam = instance("a scene", scene, Scene).beam
-    nodes = beam.count + 1
+    nodes, stresses = beam.node_count, beam.stress_count
     zero = beam.nodes.new_zeros(())
     states = sum(scene.internal_states)
     time = instants("t", t, zero)
@@ -186,7 +196,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
         rotation=beam.frames.expand(*shape, nodes, 4),
         velocity=zero.expand(*shape, nodes, 3),
         spin=zero.expand(*shape, nodes, 3),
-        stress=zero.expand(*shape, nodes - 1, 6),
+        stress=zero.expand(*shape, stresses, 6),
         reaction=zero.expand(*shape, len(scene.supports), 6),
         work=zero.expand(shape),
         defect=zero.expand(shape),

@@ -88,17 +88,17 @@ class ArcLengthProblem(Tree):
     size: Tensor = leaf(0)  # what `goal` is measured against
     control: Callable[[Configuration], Tensor] | None = leaf(None, default=None)
 
-    def residual(self, x: PathPoint) -> tuple[Balance, Any, Tensor, Tensor]:
+    def residual(self, x: PathPoint) -> tuple[Any, ...]:
         still = self.loaded.at(x)
-        residual, kin = still.residual(x.shape)
+        residual, *about = still.residual(x.shape)
         if self.control is None:
             row, said = self.row, (self.row * x.way).sum((-1, -2)) + self.by_factor * (x.factor[..., 0, 0] - self.start)
         else:
             said, row = gradient(still, x.shape, self.control)
-        return Balance(residual, self.goal - said, self.size), kin, row, self.goal - said
+        return Balance(residual, self.goal - said, self.size), row, self.goal - said, *about
 
-    def linearise(self, x: PathPoint, kin: Any, row: Tensor, missing: Tensor) -> ArcLengthTangent:
-        inner = self.loaded.at(x).linearise(x.shape, kin)
+    def linearise(self, x: PathPoint, row: Tensor, missing: Tensor, *about: Any) -> ArcLengthTangent:
+        inner = self.loaded.at(x).linearise(x.shape, *about)
         return ArcLengthTangent(inner, *load_slope(self.loaded, x), row, self.by_factor, missing)
 
     def update(self, x: PathPoint, move: Tensor, dstress: Tensor, dfactor: Tensor) -> PathPoint:

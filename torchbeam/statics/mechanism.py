@@ -109,7 +109,7 @@ def _braced(problem: SteadyProblem, x: Configuration, free: Tensor) -> BracedPro
     """With a brace of the first support's node, or of node 0, against the rigid motions `free`, a projector."""
     model, space = problem.model, problem.model.space
     at, eye = _base(model), torch.eye(3).to(x.position)
-    D = problem.tangent(x, problem.residual(x)[1]).matrix.diagonal
+    D = problem.tangent(x, *problem.residual(x)[1:]).matrix.diagonal
     root = D[..., at, :, :].diagonal(dim1=-2, dim2=-1).abs().sqrt()[..., None]
     shift, turn = space.project_vector(eye).mT, space.project_spin(eye).mT
     length = _length(model.scene.beam.nodes.detach())[..., None, None]

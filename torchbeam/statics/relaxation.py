@@ -46,11 +46,11 @@ class Viscous(SteadyProblem):
     drag: Tensor = leaf(2)
 
     def residual(self, x: Configuration) -> tuple[Residual, Any]:
-        residual, kin = super().residual(x)
+        residual, *about = super().residual(x)
         space, x = self.model.space, self.apply_supports(x)
         turn = space.theta(space.multiply(space.inverse(self.before.rotation), x.rotation))
         way = torch.cat((x.position - self.before.position, space.to_frame(x.rotation, turn)), -1)
-        return residual._replace(nodes=residual.nodes + self.drag * way), kin
+        return residual._replace(nodes=residual.nodes + self.drag * way), *about
 
     def load_tangent(self, x: Configuration) -> Matrix:
         return total(self.model.topology.diagonal(torch.diag_embed(self.drag)), super().load_tangent(x))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import permutations
+from itertools import permutations, product
 from typing import Any, NamedTuple
 
 import torch
@@ -101,16 +101,32 @@ class FrameworkMatrix:
         return torch.cat((y, closed.expand(*y.shape[:-2], *closed.shape[-2:])), -2)
 
     def dense(self) -> Tensor:
-        """Of the nodes alone."""
+        """Of the nodes, with the joints' stiffness."""
         count, w = self.diagonal.shape[-3:-1]
-        shape = broadcast_shapes(*(x.shape[:-3] for x in (self.diagonal, *self.couplings)))
+        joined = () if self.joints is None else (self.joints.stiffness.shape[:-5],)
+        shape = broadcast_shapes(*(x.shape[:-3] for x in (self.diagonal, *self.couplings)), *joined)
         A = self.diagonal.new_zeros(*shape, count, count, w, w)
         at = torch.arange(count, device=A.device)
         A[..., at, at, :, :] = self.diagonal.expand(*shape, count, w, w)
         ends = [torch.tensor(nodes, device=A.device) for nodes in self.framework.elements]
         for block, (i, j) in zip(self.couplings, self.pairs, strict=False):
             A[..., ends[i], ends[j], :, :] = block.expand(*shape, len(ends[i]), w, w)
+        for k, pair in enumerate(self.framework.joints if self.joints is not None else ()):
+            for i, j in product((0, 1), (0, 1)):
+                if pair[i] is not None and pair[j] is not None:
+                    A[..., pair[i], pair[j], :, :] += self.joints.stiffness[..., k, i, j, :, :]
         return A.transpose(-3, -2).flatten(-4, -3).flatten(-2)
+
+    def constraints(self) -> Tensor:
+        """(..., m, w nodes): those of the joints, of which there are m, by the nodes' moves."""
+        held, constraint = self.joints.held, self.joints.constraint
+        w = held.shape[-1]
+        G = constraint.new_zeros(*constraint.shape[:-4], len(held), w, self.framework.node_count, w)
+        for k, pair in enumerate(self.framework.joints):
+            for i in (0, 1):
+                if pair[i] is not None:
+                    G[..., k, :, pair[i], :] += constraint[..., k, i, :, :]
+        return G.flatten(-4, -3).flatten(-2).index_select(-2, held.flatten().nonzero()[:, 0])
 
     def rows(self, nodes: tuple[int, ...]) -> FrameworkRows:
         return FrameworkRows(self, nodes)

@@ -350,7 +350,7 @@ REFUSED = {
     "not symmetric": lambda: fx.PointMass(1.0, inertia=torch.eye(3) + torch.tensor([[0, 0.1, 0], [0, 0, 0], [0, 0, 0]])),
     "no rigid body": lambda: fx.PointMass(torch.diag(torch.tensor([1.0, 2, 1, 1, 1, 1]))),
     "the matrix holds them": lambda: fx.PointMass(torch.eye(6), offset=(0, 0, 1.0)),
-    "node = 'tip'": lambda: fx.PointMass(1.0, node="tip"),
+    "node = ('tip',)": lambda: fx.PointMass(1.0, node=("tip",)),
     "node = 0.5": lambda: fx.Spring(0.5, 1.0, to=(0, 0, 0)),
     "Spring's stiffness = -3": lambda: fx.Spring(-1, -3.0, to=(0, 0, 0)),
     "Spring's length = -1": lambda: fx.Spring(-1, 3.0, to=(0, 0, 0), length=-1.0),

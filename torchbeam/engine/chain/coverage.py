@@ -28,6 +28,7 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
     """Why steps of a model are not compiled; None where they are. Functions that a user wrote are tried by `compiled_step`."""
     scene = model.scene
     reasons = {
+        "a structure of several parts": bool(scene.beam.parts),
         f"method {method!r}": (method, conserve) not in FUNCTIONS,
         f"the device {scene.device}": scene.device.type != "cpu",
     }

@@ -17,11 +17,9 @@ import torch
 from torch import Tensor
 
 from ...core.status import BROKEN, DIVERGED, SUCCESS
-from ...equations.midpoint import MidpointProblem
-from ...equations.step_element import ElementBalance
+from ...equations.step_problem import StepProblem
 from ...math.block_tridiagonal import eliminated
-from ...nodal.balance import CondensedTangent, dstress, mixed, pushed_by, restrained_forces, scaled
-from ...nodal.rows import Rows
+from ...nodal.balance import dstress, mixed, pushed_by, restrained_forces, scaled
 from ...solvers.newton import converged
 from ...state.state import State
 from ...topology.chain_unknowns import masked
@@ -33,6 +31,11 @@ from .node_kinds import ElementKind, NodeKind
 @dataclass(frozen=True)
 class LocalFunctions(LocalProblems):
     """Functions of nodes, of elements, of rows of the chain, of samples; and those of the adjoint."""
+
+    @property
+    def loaded(self) -> bool:
+        """Whether nodes have a term of loads."""
+        return bool(self.model.scene.loads)
 
     # Functions of a node
 
@@ -47,16 +50,18 @@ class LocalFunctions(LocalProblems):
         problem, x = self.of_node(fields, kind)
         x = problem.apply_supports(x)  # they are; but so that derivatives know it
         way, inertia, load = problem.node_balance(x)
-        D = problem.node_tangent(way, inertia)[1].diagonal
-        load = unbatched(load + torch.zeros_like(inertia.wrench), 2)[0]
-        return {"balance": inertia.wrench[0] - load, "D": D[0], "inertia": inertia.wrench[0],
-                **({"load": load} if self.model.scene.loads else {})}
+        matrix, w = problem.node_tangent(way, inertia)[1], self.model.space.unknowns
+        load, D = unbatched(load + x[0].new_zeros(1, w), 2)[0], x[0].new_zeros(w, w)
+        terms = {} if inertia is None else {"inertia": inertia.wrench[0]}
+        balance = -load if inertia is None else inertia.wrench[0] - load
+        return {"balance": balance, "D": D if matrix is None else D + matrix.diagonal[0], **terms,
+                **({"load": load} if self.loaded else {})}
 
     def update(self, kind: NodeKind, move: Tensor, **fields: Tensor) -> Fields:
-        """u and m after a move (w), supports applied."""
+        """The unknowns of a node after a move (w), supports applied."""
         problem, x = self.of_node(fields, kind)
         after = problem.apply_supports(problem.update(x, move[None], x.stress))
-        return {"u": after.u[0], "m": after.m[0]}
+        return {name: value[0] for name, value in zip(after._fields, after[:2], strict=False)}
 
     def cosine(self, m: Tensor) -> Fields:
         """Of half the angle that a node has turned by at mid step."""
@@ -75,7 +80,7 @@ class LocalFunctions(LocalProblems):
             found[INTERNAL] = torch.cat([own.get(k, still[k]) for k in range(len(still))])
         return found | self.energies(problem, after)
 
-    def energies(self, problem: MidpointProblem, after: State) -> Fields:
+    def energies(self, problem: StepProblem, after: State) -> Fields:
         """Those of a node at the end of the step: none are asked for."""
         return {}
 
@@ -89,16 +94,12 @@ class LocalFunctions(LocalProblems):
         """
         problem, x = self.of_element(fields, kind)
         x = problem.apply_supports(x)
-        way, inertia, _ = problem.node_balance(x)
+        way, inertia, load = problem.node_balance(x)
         element = problem.element_balance(x, way)
-        tangent = problem.tangent(x, way, element, inertia)
-        wrench = None if self.elements.coupling is None else inertia.wrench
-        return self.of_nodes(problem.model, element, problem.eigenstrain, tangent, wrench)
-
-    def of_nodes(self, model: Rows, element: ElementBalance, own: Tensor | float, tangent: CondensedTangent,
-                 wrench: Tensor | None) -> Fields:
-        """Fields of `element`, of which `own` is the eigenstrain, and `wrench` the inertia if it has any."""
-        p, assembly = model.space.position, model.assembly
+        tangent, own, wrench = problem.tangent(x, way, element, inertia), problem.eigenstrain, None
+        if self.elements.coupling is not None:
+            wrench = inertia.wrench if inertia is not None else None if isinstance(load, float) else -load
+        model, p, assembly = problem.model, self.model.space.position, problem.model.assembly
         balance = assembly.to_nodes(element.forces)
         asked = balance + assembly.to_nodes(pushed_by(tangent.hB, tangent.C, element.gap))
         if wrench is not None:

@@ -5,14 +5,16 @@ without mass. An element knows what mass its nodes share; a node its inertia and
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
 from ...core.derivatives import cached
 from ...core.leaves import Tree, leaf, own_leaves, with_values
+from ...equations.balance_problem import BalanceProblem
 from ...equations.midpoint import MidpointProblem, MidpointUnknowns
+from ...equations.step_problem import StepProblem
 from ...nodal.assembly import Assembly
 from ...nodal.conditions import Conditions, SupportConditions, acting
 from ...nodal.constraints import Constraints
@@ -94,6 +96,7 @@ class LocalProblems:
         return tuple((row or load).internal for row, load in zip(self.nodes.loads, self.common.loads, strict=True))
 
     NODE = NODE
+    SAMPLE: ClassVar[tuple[str, ...]] = ()  # fields of a sample that the problem asks for
     UNKNOWNS = MidpointUnknowns
     INSTANT = MidpointProblem.INSTANT  # of the step: when loads are taken
 
@@ -122,13 +125,15 @@ class LocalProblems:
         """Fields of an element's state, beside its stress."""
         return ()
 
-    def of_node(self, fields: Fields, kind: NodeKind) -> tuple[MidpointProblem, MidpointUnknowns]:
+    def of_node(self, fields: Fields, kind: NodeKind) -> tuple[BalanceProblem, Any]:
+        """The problem of one node, and its unknowns."""
         rows = filled(self.nodes, lambda k: fields[f"node.{k}"][None])
         common = self._common(fields)
         loads = acting_loads(kind, rows.loads, common.loads)
         if any(one.batch for one in common.captured):
             loads = tuple(map(_of_one_sample, loads))
         given = {name: fields[name][None] for name in (*self.NODE, "u", "m") if name in fields}
+        given |= {name: fields[name] for name in self.SAMPLE if name in fields}
         if INTERNAL in self.state:
             parts = fields[INTERNAL].split(self.internal)
             given[INTERNAL] = torch.cat([parts[k] for k in kind.acting] or [fields[INTERNAL][:0]])
@@ -136,14 +141,15 @@ class LocalProblems:
         own = self._rows(rows, None, common, supports, _hinges(kind))
         return self._problem(own, None, common, given, self._conditions(own, common, loads, rows.dead, None, supports))
 
-    def of_element(self, fields: Fields, kind: ElementKind) -> tuple[MidpointProblem, MidpointUnknowns]:
+    def of_element(self, fields: Fields, kind: ElementKind) -> tuple[BalanceProblem, Any]:
+        """The same of one element."""
         def nodes(name: str) -> Tensor:
             return torch.stack([fields[f"{side}.{name}"] for side in self.sides])
 
         rows = filled(self.nodes, lambda k: nodes(f"node.{k}"))
         rows = replace(rows, mass=torch.zeros_like(rows.mass), J=None)
-        given = {name: nodes(name) for name in (*self.NODE, "u", "m")}
-        given |= {name: fields[name] for name in ("stress", *self.element_state)}
+        given = {name: nodes(name) for name in (*self.NODE, "u", "m") if f"{self.sides[0]}.{name}" in fields}
+        given |= {name: fields[name] for name in ("stress", *self.element_state, *self.SAMPLE)}
         supports = tuple(self._support(fields, f"{side}.", k, one.support)
                          for k, (side, one) in enumerate(zip(self.sides, kind, strict=True)) if one.support is not None)
         element, common = self.element_constants(fields), self._common(fields)
@@ -192,17 +198,22 @@ class LocalProblems:
             0.0 if eigenstrain is None else eigenstrain, supports, root, common.frame, self.model.scene.beam.element_count)
 
     def _problem(self, rows: Rows, element: ElementConstants | None, common: Common, given: Fields, now: Conditions
-                 ) -> tuple[MidpointProblem, MidpointUnknowns]:
-        position = given["position"]
-        zero, none = position.new_zeros(()), position.new_zeros(0, rows.space.strain)
-        stress = given.get("stress", none)
+                 ) -> tuple[BalanceProblem, Any]:
+        stress = given.get("stress", given["position"].new_zeros(0, rows.space.strain))
+        return self._solved(rows, common, {**given, "stress": stress}, now, None if element is None else element.C)
+
+    def _solved(self, rows: Rows, common: Common, given: Fields, now: Conditions, C: Tensor | None
+                ) -> tuple[BalanceProblem, Any]:
+        """The problem of rows under conditions, and its unknowns."""
+        position, stress = given["position"], given["stress"]
+        zero = position.new_zeros(())
         start = State(*(given[name] for name in NODE), stress, position.new_zeros(0, rows.space.unknowns), zero, zero, zero,
                       zero, frame=common.frame, internal=given.get(INTERNAL))
         x = self.UNKNOWNS(given.get("u"), given.get("m"), stress)
-        return self._stepping(rows, start, common, given, now, None if element is None else element.C), x
+        return self._stepping(rows, start, common, given, now, C), x
 
     def _stepping(self, rows: Rows, start: State, common: Common, given: Fields, now: Conditions, C: Tensor | None
-                  ) -> MidpointProblem:
+                  ) -> StepProblem:
         return LocalProblem(rows, start, common.dt, common.t, common.inputs, given=now, stiffness=C)
 
 

@@ -15,10 +15,13 @@ from torch import Tensor
 from ...core.status import SUCCESS
 from ...equations import load_steps
 from ...equations.steady import Configuration, SteadyProblem, placed
+from ...nodal.conditions import Conditions
+from ...nodal.rows import Rows
 from ...scene.prescribed_motion import moved
+from .chain_constants import Common
 from .local_functions import LocalFunctions
-from .local_problem import Fields, Given, LocalProblem, unbatched
-from .node_kinds import ElementKind, EndKind
+from .local_problem import Fields, Given
+from .node_kinds import EndKind
 
 POSE = {"position": 3, "frame": 4, "displacement": 3, "turn": 3}  # fields of a support's node, and their sizes
 
@@ -39,45 +42,38 @@ class SteadyKind(NamedTuple):
 
 @dataclass(frozen=True)
 class LocalSteadyProblem(Given, SteadyProblem):
-    """An equilibrium of one node, or of one element."""
+    """An equilibrium of one node, or of one element, whose supports are where they have to be."""
+
+    def apply_supports(self, x: Configuration) -> Configuration:
+        return x
 
 
 @dataclass(frozen=True)
 class SteadyFunctions(LocalFunctions):
     """Functions of nodes, of elements, of rows of the chain, of samples."""
 
+    SAMPLE = ("load_factor",)
+
     @property
     def state(self) -> tuple[str, ...]:
         """Loads with internal states have them where they come to rest."""
         return self.NODE
 
-    def _steady(self, problem: LocalProblem, load_factor: Tensor) -> tuple[SteadyProblem, Configuration]:
-        """What a step starts from, as an equilibrium."""
-        start = problem.start
-        x = Configuration(start.position, start.rotation, start.stress)
-        return LocalSteadyProblem(problem.model, problem.t, problem.inputs, load_factor, given=problem.given,
-                                  stiffness=problem.stiffness), x
+    @property
+    def loaded(self) -> bool:
+        return True  # of which inertia is a part
 
-    def node(self, kind: SteadyKind, load_factor: Tensor, **fields: Tensor) -> Fields:
-        """Balance (w) of the node's loads, less its inertia in a frame that turns, its derivative D (w, w); the loads."""
-        problem, x = self._steady(self.of_node(fields, kind)[0], load_factor)
-        w = self.model.space.unknowns
-        load = unbatched(problem.load(x) + x.position.new_zeros(w), 2)
-        tangent, D = problem.load_tangent(x), x.position.new_zeros(1, w, w)
-        D = D if tangent is None else D + tangent.diagonal
-        return {"balance": -load.expand(1, w)[0], "D": D[0], "load": load.expand(1, w)[0]}
-
-    def update(self, kind: SteadyKind, move: Tensor, **fields: Tensor) -> Fields:
-        """Position and rotation after a move (w)."""
-        problem, x = self._steady(self.of_node(fields, kind)[0], move.new_ones(()))
-        after = problem.update(x, move[None], x.stress)
-        return {"position": after.position[0], "rotation": after.rotation[0]}
+    def _solved(self, rows: Rows, common: Common, given: Fields, now: Conditions, C: Tensor | None
+                ) -> tuple[LocalSteadyProblem, Configuration]:
+        x = Configuration(given["position"], given["rotation"], given["stress"])
+        load_factor = given.get("load_factor", common.t.new_ones(()))  # a move asks for none
+        return LocalSteadyProblem(rows, common.t, common.inputs, load_factor, given=now, stiffness=C), x
 
     def place(self, kind: SteadyKind, load_factor: Tensor, **fields: Tensor) -> Fields:
         """Position and rotation of a support's node where it has to be; of the node undeformed `pose.position` and
         `pose.frame`, and by all of the load `pose.displacement` and `pose.turn`.
         """
-        problem, x = self._steady(self.of_node(fields, kind)[0], load_factor)
+        problem, x = self.of_node(fields, kind)
         space, (slides, turns) = problem.model.space.of_nodes(0), kind.displaced
         still = fields["pose.position"], fields["pose.frame"]
         displacement, turn = fields["pose.displacement"] if slides else None, fields["pose.turn"] if turns else None
@@ -97,14 +93,6 @@ class SteadyFunctions(LocalFunctions):
     def turn(self, move: Tensor) -> Fields:
         """Angle by which a move (w) turns a node."""
         return {"turn": torch.linalg.vector_norm(move[self.model.space.position:])}
-
-    def element(self, kind: ElementKind, load_factor: Tensor, **fields: Tensor) -> Fields:
-        """See `LocalFunctions.element`."""
-        problem, x = self._steady(self.of_element(fields, kind)[0], load_factor)
-        element = problem.element_balance(x)
-        tangent, inertia = problem.tangent(x, element.acting), problem.load(x)
-        wrench = None if isinstance(inertia, float) else -inertia
-        return self.of_nodes(problem.model, element, problem.eigenstrain, tangent, wrench)
 
     def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:
         """Loads less all inertia, of which `inertia` is what neighbours share."""

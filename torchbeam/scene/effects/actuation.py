@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -24,6 +24,7 @@ class Actuation(Effect):
                `PerElement` (..., N, 3)
     strain     (..., 3) likewise: stretch, shear along y and z
     elements   which elements: None = all, a range, a slice, or their numbers from the root
+    on         name of a beam of a structure; None = all
 
     Raises ValueError where neither is given, or an element does not exist.
     """
@@ -31,6 +32,7 @@ class Actuation(Effect):
     curvature: Value | None = leaf(1, default=None)
     strain: Value | None = leaf(1, default=None)
     elements: range | slice | Sequence[int] | None = None
+    on: str | None = field(default=None, kw_only=True)
 
     kind = "eigenstrain"
 
@@ -47,6 +49,10 @@ class Actuation(Effect):
             object.__setattr__(self, "elements", tuple(whole("an element", element) for element in given))
             if not given:
                 raise ValueError("Actuation of no elements was given; the numbers of some, or None for all, are wanted")
+
+    @property
+    def by_place(self) -> bool:
+        return self.elements is not None or any(isinstance(value, PerElement) for value in (self.curvature, self.strain))
 
     def eigenstrain(self, t: Tensor, inputs: Inputs, like: Tensor, count: int) -> Tensor:
         """[gamma; kappa] (..., N or 1, 6) of the unloaded beam at time t; `count` = N, dtype and device of `like`."""

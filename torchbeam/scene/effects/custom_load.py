@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -43,6 +43,7 @@ class Load(LoadEffect):
               None, and their derivatives are not taken. Empty: a load of t, inputs, values and z. Handed over by name
               are "acceleration" (..., 3) m/s^2 and "angular_acceleration" (..., 3) rad/s^2, absolute, frame a, and along the
               beam the arclength "s" (..., sites) m from the root
+    on        along the beam: name of a beam of a structure; None = all
 
     The tangent comes by automatic differentiation. In an implicit step z is taken at mid step, linearly implicit,
 
@@ -63,6 +64,7 @@ class Load(LoadEffect):
     rate: Callable[..., Tensor] | None = leaf(None, default=None)
     of: Sequence[str] = READS
     values: dict[str, Value] | None = leaf(lambda load: int(load.node is None), default=None)
+    on: str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_function("Load's function", self.function)
@@ -102,11 +104,15 @@ class Load(LoadEffect):
             object.__setattr__(self, name, value)
 
     @property
+    def by_place(self) -> bool:
+        return bool(self.values) or PLACE in self.of
+
+    @property
     def depends(self) -> frozenset[str]:
         return frozenset(self.of) - {PLACE}
 
     def internal_states(self, beam: Beam) -> int:
-        return self.internal if self.node is not None else self.internal * (beam.count + 1)
+        return self.internal if self.node is not None else self.internal * beam.rows_along(self)
 
     def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         z = None

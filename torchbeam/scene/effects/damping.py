@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -51,12 +51,16 @@ class MassDamping(LoadEffect):
     has mass: per length of the beam, and of each `PointMass` at its node.
 
     alpha  (...) 1/s; a free vibration decays as exp(-alpha t / 2), whatever its frequency
+    on     name of a beam or a body of a structure; None = all
 
     A rigid motion is damped too: it models the air around a beam, not the beam. Raises ValueError for a negative alpha.
     """
 
     alpha: Value = leaf(0)
+    on: str | None = field(default=None, kw_only=True)
 
+    by_place = False
+    by_mass = True
     depends = frozenset({ROTATION, VELOCITY, SPIN})
 
     def __post_init__(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor
@@ -35,6 +35,8 @@ class Drag(LoadEffect):
               None = still
     added_mass  (...) C_a of the fluid that moves along; a circular cylinder in potential flow has 1. None or 0: none
 
+    on        name of a beam of a structure; None = all
+
     The fluid's inertia is a load: its work is in `energy.work`, and `energy.kinetic` is the beam's alone.
 
     Raises ValueError for a negative density, diameter or coefficient, or an added mass in a flow that is a function (whose own
@@ -48,6 +50,9 @@ class Drag(LoadEffect):
     flow: Value | Callable[[Tensor, Tensor], Tensor] | None = leaf(lambda drag: None if callable(drag.flow) else 1,
                                                                    default=None)
     added_mass: Value | None = leaf(0, default=None)
+    on: str | None = field(default=None, kw_only=True)
+
+    by_place = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "added_mass", optional("Drag's added_mass", self.added_mass))

@@ -13,14 +13,20 @@ class Effect(Tree):
 
     kind    "load", "strain", "inertia" or "eigenstrain": see `torchbeam.scene.effects`
     node    number of the node that it acts on, a class's attribute or a field; None = along the beam
+    on      name of the part of a structure along which it acts, a field of effects without a node; None = of all of them
     inputs  `Input`s that it takes beside those in its leaves
+    by_place  of one without a node: whether it differs along the beam
+    by_mass   whether it acts on what has mass, bodies as well; else on beams alone, per length
 
     Raises TypeError, when the class is defined, for a field `node` without a value: it would take None from here.
     """
 
     kind: ClassVar[str] = ""
     node = None
+    on = None
     inputs: ClassVar[Iterable] = ()
+    by_place = True
+    by_mass = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

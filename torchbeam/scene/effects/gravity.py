@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -16,11 +16,17 @@ from .values import Inputs, load_value, value_at
 
 @dataclass(frozen=True)
 class Gravity(LoadEffect):
-    """Uniform acceleration g (..., 3) m/s^2, in inertial axes that coincide with frame a at t = 0."""
+    """Uniform acceleration g (..., 3) m/s^2, in inertial axes that coincide with frame a at t = 0.
+
+    on  name of a beam or a body of a structure; None = all
+    """
 
     g: Value = leaf(1)
+    on: str | None = field(default=None, kw_only=True)
 
     conservative = True
+    by_place = False
+    by_mass = True
     wants_axes = True
     depends = frozenset({ROTATION})
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean, whole
+from ...core.arguments import boolean
 from ...core.leaves import leaf, with_values
 from ...core.validation import Value
 from ...math.quaternions import skew
+from ..parts import check_node
 from .load_point import ROTATION, LoadEffect, LoadPoint, Wrench, together
 from .values import AtSites, ByPlace, Inputs, LoadValue, load_value, value_along, value_at
 
@@ -77,20 +79,28 @@ class TipLoad(PointLoad):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.node != -1:
-            raise ValueError(f"TipLoad with node = {self.node} was given; PointLoad takes a node")
+        if type(self.node) is not int or self.node != -1:
+            raise ValueError(f"TipLoad with node = {self.node!r} was given; PointLoad takes a node")
 
 
 @dataclass(frozen=True)
 class LineLoad(GivenLoad):
     """Force (N/m) and moment (N) per unit length along the whole beam: the same everywhere, `Along(function)` of s and t, or
     `PerElement(values)`.
+
+    on  name of a beam of a structure; None = all
     """
 
+    on: str | None = field(default=None, kw_only=True)
+
+    @property
+    def by_place(self) -> bool:
+        return any(isinstance(value, ByPlace) for value in (self.force, self.moment))
+
     def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LineLoad | None:
-        given = {name: value for name in ("force", "moment") if (value := getattr(self, name)) is not None}
-        if not any(isinstance(value, ByPlace) for value in given.values()):
+        if not self.by_place:
             return None
+        given = {name: value for name in ("force", "moment") if (value := getattr(self, name)) is not None}
         return with_values(self, **{name: AtSites(value_along(value, s, t, inputs, s, elements))
                                     for name, value in given.items()})
 
@@ -98,6 +108,7 @@ class LineLoad(GivenLoad):
         return value_along(value, site.s, t, inputs, site.R, site.elements)
 
 
-def whole_node(node: int) -> int:
-    """`node` if it is a whole number; ValueError otherwise."""
-    return whole("node", node)
+def whole_node(node: Any) -> Any:
+    """`node` if it is one; ValueError otherwise."""
+    check_node(node)
+    return node

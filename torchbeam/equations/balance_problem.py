@@ -1,0 +1,117 @@
+"""What is solved: the balance of nodes and the law of elements, at rest or over a step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from torch import Tensor
+
+from ..core.leaves import Tree
+from ..nodal.balance import CondensedTangent, Linearisation, Residual, largest, restrained_forces, size_of_strain
+from ..nodal.conditions import Conditions
+from ..nodal.frame import FixedFrame
+from ..nodal.inertia import InertiaForces
+from ..nodal.joints import Pose
+from ..nodal.rows import Rows
+from ..topology.protocols import Matrix
+from .balanced_element import BalancedElement, ElementBalance
+
+
+@dataclass(frozen=True)
+class BalanceProblem(Tree):
+    """inertia + to_nodes(h B^T [F; M]) - load = 0 at the nodes, gap = 0 in the elements, of rows under `conditions`.
+
+    A subclass says what its unknowns x are, a named tuple of two tensors of nodes and of the `stress` (`apply_supports`,
+    `update`); how nodes move by them, and what that asks for (`node_balance`, `node_tangent`); and the elements between
+    (`element`).
+
+    RATE  how far joints move, where they are closed, by a move of the nodes
+    """
+
+    model: Rows
+
+    RATE: ClassVar[float] = 1.0
+
+    @property
+    def conditions(self) -> Conditions:
+        """What acts and is prescribed, at the instant at which loads are taken."""
+        raise NotImplementedError
+
+    @property
+    def C(self) -> Tensor:
+        """S^-1 of the tangent."""
+        raise NotImplementedError
+
+    @property
+    def frame(self) -> FixedFrame:
+        """Frame a at that instant."""
+        return self.conditions.frame
+
+    @property
+    def eigenstrain(self) -> Tensor | float:
+        """What the beam bends by itself."""
+        return self.conditions.eigenstrain
+
+    @property
+    def least(self) -> tuple[Tensor, ...]:
+        """Terms, as of elements or of nodes, that the balance is measured against beside its own."""
+        return ()
+
+    @property
+    def element(self) -> BalancedElement:
+        """The elements."""
+        raise NotImplementedError
+
+    def apply_supports(self, x: Any) -> Any:
+        """x with the supports where they have to be."""
+        raise NotImplementedError
+
+    def update(self, x: Any, move: Tensor, dstress: Tensor) -> Any:
+        """x after moves (..., N+1, w) and a change of the stress."""
+        raise NotImplementedError
+
+    def node_balance(self, x: Any) -> tuple[Any, InertiaForces | None, Tensor | float]:
+        """Motion of the nodes, of which `poses` are those that elements ask for; what it asks of them, None = nothing; and
+        loads (..., N+1, w), 0.0 = none. Each node's own, but for the mass that neighbours share.
+        """
+        raise NotImplementedError
+
+    def node_tangent(self, way: Any, inertia: InertiaForces | None) -> tuple[Any, Matrix | None]:
+        """Derivatives of the motion, and those of inertia less loads, by the nodes' moves; None = none."""
+        raise NotImplementedError
+
+    def joint_poses(self, way: Any) -> tuple[Pose, Pose]:
+        """Where the forces of joints act, and where joints are closed."""
+        raise NotImplementedError
+
+    def element_balance(self, x: Any, way: Any) -> ElementBalance:
+        """The elements, whose nodes move so."""
+        model = self.model
+        return self.element.balance(model.joints.split(x.stress)[0], *(model.assembly.poses(*pose) for pose in way.poses))
+
+    def residual(self, x: Any) -> tuple[Residual, Any, ElementBalance, InertiaForces | None]:
+        """The balance at x; with it what the nodes and the elements do there."""
+        model, h = self.model, self.model.length
+        x = self.apply_supports(x)
+        way, inertia, load = self.node_balance(x)
+        element = self.element_balance(x, way)
+        nodes, asked = model.assembly.to_nodes(element.forces), () if inertia is None else (inertia.wrench,)
+        nodes = sum(asked, nodes if isinstance(load, float) else nodes - load)
+        nodes, gap = model.joints.balance(nodes, element.gap, x.stress, lambda: self.joint_poses(way))
+        restrained = restrained_forces(model, element.acting, self.eigenstrain, h)
+        sizes = largest(model.space.position, h, element.forces, load, *asked, restrained, *self.least)
+        sizes = *sizes, size_of_strain(element.felt, self.eigenstrain)
+        return Residual(model.constraints, nodes, gap, *sizes, model.joints, h), way, element, inertia
+
+    def tangent(self, x: Any, way: Any, element: ElementBalance, inertia: InertiaForces | None) -> CondensedTangent:
+        """By the nodes' moves."""
+        assembly, joints = self.model.assembly, self.model.joints
+        nodes, matrix = self.node_tangent(way, inertia)
+        tangent = self.element.tangent(element, joints.split(x.stress)[0], lambda: assembly.ends(nodes.half, 2))
+        condensed = CondensedTangent.of(assembly, tangent.stiffness, matrix, tangent.hB, self.C, tangent.E)
+        half = None if nodes is None else lambda: nodes.half
+        return joints.joined(condensed, x.stress, lambda: self.joint_poses(way), half, self.RATE)
+
+    def linearise(self, x: Any, way: Any, element: ElementBalance, inertia: InertiaForces | None) -> Linearisation:
+        return Linearisation.of(self.model, self.tangent(x, way, element, inertia))

@@ -1,0 +1,81 @@
+"""Elements in a balance: forces on their nodes, and the strain that stress answers to. Local: nothing here knows a topology."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from torch import Tensor
+
+from ..core.leaves import Tree, leaf
+from ..nodal.constitutive_law import ElasticLaw
+from ..nodal.coordinates.spatial import Space
+from ..nodal.linear_interpolation import Ends
+
+
+class ElementBalance(NamedTuple):
+    """acting, end: kinematics where the forces are taken, and at the end; forces (..., N, p + 2 s); felt strain and gap
+    (..., N, k).
+    """
+
+    acting: Any
+    end: Any
+    forces: Tensor
+    felt: Tensor
+    gap: Tensor
+
+
+class ElementTangent(NamedTuple):
+    """stiffness (..., N, p + 2 s, p + 2 s) at fixed stress; hB and E (..., N, k, p + 2 s): h times the strain operator where
+    the forces are taken, and the derivative of the gap by the moves.
+    """
+
+    stiffness: Tensor
+    hB: Tensor
+    E: Tensor
+
+
+@dataclass(frozen=True)
+class BalancedElement(Tree):
+    """Any number of elements, one too: length (..., N, 1) m, reference (..., N, k) strain of the undeformed beam, eigenstrain
+    (..., N or 1, k) or 0.0.
+    """
+
+    space: Space
+    law: ElasticLaw
+    length: Tensor = leaf(2)
+    reference: Tensor = leaf(2)
+    eigenstrain: Tensor | float = leaf(2)
+
+    def balance(self, stress: Tensor, *poses: Ends) -> ElementBalance:
+        """stress (..., N, k); nodes where forces and strain are taken."""
+        raise NotImplementedError
+
+    def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
+        """half() (..., N, s, s) of an element's nodes: half the spin of a rotation at the end by its spin at mid step."""
+        raise NotImplementedError
+
+    def _kinematics(self, nodes: Ends) -> tuple[Any, Tensor]:
+        """With the strain."""
+        kin = self.space.kinematics(*nodes, self.length)
+        return kin, self.space.strains(kin, self.length, self.reference)
+
+    def _balance(self, acting: Any, end: Any, felt: Tensor, stress: Tensor) -> ElementBalance:
+        return ElementBalance(acting, end, self.space.forces(acting, stress, self.length), felt, self.law.gap(felt, stress))
+
+    def _tangent(self, acting: Any, stress: Tensor, B: Tensor, E: Tensor) -> ElementTangent:
+        return ElementTangent(self.space.geometric_stiffness(acting, stress, self.length), self.length[..., None] * B, E)
+
+
+@dataclass(frozen=True)
+class ElementAtRest(BalancedElement):
+    """In an equilibrium: n, m_i, m_j = h B^T [F; M], gap = strain - S [F; M]."""
+
+    def balance(self, stress: Tensor, nodes: Ends) -> ElementBalance:
+        kin, strain = self._kinematics(nodes)
+        return self._balance(kin, kin, strain - self.eigenstrain, stress)
+
+    def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
+        B = self.space.strain_operator(found.end, self.length)
+        return self._tangent(found.acting, stress, B, B)

@@ -1,0 +1,151 @@
+"""One implicit step of the nodal form, whatever the method: where its nodes, its supports and its loads are.
+
+Unknown are u and m, from the start to where the forces are in balance, at mid step or at the end, and the stress.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from ..core.derivatives import cached
+from ..core.leaves import leaf
+from ..nodal import loads as external
+from ..nodal.conditions import Conditions, conditions
+from ..nodal.inertia import InertiaForces
+from ..nodal.loads import Nodes
+from ..scene.effects import Inputs
+from ..state.state import State
+from ..state.supported_nodes import set_node
+from ..topology.protocols import Matrix
+from .balance_problem import BalanceProblem
+from .support_motion import SupportMotions, support_motions
+
+
+@dataclass(frozen=True)
+class StepProblem(BalanceProblem):
+    """A step of length dt (0-dim or (...)) from `start`, with loads as at time t (0-dim, or (...) each sample's own) and
+    inputs held over it. model: `Model`; where others say what the `conditions` are, rows of it.
+
+    A method says how its nodes (`motion`, `TANGENT`) and elements (`element`) move, where it starts (`predictor`) and what the
+    state after it is (`finish`).
+
+    UNKNOWNS  u (..., N+1, p) m, m (..., N+1, ...), stress (..., N, k)
+    TANGENT   derivatives of the nodes' motion
+    INSTANT   of the step: when loads are taken
+    PART      of the step's motion and rotation: what the unknowns u and m hold
+    """
+
+    start: State
+    dt: Tensor = leaf(0)
+    t: Tensor = leaf(0)
+    inputs: Inputs = leaf(1)
+
+    UNKNOWNS: ClassVar[type]
+    TANGENT: ClassVar[type]
+    INSTANT: ClassVar[float]
+    PART: ClassVar[float]
+
+    @property
+    def motion(self) -> Any:
+        """The nodes over the step."""
+        raise NotImplementedError
+
+    def predictor(self) -> Any:
+        """Unknowns to start from."""
+        raise NotImplementedError
+
+    def finish(self, x: Any, reaction: Tensor) -> State:
+        """The state at the end of the step."""
+        raise NotImplementedError
+
+    @cached
+    def h(self) -> Tensor:
+        """dt as (..., 1, 1)."""
+        return self.dt[..., None, None]
+
+    @cached
+    def C(self) -> Tensor:
+        return self.model.tangent_stiffness(self.dt.detach())
+
+    @cached
+    def conditions(self) -> Conditions:
+        """Of the instant at which loads are taken, and of supports at the end."""
+        return conditions(self.model, self.t, self.inputs, self.t + (1 - self.INSTANT) * self.dt)
+
+    @cached
+    def support_motions(self) -> SupportMotions:
+        """The supports that move, in frame a or with it."""
+        return support_motions(self.model.space, self.conditions.supports, self.start, self.PART)
+
+    def apply_supports(self, x: Any) -> Any:
+        u, m = x.u, x.m
+        for one in self.support_motions.poses:
+            u = set_node(u, one.node, torch.where(one.position, one.u, u[..., one.node, :]))
+            m = set_node(m, one.node, one.m) if one.rotation else m
+        space = self.model.space
+        for at, axis in self.model.constraints.hinges:
+            m = set_node(m, at, space.of_nodes(at).hinged_turn(m[..., at, :], self.start.rotation[..., at, :], axis))
+        return x._replace(u=u, m=m)
+
+    def about_hinges(self, spin: Tensor, rotation: Tensor) -> Tensor:
+        """spin (..., N+1, s), section axes, of which hinges leave what is about their axis."""
+        for at, axis in self.model.constraints.hinges:
+            kept = self.model.space.of_nodes(at).about(rotation[..., at, :], spin[..., at, :], axis)
+            spin = set_node(spin, at, kept)
+        return spin
+
+    @cached
+    def _dead(self) -> Tensor | float:
+        start = self.start
+        nodes = Nodes(start.position, start.rotation, frame=self._frame_middle, internal=start.internal, dt=self.dt)
+        now = self.conditions
+        return external.external(self.model, nodes, now, now.still, now.dead)
+
+    @cached
+    def _frame_middle(self) -> Tensor | None:
+        given = self.conditions.orientation
+        return self.frame.orientation(self.start.frame, self.dt / 2) if given is None else given
+
+    def rest_guess(self) -> Any:
+        """Standing still: what a failed sample is differentiated at."""
+        u = torch.zeros_like(self.start.position)
+        return self.UNKNOWNS(u, self.model.space.identity(u), torch.zeros_like(self.start.stress))
+
+    def update(self, x: Any, move: Tensor, dstress: Tensor) -> Any:
+        """x after a move of the configuration whose forces are in balance; a spin s in frame a turns R_n R(m) from the left."""
+        space = self.model.space
+        turn = space.to_section(self.start.rotation, move[..., space.position:])
+        return self.UNKNOWNS(x.u + move[..., :space.position], space.multiply(space.cayley(turn), x.m), x.stress + dstress)
+
+    def nodes(self, way: Any) -> Nodes:
+        """What loads see."""
+        nodes = self.motion.nodes(way, self.conditions.reads)
+        return nodes._replace(frame=self._frame_middle, internal=self.start.internal, dt=self.dt)
+
+    def seen(self, x: Any) -> Nodes:
+        """`nodes` of the unknowns."""
+        x = self.apply_supports(x)
+        return self.nodes(self.motion.kinematics(x.u, x.m))
+
+    def external(self, way: Any) -> Tensor | float:
+        """Loads at the nodes (..., N+1, w)."""
+        now = self.conditions
+        return self._dead + external.external(self.model, self.nodes(way), now, now.moving) if now.moving else self._dead
+
+    def node_balance(self, x: Any) -> tuple[Any, InertiaForces, Tensor | float]:
+        way = self.motion.kinematics(x.u, x.m)
+        return way, self.motion.balance(way), self.external(way)
+
+    def node_tangent(self, way: Any, inertia: InertiaForces) -> tuple[Any, Matrix]:
+        nodes = self.TANGENT(self.motion, way)
+        matrix = nodes.inertia(inertia)
+        return nodes, matrix.minus(self.load_tangent(nodes)) if self.conditions.moving else matrix
+
+    def load_tangent(self, nodes: Any) -> Tensor | float:
+        """Derivative of `external` by the nodes' moves, (..., N+1, w, w)."""
+        by = external.motion_jacobian(nodes, self.conditions.reads)
+        return external.tangent(self.model, self.nodes(nodes.way), self.conditions, by)

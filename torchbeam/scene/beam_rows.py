@@ -1,0 +1,88 @@
+"""Rows of a beam: how many nodes, elements and stations there are, and which of them are meant; a `Structure` has several parts
+among them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from ..core.leaves import Tree, batch_shapes
+from ..core.validation import shown
+from ..math.shapes import broadcast_shapes
+from .parts import Part, Span
+
+
+class BeamRows(Tree):
+    """What the fields of a `Beam` say of its rows.
+
+    parts   beams and bodies by their names; none in a scene of one beam
+    masses  of the bodies, on their nodes
+    joined  pairs of rows that joints connect
+    """
+
+    parts: ClassVar[tuple[Part, ...]] = ()
+    masses: ClassVar[tuple[Any, ...]] = ()
+    joined: ClassVar[tuple[Any, ...]] = ()
+
+    @property
+    def node_count(self) -> int:
+        """The number of nodes."""
+        return self.nodes.shape[-2]
+
+    @property
+    def station_count(self) -> int:
+        """The number of stations of stress, which is that of intervals between neighbouring nodes: N, times the order."""
+        return self.length.shape[-1]
+
+    count = station_count
+
+    @property
+    def element_count(self) -> int:
+        """N, the number of elements."""
+        return self.station_count // self.order
+
+    @property
+    def stress_count(self) -> int:
+        """How many rows a state's stress has: of the stations and, behind them, of the joints' forces."""
+        return self.station_count + len(self.joined)
+
+    @property
+    def batch_shape(self) -> torch.Size:
+        return broadcast_shapes(*batch_shapes(self))
+
+    def row(self, node: Any, name: str = "node") -> int:
+        """A node's row. Raises ValueError where there is none such."""
+        N = self.node_count - 1
+        if isinstance(node, (str, tuple)):
+            raise ValueError(f"{name} = {node!r} was given in a scene of one beam, which has no names; 0 to {N} is wanted")
+        if not -(N + 1) <= node <= N:
+            raise ValueError(f"{name} = {node} was given for a beam with the nodes 0 to {N}; -1 is the tip")
+        return node
+
+    def named(self, on: str | None, effect: Any) -> None:
+        """ValueError where an effect acts on a part that there is none of."""
+        if on is not None:
+            raise ValueError(f"{effect.called} with on = {shown(on)} was given in a scene of one beam, which has no names; "
+                             "on = None is wanted")
+
+    def spans(self, effect: Any) -> tuple[Span, ...] | None:
+        """The rows along which an effect acts, in one piece or several; None = along all of them."""
+        return None
+
+    def rows_along(self, effect: Any) -> int:
+        """How many nodes an effect along the beam acts on."""
+        spans = self.spans(effect)
+        return self.node_count if spans is None else sum(span.nodes.stop - span.nodes.start for span in spans)
+
+    def element_counts(self, effect: Any) -> list[int]:
+        """The numbers of elements of the pieces along which an effect acts."""
+        spans = self.spans(effect)
+        return [self.element_count] if spans is None else [span.element_count for span in spans]
+
+    def at_stations(self, x: Tensor, axes: int) -> Tensor:
+        """Values of the elements, (..., N or 1, *) with `axes` axes of their own, at their stations."""
+        one = self.order == 1 or x.shape[-1 - axes] == 1
+        return x if one else x.repeat_interleave(self.order, -1 - axes)

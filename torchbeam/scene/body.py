@@ -1,0 +1,65 @@
+"""Body: a rigid body in a structure, one node with a mass on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..core.leaves import Tree, leaf
+from ..core.validation import Value, axis_last, finite, rotations
+from ..math import quaternions as quat
+from .effects.point_mass import PointMass
+from .effects.values import parameter, plain
+
+
+@dataclass(frozen=True)
+class Body(Tree):
+    """A rigid body, a node of its own at its centre of mass.
+
+    mass      (...) kg
+    inertia   about the centre, kg m^2: one number for a body that has the same about every axis; (..., 3) principal moments or
+              (..., 3, 3), in the body's axes, as `PointMass` takes it. None = a point, which something has to keep from turning
+    position  (..., 3) m of the centre, frame a, as drawn
+    rotation  (..., 3, 3) the body's axes as columns, frame a, as drawn; None = those of frame a
+
+    Raises ValueError for a mass that is not positive, an inertia that no body has, or axes that are no rotation.
+    """
+
+    mass: Value = leaf(0)
+    inertia: Value | None = leaf(2, default=None)
+    position: Value = leaf(1, default=(0.0, 0.0, 0.0))
+    rotation: Value | None = leaf(2, default=None)
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        set_(self, "mass", parameter("a Body's mass", self.mass, zero=False))
+        if self.inertia is not None:
+            inertia = plain(self.inertia)
+            if inertia.ndim == 0:  # the same about every axis
+                inertia = inertia * (torch.eye(3, dtype=inertia.dtype) if isinstance(inertia, Tensor) else np.eye(3))
+            elif isinstance(self.inertia, (list, tuple)):
+                inertia = self.inertia
+            set_(self, "inertia", PointMass(self.mass, inertia).inertia)
+        for name in ("position", "rotation"):
+            if getattr(self, name) is not None:
+                value = axis_last(f"a Body's {name}", plain(getattr(self, name)), 3)
+                finite(f"a Body's {name}", torch.as_tensor(value))
+                set_(self, name, value)
+        if self.rotation is not None:
+            if self.rotation.ndim < 2 or self.rotation.shape[-2] != 3:
+                raise ValueError(f"a Body's rotation of shape {tuple(self.rotation.shape)} was given; (..., 3, 3) is wanted")
+            rotations("a Body's rotation", torch.as_tensor(self.rotation))
+
+    @property
+    def frame(self) -> Tensor:
+        """Quaternion (..., 4), body's axes -> frame a, of a body whose numbers are tensors."""
+        if self.rotation is None:
+            return quat.identity(self.position.shape[:-1], self.position.dtype, self.position.device)
+        return quat.from_matrix(self.rotation)
+
+    def mass_at(self, node: int) -> PointMass:
+        """The same mass on a node."""
+        return PointMass(self.mass, self.inertia, node=node)

@@ -1,0 +1,144 @@
+"""Joint: what two parts of a structure, or a part and the ground, have in common where they meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from ..core.leaves import Tree, leaf
+from ..core.validation import Value, axis_last, concrete, finite
+from .effects.values import plain
+from .parts import check_node
+from .structure import Structure
+
+MET = {torch.float64: 1e-9, torch.float32: 1e-5}  # of the size of a structure: how far apart points that coincide may be
+ACTS = ("stiffness", "damping", "friction", "limits", "torque", "angle", "force", "travel")
+
+
+@dataclass(frozen=True)
+class JointEnd(Tree):
+    """Where a joint sits on a part.
+
+    node   (name, number) of a beam, or the name of a body; None = the ground
+    point  (..., 3) m in a body's axes; None = at the node
+    """
+
+    node: int | str | tuple[str, int] | None
+    point: Value | None = leaf(1, default=None)
+
+    @classmethod
+    def of(cls, given: Any) -> JointEnd:
+        """Of what a user writes: a node, (name of a body, point in its axes), or None. Raises ValueError otherwise."""
+        if isinstance(given, JointEnd):
+            return given
+        if isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], str) and not isinstance(given[1], int):
+            point = axis_last("a joint's point", plain(given[1]), 3)
+            finite("a joint's point", torch.as_tensor(point))
+            return cls(given[0], point)
+        if given is not None:
+            check_node(given, "a joint's part")
+        return cls(given)
+
+    def __repr__(self) -> str:
+        return repr(self.node) if self.point is None else f"({self.node!r}, {_numbers(self.point)})"
+
+    def drawn(self, structure: Structure) -> Tensor | None:
+        """(..., 3) m, frame a, where a resolved end is drawn; None = the ground."""
+        if self.node is None:
+            return None
+        position = structure.nodes[..., self.node, :]
+        if self.point is None:
+            return position
+        return position + (structure.axes[..., self.node, :, :] @ self.point[..., None])[..., 0]
+
+
+@dataclass(frozen=True)
+class Joint(Tree):
+    """Base of all joints. What is held is said in the joint's own axes, as in `Support`: of the parts as they are drawn.
+
+    a, b   what is joined: (name, number) of a beam's node, the name of a body, (name, (x, y, z)) with a point in a body's axes,
+           or None, the ground
+    at     (..., 3) m, frame a: where the joint sits, as drawn. None = where the parts' points are, which coincide
+
+    position, rotation  letters of the axes along and about which b does not move against a
+    """
+
+    position: ClassVar[str] = "xyz"
+    rotation: ClassVar[str] = "xyz"
+    meets: ClassVar[bool] = True  # whether the points of both parts are one, as drawn
+    distance: ClassVar[bool] = False  # whether a distance is held, from a point of a to one of b
+
+    a: Any
+    b: Any
+    at: Value | None = leaf(1, default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        for name in ("a", "b"):
+            object.__setattr__(self, name, JointEnd.of(getattr(self, name)))
+        self._vector("at")
+        if self.a.node is None and self.b.node is None:
+            raise ValueError(f"a {self.called} of the ground with itself was given; a part is wanted")
+        if self.at is not None and not self.distance and any(end.point is not None for end in (self.a, self.b)):
+            raise ValueError(f"a {self.called} at a place and at a point of a body was given; one of them is wanted")
+
+    def _vector(self, name: str) -> None:
+        if (value := getattr(self, name)) is not None:
+            value = axis_last(f"{self.called}'s {name}", plain(value), 3)
+            finite(f"{self.called}'s {name}", torch.as_tensor(value))
+            object.__setattr__(self, name, value)
+
+    def __str__(self) -> str:
+        return f"{self.called} of {' and '.join('the ground' if end.node is None else repr(end) for end in (self.a, self.b))}"
+
+    @property
+    def ends(self) -> tuple[int | None, int | None]:
+        """Rows of the two nodes, None = the ground, of a joint in a scene."""
+        return tuple(None if end.node is None else int(end.node) for end in (self.a, self.b))
+
+    @property
+    def holds(self) -> int:
+        """How many components of the motion of b against a are held."""
+        return len(self.position) + len(self.rotation)
+
+    @property
+    def acts(self) -> dict[str, Any]:
+        """What acts in it, by name, where it is there."""
+        return {name: value for name in ACTS if (value := getattr(self, name, None)) is not None}
+
+    def drawn(self, structure: Structure) -> tuple[Tensor, Tensor, Tensor]:
+        """The joint's point on a and on b (..., 3) m, and its axes (..., 3, 3), columns, of which x is the joint's: frame a, of
+        the structure as drawn.
+        """
+        a, b = (end.drawn(structure) for end in (self.a, self.b))
+        a, b = b if a is None else a, a if b is None else b
+        if self.at is not None:
+            a = b = self.at
+        elif not self.meets:
+            a = b
+        return (*torch.broadcast_tensors(a, b), self.axes(structure))
+
+    def axes(self, structure: Structure) -> Tensor:
+        """(..., 3, 3) columns, frame a, as drawn."""
+        return torch.eye(3, dtype=structure.nodes.dtype, device=structure.nodes.device)
+
+    def check(self, structure: Structure) -> None:
+        """ValueError for what does not fit a structure: a part joined with itself, parts that do not meet as drawn."""
+        if self.a.node == self.b.node:
+            raise ValueError(f"a {self.called} of {self.a.node!r} with itself was given; two different nodes are wanted")
+        if self.acts:
+            raise ValueError(f"a {self.called} with {', '.join(self.acts)} was given; one that is free is wanted: what acts in "
+                             "a joint is not there yet")
+        if self.at is not None or self.distance or not self.meets or None in (self.a.node, self.b.node):
+            return
+        off = torch.linalg.vector_norm(self.a.drawn(structure) - self.b.drawn(structure), dim=-1).detach()
+        if concrete(off > MET[off.dtype] * structure.size.detach()).any():
+            gap = concrete(off).max().item()
+            raise ValueError(f"a {self.called} of {self.a!r} and {self.b!r}, which are {gap:.4g} m apart, was given; parts "
+                             "that meet as drawn are wanted, or at=")
+
+
+def _numbers(x: Any) -> Any:
+    return tuple(x.tolist()) if x.ndim == 1 else f"points {tuple(x.shape)}"

@@ -1,0 +1,114 @@
+"""Parts of a structure: beams and bodies by their names, and the rows that they have among those of all."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import torch
+
+from ..core.arguments import whole
+from ..core.validation import BOOLEANS, shown
+
+FLAGS = ("rigid", "coupled", "offset", "rotary", "curved")  # what a `Beam` is declared to have
+
+
+class Part(NamedTuple):
+    """A beam or, without stations, a body: its name, its first node and how many it has; of its stations of stress likewise;
+    declared: of a beam, its `FLAGS`.
+    """
+
+    name: str
+    first_node: int
+    node_count: int
+    first_station: int
+    station_count: int = 0
+    declared: tuple[Any, ...] = ()
+
+    @property
+    def body(self) -> bool:
+        return not self.station_count
+
+    @property
+    def nodes(self) -> slice:
+        return slice(self.first_node, self.first_node + self.node_count)
+
+    @property
+    def stations(self) -> slice:
+        return slice(self.first_station, self.first_station + self.station_count)
+
+    def __str__(self) -> str:
+        return f"the body {self.name!r}" if self.body else f"({self.name!r}, 0 to {self.node_count - 1})"
+
+
+class Span(NamedTuple):
+    """Rows along which an effect acts: of nodes, of stations; of how many elements."""
+
+    nodes: slice
+    stations: slice
+    element_count: int
+
+
+class Row(int):
+    """The row of a node among those of a structure; it prints as the user says the node, which is `given`."""
+
+    given: Any
+
+    def __new__(cls, row: int, given: Any) -> Row:
+        new = super().__new__(cls, row)
+        new.given = given
+        return new
+
+    def __repr__(self) -> str:
+        return repr(self.given)
+
+    __str__ = __repr__
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (int(self), self.given)
+
+
+torch.serialization.add_safe_globals([Part, Row])
+
+
+def check_node(node: Any, name: str = "node") -> None:
+    """ValueError for what is no node: a whole number, which counts from the root; in a structure (name, number), or a body's
+    name.
+    """
+    if isinstance(node, str) or (isinstance(node, tuple) and len(node) == 2 and isinstance(node[0], str) and _whole(node[1])):
+        return
+    if isinstance(node, tuple):
+        raise ValueError(f"{name} = {shown(node)} was given; a whole number is wanted, or (name, whole number) in a structure")
+    whole(name, node)
+
+
+def _whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, BOOLEANS)
+
+
+def row_of(parts: tuple[Part, ...], node: Any, name: str = "node") -> Row:
+    """The row of a node, (name, number) or a body's name. Raises ValueError where there is none such."""
+    given = node.given if isinstance(node, Row) else node
+    check_node(given, name)
+    part_name, index = given if isinstance(given, tuple) else (given, None)
+    part = {part.name: part for part in parts}.get(part_name)
+    if part is None or part.body != (index is None):
+        raise ValueError(f"{name} = {given!r} was given; the structure has the nodes {nodes_of(parts)}")
+    if index is not None and not -part.node_count <= index < part.node_count:
+        raise ValueError(f"{name} = {given!r} was given; {part.name!r} has the nodes 0 to {part.node_count - 1}")
+    row = Row(part.first_node + (index or 0) % part.node_count, given)
+    return node if node == row and isinstance(node, Row) else row
+
+
+def part_of(parts: tuple[Part, ...], name: Any) -> Part:
+    """The part of that name. Raises ValueError where there is none such."""
+    found = [part for part in parts if part.name == name]
+    if not found:
+        names = ", ".join(repr(part.name) for part in parts)
+        there = f"there are {names}" if parts else "a scene of one beam has no names"
+        raise ValueError(f"the part {shown(name)} was asked for; {there}")
+    return found[0]
+
+
+def nodes_of(parts: tuple[Part, ...]) -> str:
+    """The nodes that there are, in words."""
+    return ", ".join(map(str, parts))
