@@ -59,8 +59,8 @@ class Tree:
     called: ClassVar[str]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Copies and pickles go without what was cached."""
-        return {name: value for name, value in vars(self).items() if not cache_of(self, name)}
+        """Copies and pickles go without what is this object's alone, whose name begins with a space."""
+        return {name: value for name, value in vars(self).items() if not name.startswith(" ")}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

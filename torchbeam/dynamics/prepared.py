@@ -13,7 +13,7 @@ from ..engine.chain.coverage import meaning
 from ..scene.scene import Scene
 from .stepper import Stepper
 
-KEPT = "prepared steppers"  # on the scene; with a space in its name, copies and pickles go without it
+KEPT = " prepared steppers"  # of a scene, which its copies and pickles go without
 RECENT = 4  # of a scene
 
 
