@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import constant, map_leaves
+from ..core.summary import counted
 from ..dynamics.methods import METHODS
 from ..dynamics.stepper import Stepper
 from ..engine.chain.coverage import why_eager
@@ -68,15 +69,18 @@ def describe(scene: Scene) -> Description:
     plane = space.plane
     planes = () if plane or scene.small else tuple(name for name in PLANES if _fits(scene, name))
     free = model.constraints.count
-    states, refusals = _forms(scene, free)
+    held = sum(sum(map(int, row)) for row in model.joints.held.tolist()) if scene.joints else 0
+    states, refusals = _forms(scene, free - held)
     nodes = scene.beam.node_count
     unknowns = f"{free}: {space.unknowns} a node of {nodes} nodes, less {nodes * space.unknowns - free} that supports hold"
+    unknowns += f"; {held} forces of joints" * bool(held)
     lines = {
         "beam": tuple(_beam(scene)),
         "batch": (f"axes {tuple(scene.batch_shape)}; {str(scene.dtype).removeprefix('torch.')} on {scene.device}",),
-        "effects": tuple(_effect(effect, nodes) for effect in scene.effects),
+        "effects": tuple(_effect(effect, scene) for effect in scene.effects),
         "inputs": tuple(f"{name} ({size})" for name, size in scene.inputs.items()),
         "supports": tuple(_supports(scene)),
+        **({"joints": tuple(_joints(scene))} if scene.beam.parts else {}),
         "frame": _frame(scene),
         "moves in": (_space(scene, plane, planes),),
         "unknowns": (f"{unknowns}; {space.strain * scene.beam.order} stresses an element are condensed",),
@@ -119,6 +123,9 @@ def _engine(model: Model) -> tuple[str, ...]:
 
 
 def _beam(scene: Scene) -> Iterator[str]:
+    if scene.beam.parts:
+        yield from scene.beam.words()
+        return
     beam = scene.beam
     length = beam.length.sum(-1)
     order = " of order 2" if beam.order == 2 else ""
@@ -129,11 +136,14 @@ def _beam(scene: Scene) -> Iterator[str]:
         yield "; ".join(known)
 
 
-def _effect(effect: Effect, nodes: int) -> str:
-    node = effect.node
-    at = "" if effect.kind in ("strain", "eigenstrain") else " along the beam" if node is None else f" at node {node % nodes}"
+def _effect(effect: Effect, scene: Scene) -> str:
+    node, beam = effect.node, scene.beam
+    whole = "all" if beam.parts else "the beam"
+    at = "" if effect.kind in ("strain", "eigenstrain") else f" along {whole}"
+    at = at if effect.on is None else f" on {effect.on!r}"
+    at = at if node is None else f" at node {node if beam.parts else node % beam.node_count}"
     said = [f"{f.name} = {_value(v)}" if v is not True else f.name for f in fields(effect)
-            if f.name != "node" and _named(v := getattr(effect, f.name), f.default)]
+            if f.name not in ("node", "on") and _named(v := getattr(effect, f.name), f.default)]
     return f"{effect.called}{at}" + (f": {', '.join(said)}" if said else "")
 
 
@@ -187,6 +197,13 @@ def _supports(scene: Scene) -> Iterator[str]:
     yield from map(_support, scene.supports)
     if scene.root is not None and not any(s.node == 0 for s in scene.supports):
         yield "node 0: on springs whose root moves"
+
+
+def _joints(scene: Scene) -> Iterator[str]:
+    """Each joint, and how many constraints and loops they make."""
+    for joint in scene.joints:
+        yield f"{joint}: holds {counted(joint.holds, 'component')}"
+    yield f"{counted(scene.beam.loops(tuple(s.node for s in scene.supports)), 'closed loop')}, of parts and of the ground"
 
 
 def _frame(scene: Scene) -> tuple[str, ...]:

@@ -85,8 +85,13 @@ class Midpoint4(Method):
         damping = model.scene.damping
         if damping is None:
             return [(SYMMETRIC, None)]
-        tau = concrete(damping.tau.detach())
-        most, least = (tau.amax(-1), tau.amin(-1)) if damping.six else (tau, tau)
+        taus = [concrete(one.tau.detach()) for one in model.scene.dampings]
+        pairs = zip(model.scene.dampings, taus, strict=True)
+        taus = [part for one, tau in pairs for part in (tau.unbind(-1) if one.six else (tau,))]
+        if damping.on is not None and len(model.scene.dampings) < len(model.scene.beam.beams):
+            taus.append(torch.zeros_like(taus[0]))  # of beams without
+        taus = torch.stack(torch.broadcast_tensors(*taus))
+        most, least = taus.amax(0), taus.amin(0)
         fast = most > FAST * length
         if not fast.any():
             return [(SYMMETRIC, None)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -85,6 +86,10 @@ class BalanceProblem(Tree):
         """Where the forces of joints act, and where joints are closed."""
         raise NotImplementedError
 
+    def half_turns(self, nodes: Any) -> Callable[[], Tensor] | None:
+        """Half the spin of a node's end by that of its move (..., N+1, s, s), of derivatives `nodes`; None = the end moves."""
+        return None
+
     def element_balance(self, x: Any, way: Any) -> ElementBalance:
         """The elements, whose nodes move so."""
         model = self.model
@@ -92,17 +97,17 @@ class BalanceProblem(Tree):
 
     def residual(self, x: Any) -> tuple[Residual, Any, ElementBalance, InertiaForces | None]:
         """The balance at x; with it what the nodes and the elements do there."""
-        model, h = self.model, self.model.length
+        model = self.model
         x = self.apply_supports(x)
         way, inertia, load = self.node_balance(x)
         element = self.element_balance(x, way)
         nodes, asked = model.assembly.to_nodes(element.forces), () if inertia is None else (inertia.wrench,)
         nodes = sum(asked, nodes if isinstance(load, float) else nodes - load)
         nodes, gap = model.joints.balance(nodes, element.gap, x.stress, lambda: self.joint_poses(way))
-        restrained = restrained_forces(model, element.acting, self.eigenstrain, h)
-        sizes = largest(model.space.position, h, element.forces, load, *asked, restrained, *self.least)
+        restrained = restrained_forces(model, element.acting, self.eigenstrain, model.length)
+        sizes = largest(model.space.position, model.spans, element.forces, load, *asked, restrained, *self.least)
         sizes = *sizes, size_of_strain(element.felt, self.eigenstrain)
-        return Residual(model.constraints, nodes, gap, *sizes, model.joints, h), way, element, inertia
+        return Residual(model.constraints, nodes, gap, *sizes, model.joints), way, element, inertia
 
     def tangent(self, x: Any, way: Any, element: ElementBalance, inertia: InertiaForces | None) -> CondensedTangent:
         """By the nodes' moves."""
@@ -110,8 +115,7 @@ class BalanceProblem(Tree):
         nodes, matrix = self.node_tangent(way, inertia)
         tangent = self.element.tangent(element, joints.split(x.stress)[0], lambda: assembly.ends(nodes.half, 2))
         condensed = CondensedTangent.of(assembly, tangent.stiffness, matrix, tangent.hB, self.C, tangent.E)
-        half = None if nodes is None else lambda: nodes.half
-        return joints.joined(condensed, x.stress, lambda: self.joint_poses(way), half, self.RATE)
+        return joints.joined(condensed, x.stress, lambda: self.joint_poses(way), self.half_turns(nodes), self.RATE)
 
     def linearise(self, x: Any, way: Any, element: ElementBalance, inertia: InertiaForces | None) -> Linearisation:
         return Linearisation.of(self.model, self.tangent(x, way, element, inertia))

@@ -28,6 +28,7 @@ from ..core.derivatives import cached
 from ..core.leaves import leaf
 from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
+from ..nodal.joints import Pose
 from ..state.state import State, plain
 from .alpha_kinematics import EndKinematics, EndMotion, EndTangent, GeneralizedAlpha
 from .step_element import EndElement
@@ -101,6 +102,11 @@ class GeneralizedAlphaProblem(StepProblem):
         """Constant velocity, and the stress of the step before."""
         turn = self.model.space.exponential(self.start.spin * self.h)
         return self.apply_supports(EndUnknowns(self.start.velocity * self.h, turn, self.start.stress))
+
+    def joint_poses(self, way: EndKinematics) -> tuple[Pose, Pose]:
+        """Forces act at the end, where joints are closed (Arnold and Bruels 2007)."""
+        end = self.model.joints.pose(way.position_end, way.q_end)
+        return end, end
 
     def finish(self, x: EndUnknowns, reaction: Tensor) -> AlphaState:
         """The state at the end of the step; the work by the mean of the loads at its two ends."""

@@ -19,6 +19,7 @@ with the frame is then steady in the step as well.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -85,6 +86,9 @@ class MidpointProblem(StepProblem):
         joints = self.model.joints
         end = joints.pose(way.position_end, way.q_end)
         return joints.pose(self.start.position, self.start.rotation).mean(end), end
+
+    def half_turns(self, nodes: MidpointTangent) -> Callable[[], Tensor]:
+        return lambda: nodes.half
 
     def finish(self, x: MidpointUnknowns, reaction: Tensor) -> State:
         """The state at the end of the step."""

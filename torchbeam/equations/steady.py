@@ -161,7 +161,8 @@ class SteadyProblem(BalanceProblem):
             *x[:2], velocity=velocity, spin=space.to_section(x.rotation, spin), stress=x.stress, reaction=reaction, work=zero,
             defect=zero, t=self.t.expand(shape), status=status,
             frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
-            internal=external.internal(model, self.nodes(x), self.conditions, shape), supports=model.constraints.nodes))
+            internal=external.internal(model, self.nodes(x), self.conditions, shape), supports=model.constraints.nodes,
+            parts=model.scene.beam.parts, joined=model.scene.beam.joined))
 
     def apply_supports(self, x: Configuration) -> Configuration:
         position, rotation, space = x.position, x.rotation, self.model.space

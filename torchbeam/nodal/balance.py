@@ -30,7 +30,7 @@ from .rows import Rows
 
 class Residual(NamedTuple):
     """nodes (..., N+1, w), strain (..., N, k) as above, with the gaps of joints behind; force, moment, size_strain (...): the
-    largest terms in them; length (..., N, 1) m of the elements.
+    largest terms in them.
     """
 
     constraints: Constraints
@@ -40,15 +40,14 @@ class Residual(NamedTuple):
     moment: Tensor
     size_strain: Tensor
     joints: NoJoints
-    length: Tensor
 
     def measure(self) -> Tensor:
         """(...) the scaled residual: each equation over the largest term in it; not finite where anything is not."""
         free = self.constraints.unknowns.select(self.nodes.detach()).abs()
         p = (free.shape[-1] + 1) // 2  # of 6: 3, of 3: 2
         gap, joints = self.joints.split(self.strain.detach())
-        size = scaled(free[..., :p].amax((-1, -2)), free[..., p:].amax((-1, -2)), gap.abs().amax((-1, -2)), *self[3:6])
-        return self.joints.measure(size, joints, lambda: self.length.detach().sum((-1, -2)))
+        size = scaled(free[..., :p].amax((-1, -2)), free[..., p:].amax((-1, -2)), most(gap), *self[3:6])
+        return self.joints.measure(size, joints)
 
 
 def scaled(force: Tensor, moment: Tensor, gap: Tensor, largest_force: Tensor, largest_moment: Tensor, size_strain: Tensor
@@ -149,8 +148,13 @@ def restrained_forces(model: Rows, kin: Any, own: Tensor | float, h: Tensor) -> 
 
 def size_of_strain(followed: Tensor, own: Tensor | float) -> Tensor:
     """(...) the largest term in the strain law."""
-    size = followed.detach().abs().amax((-1, -2))
-    return size if isinstance(own, float) else torch.maximum(size, own.detach().abs().amax((-1, -2)))
+    size = most(followed.detach())
+    return size if isinstance(own, float) else torch.maximum(size, most(own.detach()))
+
+
+def most(x: Tensor) -> Tensor:
+    """(...) the largest of the rows (..., n, k), 0 where there are none."""
+    return x.abs().amax((-1, -2)) if x.shape[-2] else x.new_zeros(x.shape[:-2])
 
 
 def largest(p: int, length: Tensor, *terms: Tensor | float) -> tuple[Tensor, Tensor]:
@@ -161,8 +165,8 @@ def largest(p: int, length: Tensor, *terms: Tensor | float) -> tuple[Tensor, Ten
     sizes = []
     for term in terms:
         if isinstance(term, Tensor):
-            term = term.detach().abs()
-            sizes.append((term[..., :p].amax((-1, -2)), term[..., p:].amax((-1, -2))))
+            term = term.detach()
+            sizes.append((most(term[..., :p]), most(term[..., p:])))
     force, moment = (torch.stack(torch.broadcast_tensors(*part)).amax(0) for part in zip(*sizes, strict=True))
     length = length.detach()
     return mixed(force, moment, length.sum((-1, -2)), length.amax((-1, -2)))

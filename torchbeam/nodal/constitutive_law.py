@@ -19,7 +19,7 @@ from torch.nn.functional import pad
 from ..core.leaves import Tree, leaf
 from ..core.remembered import remembered
 from ..scene.beam import Beam
-from ..scene.effects.damping import geometric_means
+from ..scene.effects.damping import Damping, geometric_means
 from ..scene.scene import Scene
 from .coordinates.spatial import Space
 
@@ -75,7 +75,7 @@ class ElasticLaw(Tree):
         """
         S, h = self.S.detach(), length.detach()
         slim = S.shape[-1] == 1
-        if not (slim or self.rigid):
+        if not (slim or self.rigid) or not S.shape[-3]:
             return self.C.detach()
         diagonal = S if slim else S.diagonal(dim1=-2, dim2=-1)[..., None]
         moments = {6: 3, 3: 1}[S.shape[-2]]  # strains that a moment brings about, in space and in a plane
@@ -134,7 +134,8 @@ def law_of(scene: Scene, space: Space) -> ElasticLaw:
     C = _slim(_regular_inverse(beam, compliance), beam, space) if rigid or beam.coupled else 1 / S
     if scene.damping is None:
         return ElasticLaw(S, C, rigid)
-    return ViscoelasticLaw(S, C, rigid, _retardation(scene, space))
+    found = [_retardation(damping, beam, space) for damping in scene.dampings]
+    return ViscoelasticLaw(S, C, rigid, found[0] if scene.damping.on is None else _by_part(scene, found, S))
 
 
 def times(matrix: Tensor, x: Tensor) -> Tensor:
@@ -195,12 +196,27 @@ def _regular_inverse(beam: Beam, S: Tensor) -> Tensor:
     return torch.linalg.inv(S + torch.diag_embed(torch.where(rigid & (diagonal == 0), small, torch.zeros_like(small))))
 
 
-def _retardation(scene: Scene, space: Space) -> Tensor:
+def _by_part(scene: Scene, found: list[Tensor], like: Tensor) -> Tensor:
+    """Retardations of one beam each (..., N or 1, k or 1, *), in the form of S where one of them is a matrix: (..., N, *)."""
+    if any(one.shape[-2] > 1 for one in found):
+        k = like.shape[-2]
+        unit = like.new_ones(k, 1) if like.shape[-1] == 1 else torch.eye(k, dtype=like.dtype, device=like.device)
+        found = [one * unit if one.shape[-2] == 1 else one for one in found]
+    total = 0.0
+    for one, damping in zip(found, scene.dampings, strict=True):
+        (span,) = scene.beam.spans(damping)
+        here = torch.zeros(scene.beam.station_count, 1, 1, dtype=like.dtype, device=like.device)
+        here[span.stations] = 1
+        total = total + here * one
+    return total
+
+
+def _retardation(damping: Damping, beam: Beam, space: Space) -> Tensor:
     """tau, or D^1/2 S^-1 D^1/2 with D = diag(tau): symmetric, never pumps energy. With linked interpolation the section's
     R = S D^1/2 S^-1 D^1/2 S, what a stress rate strains it by, becomes the element's as S does: R S^-1 of elements then.
     """
-    tau, beam = scene.damping.tau, scene.beam
-    if not scene.damping.six:
+    tau = damping.tau
+    if not damping.six:
         return tau[..., None, None, None]
     if any(beam.rigid):
         raise ValueError("six-valued tau was given for a section with an impossible strain; one value is wanted there")

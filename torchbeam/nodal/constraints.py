@@ -34,7 +34,7 @@ class Constraints:
 
     @classmethod
     def of(cls, scene: Scene, space: Space, topology: Topology) -> Constraints:
-        rows = tuple((support.node, tuple(map(float, space.constrained(support.held)))) for support in scene.supports)
+        rows = tuple((int(support.node), tuple(map(float, space.constrained(support.held)))) for support in scene.supports)
         like = scene.beam.nodes
         return remembered(cls._of, rows, space.position, space.unknowns, topology, like.dtype, like.device)
 

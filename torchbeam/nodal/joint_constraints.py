@@ -13,7 +13,9 @@ from ..scene.scene import Scene
 from .coordinates.spatial import Space
 from .joints import Factor, Joints, NoJoints
 
-TURNS = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}  # the axes of a and of b that a turn about this one brings together
+# the axes of a and of b that a turn about this one brings together, and the sign of their product
+TURNS = {"x": ("y", "z", -1.0), "y": ("z", "x", -1.0), "z": ("x", "y", -1.0)}
+ABOUT_X = TURNS | {"z": ("y", "x", 1.0)}  # where x is common to both: the other two then hold its direction, whatever the angle
 
 
 @dataclass(frozen=True)
@@ -81,9 +83,18 @@ def joints_of(scene: Scene, space: Space, topology: Any) -> Any:
         fixed = torch.stack(torch.broadcast_tensors(*arms), -3)
         factors.append(Factor(stacked([x.constant for x in own], 1), stacked([x.shift for x in own], 0)[..., None], fixed))
     like = scene.beam.nodes
+    places = [x for joint in scene.joints for x in joint.drawn(scene.beam)[:2]]
     return Joints(space=space, framework=topology, held=like.new_tensor([held for _, held in each]), v=factors[0], w=factors[1],
                   c=stacked([row[2] for rows, _ in each for row in rows], 0),
-                  moves=space.embed(torch.eye(m, dtype=like.dtype, device=like.device)))
+                  moves=space.embed(torch.eye(m, dtype=like.dtype, device=like.device)),
+                  size=_size(scene.beam, torch.stack(torch.broadcast_tensors(*places), -2)))
+
+
+def _size(beam: Any, places: Tensor) -> Tensor:
+    """(...) m: how much of beams there is, and how far nodes and joints, at places (..., J, 3), are apart."""
+    lead = torch.broadcast_shapes(places.shape[:-2], beam.nodes.shape[:-2])
+    points = torch.cat([x.detach().expand(*lead, *x.shape[-2:]) for x in (places, beam.nodes)], -2)
+    return beam.length.detach().sum(-1) + torch.linalg.vector_norm(points.amax(-2) - points.amin(-2), dim=-1)
 
 
 def _constraints(joint: Any, beam: Any, space: Space) -> tuple[list[tuple[Vector, Vector, Tensor]], list[float]]:
@@ -96,7 +107,8 @@ def _constraints(joint: Any, beam: Any, space: Space) -> tuple[list[tuple[Vector
     along, about = ("xyz", "xyz") if space.plane is None else _of_plane(joint, names, space.basis[:, 2])
     none = apart.shift * 0.0
     rows = [(a.direction(names[i]), apart, none) for i in along]
-    rows += [(a.direction(names[i]).times(-1.0), b.direction(names[j]), none) for i, j in (TURNS[k] for k in about)]
+    turns = ABOUT_X if joint.rotation == "yz" else TURNS
+    rows += [(a.direction(names[i]).times(sign), b.direction(names[j]), none) for i, j, sign in (turns[k] for k in about)]
     held = [i in joint.position for i in along] + [i in joint.rotation for i in about]
     if joint.distance:
         L = torch.linalg.vector_norm(at_b - at_a, dim=-1)

@@ -5,8 +5,9 @@ thing that it holds is a product of two vectors v and w, linear in positions and
 
     g = v . w - c = 0        v = v_0 + s (r_b - r_a) + R_a v_a + R_b v_b        (w likewise)
 
-    position along axis i     F_a,i . (p_b - p_a)
-    rotation about x, y, z    -F_a,y . F_b,z    -F_a,z . F_b,x    -F_a,x . F_b,y
+    position along axis i      F_a,i . (p_b - p_a)
+    rotation about x, y, z     -F_a,y . F_b,z    -F_a,z . F_b,x    -F_a,x . F_b,y
+      about y and z alone       -F_a,z . F_b,x    F_a,y . F_b,x, which are independent whatever the angle about x
     distance L                d . d/(2 L) - L/2,    d = p_b - p_a
 
 Its force is a multiplier lambda per constraint, an unknown like the stress of an element: the nodes' balances get
@@ -63,9 +64,13 @@ class NoJoints(Tree):
         """A tangent stiffness of the nodes with that of the joints."""
         return stiffness
 
-    def measure(self, size: Tensor, gap: Tensor | None, length: Callable[[], Tensor]) -> Tensor:
-        """(...) a scaled residual, with that of the joints; length() (...) m: the size of the whole."""
+    def measure(self, size: Tensor, gap: Tensor | None) -> Tensor:
+        """(...) a scaled residual, with that of the joints."""
         return size
+
+    def spans(self, lengths: Tensor) -> Tensor:
+        """(..., 1, 1) m, the size of what has no elements, whose lengths (..., 0, 1) are none."""
+        return lengths.new_ones(1, 1)
 
     def asked(self, push: Tensor, gap: Tensor | None) -> Tensor:
         """Right-hand side of a system with the joints: loads on the nodes, and gaps that are to be closed."""
@@ -124,6 +129,7 @@ class Joints(NoJoints):
 
     v, w    the two vectors;  c (..., J, w)
     moves   (w, 6): displacement and spin in space of a node's moves
+    size    (...) m of the whole
     """
 
     space: Space
@@ -133,6 +139,7 @@ class Joints(NoJoints):
     w: Factor
     c: Tensor = leaf(2)
     moves: Tensor = leaf(2)
+    size: Tensor = leaf(0)
 
     @property
     def count(self) -> int:
@@ -160,10 +167,13 @@ class Joints(NoJoints):
     def matrix(self, stiffness: Any, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]) -> Any:
         return stiffness.joined(self.blocks(*poses(), self.split(stress)[1], None, 1.0))
 
-    def measure(self, size: Tensor, gap: Tensor, length: Callable[[], Tensor]) -> Tensor:
+    def measure(self, size: Tensor, gap: Tensor) -> Tensor:
         p = self.space.position
-        apart = torch.maximum(gap[..., :p].abs().amax((-1, -2)) / length(), gap[..., p:].abs().amax((-1, -2)))
+        apart = torch.maximum(gap[..., :p].abs().amax((-1, -2)) / self.size, gap[..., p:].abs().amax((-1, -2)))
         return torch.maximum(size, (apart - ROUNDING * torch.finfo(gap.dtype).eps).clamp(min=0) / CLOSED)
+
+    def spans(self, lengths: Tensor) -> Tensor:
+        return self.size[..., None, None]
 
     def asked(self, push: Tensor, gap: Tensor) -> Tensor:
         return _stacked(push, -gap)

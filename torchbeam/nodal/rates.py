@@ -271,4 +271,4 @@ class Rates:
         return self.model.space.to_public(State(
             *nodes[:3], spin, self.stress(nodes, now), self.reaction(now, nodes, spin, net), work, torch.zeros_like(work),
             t.expand(work.shape), status, frame=nodes.frame, internal=nodes.internal,
-            supports=self.model.constraints.nodes))
+            supports=self.model.constraints.nodes, parts=self.model.scene.beam.parts))

@@ -54,6 +54,13 @@ class Rows(Tree):
         """Of stress: of elements of order 1 one each, of order 2 two."""
         return 0 if self.length is None else self.length.shape[-2]
 
+    @property
+    def spans(self) -> Tensor:
+        """(..., N, 1) m, what forces and moments are measured against: lengths of the elements; of none, (..., 1, 1) the size
+        of what joints connect.
+        """
+        return self.length if self.station_count else self.joints.spans(self.length)
+
     @cached
     def assembly(self) -> Assembly:
         """From nodes to elements and back."""

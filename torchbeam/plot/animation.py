@@ -14,7 +14,7 @@ from ..core.files import folder, written
 from ..core.validation import positive
 from ..state.solution import Solution
 from .canvas import Axes, is_3d, numbers
-from .shapes import POINTS, TRIAD, _curve, _even, _nodes, _prepared
+from .shapes import TRIAD, _curves, _even, _nodes, _prepared, _rows
 
 
 def animate(solution: Solution, path: str | Path, ax: Axes | None = None, *, plane: str | None = None, fps: float = 25.0,
@@ -76,9 +76,10 @@ class _Film:
     def of(cls, solution: Solution, ax: Axes | None, plane: str | None, trail: bool, frames: bool) -> _Film:
         """Film of a solution, before its first picture; axes with room for the whole motion. Raises ValueError as `shape`."""
         position, turn = _nodes(solution.state)
-        times, (nodes, _) = len(solution.t), position.shape[-2:]
+        times = len(solution.t)
         ax, seen = _prepared(ax, plane, position)
-        curves = _curve(position, turn[..., 0])[..., seen].reshape(times, -1, (nodes - 1) * POINTS + 1, len(seen))
+        curves = _curves(_rows(solution.state), position, turn[..., 0])[..., seen]
+        curves = curves.reshape(times, -1, *curves.shape[-2:])
         tip, R = (x.reshape(times, curves.shape[1], *x.shape[1:]) for x in (position[:, -1], turn[:, -1]))
         reach = 0.1 * torch.linalg.vector_norm(position[0].diff(dim=0), dim=-1).sum()
         start = tip[:, 0, None].expand(times, 3, 3)

@@ -20,7 +20,8 @@ POINTS = 8  # of the curve through an element
 
 def shape(state: Any, ax: Axes | None = None, *, plane: str | None = None, frames: bool = False, color: Any = None,
           label: str | None = None, nodes: bool = True, **line: Any) -> Axes:
-    """Axis of the beam (m, frame a) in a state, or in each of a batch or trajectory, the first darkest.
+    """Axis of the beam (m, frame a) in a state, or in each of a batch or trajectory, the first darkest. Of a structure all
+    beams, with bodies as squares and joints as rings at the nodes that they connect, with a line between those that are apart.
 
     state   of any form, with any leading axes
     plane   "xy", "xz" or "yz": seen along the third axis; None = in space, unless all lies in one of these planes
@@ -33,7 +34,7 @@ def shape(state: Any, ax: Axes | None = None, *, plane: str | None = None, frame
     """
     position, turn = _nodes(state)
     ax, seen = _prepared(ax, plane, position)
-    curves = numbers(_curve(position, turn[..., 0])[..., seen])
+    curves = numbers(_curves(_rows(state), position, turn[..., 0])[..., seen])
     dots = numbers(position[..., seen])
     for i, (curve, points) in enumerate(zip(curves, dots, strict=True)):
         shade = color if color is not None else "C0" if len(curves) == 1 else _shade(i, len(curves))
@@ -41,6 +42,7 @@ def shape(state: Any, ax: Axes | None = None, *, plane: str | None = None, frame
         (drawn,) = ax.plot(*curve.T, **style)
         if nodes:
             ax.plot(*points.T, "o", ms=2.5, color=drawn.get_color(), alpha=drawn.get_alpha())
+        _mark(ax, state, points, drawn.get_color())
     if frames:
         _triads(ax, position, turn, seen)
     return _even(ax, seen)
@@ -69,8 +71,9 @@ def mode_shapes(state: Any, modes: Modes, ax: Axes | None = None, *, count: int 
     tilted = at_rest + torch.linalg.cross(move[..., 3:], at_rest.expand_as(moved))  # a mode is linear in its size
     chord = torch.linalg.vector_norm(position.diff(dim=-2), dim=-1, keepdim=True)
     ax, seen = _prepared(ax, plane, torch.cat((position, moved)))
-    ax.plot(*numbers(_curve(position, at_rest)[0][..., seen]).T, color=GREY, lw=1, ls="--")
-    for i, curve in enumerate(numbers(_curve(moved, tilted, chord)[..., seen])):
+    rows = _rows(state)
+    ax.plot(*numbers(_curves(rows, position, at_rest)[0][..., seen]).T, color=GREY, lw=1, ls="--")
+    for i, curve in enumerate(numbers(_curves(rows, moved, tilted, chord)[..., seen])):
         value = modes.eigenvalue[i].detach()
         speed = f"{value.imag.abs().item() / (2 * torch.pi):.4g} Hz" if value.imag != 0 else f"{value.real.item():.3g} /s"
         line = curve[:0] if silent[i] else curve
@@ -90,6 +93,32 @@ def _nodes(state: Any) -> tuple[Tensor, Tensor]:
     shape = broadcast_shapes(state.position.shape[:-1], R.shape[:-2])
     position, R = state.position.detach().expand(*shape, 3), R.detach().expand(*shape, 3, 3)
     return position.reshape(-1, shape[-1], 3), R.reshape(-1, shape[-1], 3, 3)
+
+
+def _rows(state: Any) -> list[slice]:
+    """The nodes of each beam."""
+    parts = getattr(state, "parts", ())
+    return [part.nodes for part in parts if not part.body] if parts else [slice(None)]
+
+
+def _mark(ax: Axes, state: Any, points: Any, color: Any) -> None:
+    """Bodies and joints of a structure with nodes at the points (nodes, 2 or 3)."""
+    bodies = [part.first_node for part in getattr(state, "parts", ()) if part.body]
+    if bodies:
+        ax.plot(*points[bodies].T, "s", ms=9, color=color)
+    for pair in getattr(state, "joined", ()):
+        ends = points[[node for node in pair if node is not None]]
+        ax.plot(*ends.T, "o", ms=6, mfc="none", mec="k", mew=0.8, color=GREY, ls="-", lw=0.8)
+
+
+def _curves(rows: list[slice], position: Tensor, along: Tensor, length: Tensor | None = None) -> Tensor:
+    """`_curve` of each beam, with a gap (not a number) between two."""
+    found = []
+    for own in rows:
+        inner = own if own.stop is None else slice(own.start, own.stop - 1)
+        found.append(_curve(position[..., own, :], along[..., own, :], None if length is None else length[..., inner, :]))
+        found.append(torch.full_like(found[-1][..., :1, :], torch.nan))
+    return torch.cat(found[:-1], -2) if found else position[..., :0, :]
 
 
 def _curve(position: Tensor, along: Tensor, length: Tensor | None = None) -> Tensor:

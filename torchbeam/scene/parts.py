@@ -89,6 +89,9 @@ def row_of(parts: tuple[Part, ...], node: Any, name: str = "node") -> Row:
     """The row of a node, (name, number) or a body's name. Raises ValueError where there is none such."""
     given = node.given if isinstance(node, Row) else node
     check_node(given, name)
+    if isinstance(given, int) or not parts:
+        what, there = ("a structure", f": {nodes_of(parts)}") if parts else ("a scene of one beam, which has no names", "")
+        raise ValueError(f"{name} = {given!r} was given in {what}; one of its nodes is wanted{there}")
     part_name, index = given if isinstance(given, tuple) else (given, None)
     part = {part.name: part for part in parts}.get(part_name)
     if part is None or part.body != (index is None):
@@ -107,6 +110,13 @@ def part_of(parts: tuple[Part, ...], name: Any) -> Part:
         there = f"there are {names}" if parts else "a scene of one beam has no names"
         raise ValueError(f"the part {shown(name)} was asked for; {there}")
     return found[0]
+
+
+def one_beam(parts: tuple[Part, ...], name: str) -> None:
+    """ValueError where the tip or the root of several parts is asked for."""
+    if parts:
+        beams = ", ".join(repr(part.name) for part in parts if not part.body) or "none, bodies alone"
+        raise ValueError(f"the {name} of a structure was asked for; [name].{name} of one of its beams is wanted: {beams}")
 
 
 def nodes_of(parts: tuple[Part, ...]) -> str:

@@ -86,8 +86,10 @@ class Scene(Tree):
             set_(self, "joints", joints)
             set_(self, "beam", with_values(self.beam, joined=tuple(joint.ends for joint in joints)))
         set_(self, "supports", self._bound(self._supported()))
-        if len(self._of("strain")) > 1:
-            raise ValueError(f"{len(self._of('strain'))} dampings were given; at most one is wanted")
+        damped = [damping.on for damping in self.dampings]
+        if len(damped) > 1 and (None in damped or len(set(damped)) < len(damped)):
+            of = ", or one on each beam" if self.beam.parts else ""
+            raise ValueError(f"{len(damped)} dampings were given; at most one is wanted{of}")
         _ = self.inputs, self.batch_shape  # say so where sizes or axes do not fit
 
     def __repr__(self) -> str:
@@ -128,8 +130,12 @@ class Scene(Tree):
         return self._of("eigenstrain")
 
     @cached
+    def dampings(self) -> tuple[Damping, ...]:
+        return self._of("strain")
+
+    @property
     def damping(self) -> Damping | None:
-        return next(iter(self._of("strain")), None)
+        return next(iter(self.dampings), None)
 
     def _of(self, kind: str) -> tuple[Effect, ...]:
         return tuple(e for e in self.effects if e.kind == kind)

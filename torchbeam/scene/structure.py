@@ -18,7 +18,7 @@ from .beam import Beam
 from .body import Body
 from .effects.effect import Effect
 from .effects.point_mass import PointMass
-from .parts import FLAGS, Part, Row, Span, nodes_of, part_of, row_of
+from .parts import FLAGS, Part, Row, Span, part_of, row_of
 
 AXES = dict(nodes=2, frames=2, elements=2, length=1, compliance=3, mass=3)  # of the tensors of a `Beam`
 
@@ -73,7 +73,27 @@ class Structure(Beam):
                    masses=tuple(masses))
 
     def __repr__(self) -> str:
-        return lines("Structure", *(self._line(part) for part in self.parts), kind(self.batch_shape, self.nodes))
+        return lines("Structure", *self.words(), kind(self.batch_shape, self.nodes))
+
+    def words(self) -> list[str]:
+        """Each part in a line."""
+        return [self._line(part) for part in self.parts]
+
+    def loops(self, supported: tuple[int, ...]) -> int:
+        """How many closed loops joints and the supports of nodes make of the parts, and of the ground that they are held by."""
+        place = [*(self.parts.index(self.part_at(row)) for row in range(self.node_count)), len(self.parts)]
+        edges = [*self.joined, *((node, None) for node in supported)]
+        edges = [tuple(place[-1 if node is None else node] for node in pair) for pair in edges]
+        roots = list(range(len(self.parts) + 1))
+
+        def root(k: int) -> int:
+            return k if roots[k] == k else root(roots[k])
+
+        closed = 0
+        for a, b in edges:
+            closed += root(a) == root(b)
+            roots[root(a)] = root(b)
+        return closed
 
     def _line(self, part: Part) -> str:
         if part.body:
@@ -118,8 +138,6 @@ class Structure(Beam):
         return torch.cat(found, -2) if found else frames[..., :0, :]
 
     def row(self, node: Any, name: str = "node") -> Row:
-        if isinstance(node, int) and not isinstance(node, (Row, bool)):
-            raise ValueError(f"{name} = {node} was given in a structure; one of its nodes is wanted: {nodes_of(self.parts)}")
         return row_of(self.parts, node, name)
 
     def named(self, on: str | None, effect: Effect) -> None:

@@ -51,13 +51,20 @@ class NodeAcceleration(_OfNode):
     proper: Any = None
     lumped: bool = False
     rates: Rates = field(init=False)
+    row: int = field(init=False)
     what = "acceleration"
     unit = "m/s^2"
     labels = XYZ
 
     def __post_init__(self) -> None:
+        given = self.node
         super().__post_init__()
         instance("a scene", self.scene, Scene)
+        if self.scene.joints:
+            raise ValueError("a scene with joints was given to NodeAcceleration, which has no forces of joints; one without is "
+                             "wanted")
+        named = given if self.on is None or isinstance(given, (str, tuple)) else (self.on, given)
+        object.__setattr__(self, "row", self.scene.beam.row(named) % self.scene.beam.node_count)
         boolean("body", self.body)
         if any(self.scene.beam.rigid):
             raise ValueError("a scene with an infinite stiffness was given to NodeAcceleration; finite ones are wanted")
@@ -69,15 +76,18 @@ class NodeAcceleration(_OfNode):
                 "proper", as_tensor(self.proper, self.scene.dtype, self.scene.device), 3)))
         object.__setattr__(self, "rates", Rates(discretise(self.scene, self.lumped), self.scene.tensors(self.inputs)))
 
+    def __call__(self, state: Any) -> Tensor:
+        return self.read(state)
+
     def read(self, state: Any) -> Tensor:
         if not isinstance(state, State):
             raise ValueError(f"a {type(state).__name__} was given to NodeAcceleration; a State of the nodal form is wanted")
         if state.t.ndim > 1 and _trajectory(state.t):  # at each instant the loads are asked for once
             return torch.stack([self.read(state[k]) for k in range(len(state.t))])
-        a = self.solve(state)[..., self.node, :]
+        a = self.solve(state)[..., self.row, :]
         if self.proper is not None:
             a = a - (self.proper if state.frame is None else quat.rotate(quat.conjugate(state.frame), self.proper))
-        return quat.rotate(quat.conjugate(state.rotation[..., self.node, :]), a) if self.body else a
+        return quat.rotate(quat.conjugate(state.rotation[..., self.row, :]), a) if self.body else a
 
     def solve(self, state: State) -> Tensor:
         """Absolute acceleration of all nodes, (..., N+1, 3). With a and alpha those of the nodes, e the arms to their centres

@@ -19,11 +19,11 @@ from ..scene.scene import Scene
 from ..scene.stations import stations_of
 from ..state.state import State
 from ..topology.chain import Chain
-from .sensor import Sensor
+from .sensor import OnPart
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _Along(Sensor):
+class _Along(OnPart):
     """A sensor of elements. At an arc length it follows the straight line through the values at the middles of the two
     elements beside it (those of the first or last two, prolonged, near an end): second order, as the elements are. In elements
     of order 2 it follows the line through their own two stations, where the values are best.
@@ -31,6 +31,7 @@ class _Along(Sensor):
     station  (...) m, arc length from the root at rest, 0 to the beam's length; may be batched and carry gradient
     beam     the `Beam`; or its `Scene`, which alone tells of small displacements (`small=True`): strains are then linear in
              these, where those of the beam hold the squares of rotations
+    on       name of the beam, in a structure, whose `Scene` is then given as the beam
     element  in place of a station: the index of an element, whose own value (best at its middle) is read; of order 2 the mean
              of its two
 
@@ -50,6 +51,8 @@ class _Along(Sensor):
                              "is wanted")
         scene = self.beam
         if isinstance(scene, Scene):
+            if scene.beam.parts:
+                scene = Scene(scene.beam.part(self.on), small=scene.small)
             object.__setattr__(self, "beam", scene.beam)
         if not isinstance(self.beam, Beam):
             raise ValueError(f"a beam of type {type(self.beam).__name__} was given; the torchbeam.Beam is wanted")
@@ -70,10 +73,10 @@ class _Along(Sensor):
     def name(self) -> str:
         where = f"in element {self.element}" if self.station is None else (
             f"at {self.station.item():g} m" if self.station.ndim == 0 else f"at {tuple(self.station.shape)} stations")
-        return f"{self.what} {where}"
+        return f"{self.place}{self.what} {where}"
 
     def __call__(self, state: Any) -> Tensor:
-        position = getattr(state, "position", None)
+        position = getattr(self.seen(state), "position", None)
         if position is not None and self.beam.node_count != position.shape[-2]:
             raise ValueError(f"a state with {position.shape[-2]} nodes was given; the sensor's beam has {self.beam.node_count}")
         return super().__call__(state)

@@ -8,32 +8,43 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import boolean, choice, place, whole
+from ..core.arguments import boolean, choice, place
 from ..core.validation import as_tensor, axis_last, common_dtype, finite, has_dtype, rotations
 from ..math import quaternions as quat
+from ..scene.parts import check_node
 from ..state.state import State
-from .sensor import XYZ, Sensor
+from .sensor import XYZ, OnPart
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _OfNode(Sensor):
-    """A sensor at a node, counted from the root; -1 is the tip."""
+class _OfNode(OnPart):
+    """A sensor at a node, counted from the root; -1 is the tip. In a structure the node is (name, node) or the name of a body;
+    or `on` has the name.
+    """
 
     node: int
 
     def __post_init__(self) -> None:
-        whole("node", self.node)
+        node, on = self.node, self.on
+        check_node(node)
+        if isinstance(node, (str, tuple)):
+            if on is not None:
+                raise ValueError(f"node = {node!r} and on = {on!r} were given; one of them is wanted to say the part")
+            on, node = node if isinstance(node, tuple) else (node, 0)
+        for name, value in (("node", int(node)), ("on", on)):
+            object.__setattr__(self, name, value)
 
     @property
     def name(self) -> str:
-        return f"{'tip' if self.node == -1 else f'node {self.node}'} {self.what}"
+        return f"{self.place}{'tip' if self.node == -1 else f'node {self.node}'} {self.what}"
 
     def __call__(self, state: Any) -> Tensor:
         position = getattr(state, "position", None)
         if position is None:
             return super().__call__(state)  # says so
-        place("node", self.node, position.shape[-2], "the beam has the nodes")
-        return self.read(state)
+        seen = self.seen(state)
+        place("node", self.node, seen.position.shape[-2], "the beam has the nodes")
+        return self.read(seen)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,7 +66,7 @@ class NodePosition(_OfNode):
         super().__post_init__()
         reference = self.reference
         if hasattr(reference, "position"):
-            reference = reference.node(self.node).position
+            reference = self.seen(reference).node(self.node).position
         elif reference is not None:
             reference = _given(reference)
         if reference is not None:
@@ -115,7 +126,7 @@ class _Turned(_OfNode):
         super().__post_init__()
         if self.reference is not None:
             given = self.reference
-            q = _quaternion(given, self.node) if hasattr(given, "position") else quat.from_matrix(
+            q = _quaternion(self.seen(given), self.node) if hasattr(given, "position") else quat.from_matrix(
                 rotations("reference", _given(given)))
             object.__setattr__(self, "reference", quat.conjugate(q))
 

@@ -17,16 +17,16 @@ from ..nodal.model import Model
 from ..scene.effects import RootSpring
 from ..scene.scene import Scene
 from ..state.state import State
-from .sensor import XYZ, Sensor
+from .sensor import XYZ, OnPart, Sensor
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RootForce(Sensor):
-    """Force (..., 3) N of the support at node 0 on the beam, frame a: the state's own (see `State`).
-    ValueError without one.
+class RootForce(OnPart):
+    """Force (..., 3) N of the support at node 0 on the beam, frame a: the state's own (see `State`);
+    on: name of the beam, in a structure. ValueError without one.
     """
 
-    name = "root force"
+    name = property(lambda self: f"{self.place}root force")
     unit = "N"
     labels = XYZ
 
@@ -35,12 +35,12 @@ class RootForce(Sensor):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RootMoment(Sensor):
-    """Moment (..., 3) N m of the support at node 0 on the beam, frame a: the state's own (see `State`).
-    ValueError without one.
+class RootMoment(OnPart):
+    """Moment (..., 3) N m of the support at node 0 on the beam, frame a: the state's own (see `State`);
+    on: name of the beam, in a structure. ValueError without one.
     """
 
-    name = "root moment"
+    name = property(lambda self: f"{self.place}root moment")
     unit = "N m"
     labels = XYZ
 
@@ -49,12 +49,12 @@ class RootMoment(Sensor):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RootReaction(Sensor):
-    """Force and moment (..., 6) N and N m of the support at node 0 on the beam, frame a: the state's own (see `State`).
-    ValueError without one.
+class RootReaction(OnPart):
+    """Force and moment (..., 6) N and N m of the support at node 0 on the beam, frame a: the state's own (see `State`);
+    on: name of the beam, in a structure. ValueError without one.
     """
 
-    name = "root reaction"
+    name = property(lambda self: f"{self.place}root reaction")
     unit = "N, N m"
     labels = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 

@@ -13,16 +13,21 @@ from torch import Tensor
 from ..core.arguments import listed
 from ..core.validation import axis_last, shown
 from ..math.shapes import broadcast_shapes
+from ..scene.parts import part_of
 
 XYZ = ("x", "y", "z")
 
 
 class Sensor:
-    """Base of all sensors; a subclass has `name`, `unit`, `labels` and `read(state)`, and `shape` if that is no vector."""
+    """Base of all sensors; a subclass has `name`, `unit`, `labels` and `read(state)`, and `shape` if that is no vector.
+
+    on  name of the part of a structure that it is on; None = the whole state is read
+    """
 
     name: str
     unit: str
     labels: tuple[str, ...]
+    on: str | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -36,7 +41,11 @@ class Sensor:
         """(..., *shape). Raises ValueError for what is not a state, or has no such node or element."""
         if not hasattr(state, "position"):
             raise ValueError(f"{type(state).__name__} was given to a sensor; a state is wanted (of a solution: solution.state)")
-        return self.read(state)
+        return self.read(self.seen(state))
+
+    def seen(self, state: Any) -> Any:
+        """What of a state is read. Raises ValueError where it has no such part."""
+        return state if self.on is None else part_of_state(state, self.on)
 
     def read(self, state: Any) -> Tensor:
         raise NotImplementedError
@@ -54,6 +63,31 @@ class Sensor:
 
     def __repr__(self) -> str:
         return f"{self.name} [{', '.join(self.labels)}] {self.unit}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OnPart(Sensor):
+    """Base of sensors of one beam: `on` names that of a structure."""
+
+    on: str | None = field(default=None, kw_only=True)
+
+    def seen(self, state: Any) -> Any:
+        parts = getattr(state, "parts", ())
+        if self.on is None and parts:
+            names = ", ".join(repr(part.name) for part in parts)
+            raise ValueError(f"{self.name} of a structure was asked for; a sensor with on = one of {names} is wanted")
+        return super().seen(state)
+
+    @property
+    def place(self) -> str:
+        """The part's name, to begin that of the sensor with."""
+        return "" if self.on is None else f"{self.on} "
+
+
+def part_of_state(state: Any, name: str) -> Any:
+    """The state of a part of a structure. Raises ValueError where there is none such."""
+    part_of(getattr(state, "parts", ()), name)
+    return state.part(name)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

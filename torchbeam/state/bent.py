@@ -36,6 +36,8 @@ def bent(still: Placed, scene: Scene, nodes: Value, frames: Value | None, twist:
         frames = as_tensor(frames, scene.dtype, scene.device)
         frames = quat.from_matrix(orthonormal(frames, beam.node_count, beam.station_count))
         rotation = frames if frames.shape[-2] == beam.node_count else axes_of_nodes(frames)
+    elif beam.parts:
+        raise ValueError("nodes of a structure without frames were given; frames of all of its nodes are wanted")
     else:
         s = beam.topology.arclength(beam.length)
         if callable(twist):

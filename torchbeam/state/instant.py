@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -102,12 +102,21 @@ class TensorFields(Tree):
         return states[0].map(lambda *x: torch.stack(torch.broadcast_tensors(*x)), *states[1:])
 
 
+def where(parts: tuple[Any, ...], nodes: Tensor) -> list[str]:
+    """Where the beam's tip is (..., nodes, 3) m, or which parts there are, in words."""
+    if parts:
+        return ["parts " + ", ".join(repr(part.name) for part in parts)]
+    return [f"tip at {point(nodes[..., -1, :])} m"]
+
+
 class Instant(TensorFields):
     """Views common to the states of all forms: nodes, tip, load of the support."""
 
+    parts: ClassVar[tuple[Any, ...]] = ()
+
     def __repr__(self) -> str:
         return lines(type(self).__name__, f"t = {span(self.t)} s", f"{self.nodes.shape[-2]} nodes",
-                     f"tip at {point(self.nodes[..., -1, :])} m", statuses(self.status), kind(self.batch_shape, self.nodes))
+                     *where(self.parts, self.nodes), statuses(self.status), kind(self.batch_shape, self.nodes))
 
     @property
     def tip(self) -> Point:

@@ -44,7 +44,7 @@ class ReducedStates:
         return Point(lambda: self._of({"position": at}, at).position[..., 0, :],
                      lambda: self._of({"velocity": at}, at).velocity[..., 0, :],
                      lambda: self._of({"rotation": at}, at).axes[..., 0, :, :],
-                     lambda: self._of(dict.fromkeys(AT_NODES, at), at).node(0).spin)
+                     lambda: self._of(dict.fromkeys(AT_NODES, at), at).row(0).spin)
 
     @property
     def nodes(self) -> Tensor:

@@ -10,8 +10,9 @@ import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
-from ..core.summary import counted, kind, lines, point, span, statuses
-from .instant import Point, Reaction
+from ..core.summary import counted, kind, lines, span, statuses
+from ..scene.parts import Part, one_beam, part_of
+from .instant import Point, Reaction, where
 from .reduced import ReducedStates
 
 
@@ -99,16 +100,31 @@ class Solution:
         done += [counted(self.stats.evaluations, "evaluation")] if self.stats.evaluations is not None else []
         nodes = self.nodes
         return lines("Solution", f"{counted(len(self.t), 'instant')}, t = {span(self.t)} s" + "".join(f", {x}" for x in done),
-                     f"{self._form} of {nodes.shape[-2]} nodes, tip at {point(nodes[-1, ..., -1, :])} m in the end",
+                     f"{self._form} of {nodes.shape[-2]} nodes, {where(self._parts, nodes[-1])[0]} in the end",
                      statuses(self.status), kind(nodes.shape[1:-2], nodes))
+
+    def __getitem__(self, name: str) -> Any:
+        """The trajectory of a part of a structure: `state[name]`, see `State`."""
+        part_of(self._parts, name)
+        return self.state[name]
+
+    @property
+    def _some(self) -> Any:
+        """States, in whatever coordinates."""
+        return self.states.parts[0] if isinstance(self.states, ReducedStates) else self.states
 
     @property
     def _form(self) -> str:
-        return type(self.states.parts[0] if isinstance(self.states, ReducedStates) else self.states).__name__
+        return type(self._some).__name__
+
+    @property
+    def _parts(self) -> tuple[Part, ...]:
+        return self._some.parts
 
     @property
     def tip(self) -> Point:
         """position, velocity (time, ..., 3), rotation (time, ..., 3, 3), spin (time, ..., 3), frame a."""
+        one_beam(self._parts, "tip")
         return self.states.node(-1)
 
     @property

@@ -13,6 +13,7 @@ from ..core.leaves import leaf, map_leaves
 from ..core.validation import Value, broadcast
 from ..math import quaternions as quat
 from ..scene.beam import Beam
+from ..scene.parts import Part, one_beam, part_of, row_of
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
 from .bent import bent
@@ -42,6 +43,8 @@ class State(Instant):
     internal  (..., z) internal states of user loads, one load after the other, those of a load along the beam node by node;
               None without
     supports  nodes of the supports that `reaction` is of; None where the state was made without a scene
+    parts     of a structure, whose nodes and stations stand one part after the other; see `__getitem__`
+    joined    pairs of nodes that its joints connect, None = the ground; stress has a row for each behind those of the stations
     """
 
     position: Tensor = leaf(2)
@@ -57,6 +60,8 @@ class State(Instant):
     frame: Tensor | None = leaf(1, default=None, kw_only=True)
     internal: Tensor | None = leaf(1, default=None, kw_only=True)
     supports: tuple[int, ...] | None = field(default=None, kw_only=True)
+    parts: tuple[Part, ...] = field(default=(), kw_only=True)
+    joined: tuple[tuple[int | None, int | None], ...] = field(default=(), kw_only=True)
 
     @classmethod
     def from_nodes(cls, scene: Any, nodes: Value, frames: Value | None = None, *, twist: Any = None,
@@ -109,16 +114,47 @@ class State(Instant):
         return replace(self, t=torch.zeros_like(self.t) + t, work=torch.zeros_like(self.work),
                        defect=torch.zeros_like(self.defect), status=torch.zeros_like(self.status))
 
-    def node(self, index: int) -> Point:
-        """One node's motion, in frame a; counted from the root, -1 is the tip. Raises ValueError where there is none such."""
-        index = place("node", index, self.position.shape[-2], "the beam has the nodes")
+    def __getitem__(self, index: Any) -> Any:
+        """By the name of a beam of a structure its state, as in a scene of its own (but that `work` and `defect` are those of
+        all); by that of a body its motion, a `Point`; else some of the leading axes, as `TensorFields` has it.
+        """
+        if not isinstance(index, str):
+            return super().__getitem__(index)
+        part = part_of(self.parts, index)
+        return self.row(part.first_node) if part.body else self.part(index)
+
+    def part(self, name: str) -> State:
+        """The state of a beam of a structure, or that of a body, a single node. Raises ValueError where there is none such."""
+        part = part_of(self.parts, name)
+        held = [k for k, node in enumerate(self.supports or ()) if part.nodes.start <= node < part.nodes.stop]
+        rows = {name: getattr(self, name)[..., part.nodes, :] for name in ("position", "rotation", "velocity", "spin")}
+        return replace(self, **rows, stress=self.stress[..., part.stations, :], reaction=self.reaction[..., held, :],
+                       supports=tuple(self.supports[k] - part.first_node for k in held), internal=None, parts=(), joined=())
+
+    def node(self, index: Any) -> Point:
+        """One node's motion, in frame a; counted from the root, -1 is the tip; of a structure (name, node), or the name of a
+        body. Raises ValueError where there is none such.
+        """
+        if self.parts or isinstance(index, (str, tuple)):
+            return self.row(row_of(self.parts, index))
+        return self.row(place("node", index, self.position.shape[-2], "the beam has the nodes"))
+
+    def row(self, index: int) -> Point:
+        """The node that stands at this place among all."""
         q = self.rotation[..., index, :]
         return Point(self.position[..., index, :], self.velocity[..., index, :], lambda: quat.matrix(q),
                      lambda: quat.rotate(q, self.spin[..., index, :]))
 
     @property
+    def tip(self) -> Point:
+        """The motion of the last node."""
+        one_beam(self.parts, "tip")
+        return self.row(-1)
+
+    @property
     def root(self) -> Reaction:
         """Of the support at node 0. Raises ValueError where there is none."""
+        one_beam(self.parts, "root")
         nodes = range(self.reaction.shape[-2]) if self.supports is None else self.supports
         if 0 not in nodes:
             held = ", ".join(map(str, nodes))
@@ -205,6 +241,8 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
         frame=orientation(scene, shape, time),
         internal=zero.expand(*shape, states) if states else None,
         supports=supported(scene),
+        parts=beam.parts,
+        joined=beam.joined,
     )
     if not scene.has_prescribed_motion and not any(s.displaced for s in scene.supports):
         return state
@@ -214,7 +252,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
 
 def supported(scene: Any) -> tuple[int, ...]:
     """The nodes of a scene's supports."""
-    return tuple(support.node for support in scene.supports)
+    return tuple(int(support.node) for support in scene.supports)
 
 
 def with_optional_fields(state: State, scene: Any) -> State:

@@ -1,4 +1,4 @@
-"""Mechanisms: rigid motions of a beam that neither its supports nor its loads hold.
+"""Mechanisms: rigid motions of a beam, or of the parts of a structure, that neither supports and joints nor loads hold.
 
 A pendulum that hangs is held by its weight, once that has stressed it. So the stress that the loads bring about is found with
 the motions held that nothing else holds, and a load step then begins with the stiffness of that stress. What is still held by
@@ -9,9 +9,11 @@ drives that motion, the balance, the solution and its derivatives are those with
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.derivatives import no_derivatives
 from ..core.leaves import leaf
@@ -21,7 +23,6 @@ from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
 from ..nodal.coordinates.planar import PLANES
 from ..nodal.model import Model
-from ..scene.scene import Scene
 from ..scene.supports import AXES
 from ..state.state import rest
 from ..topology.protocols import Matrix, total
@@ -57,8 +58,8 @@ def stressed(problem: SteadyProblem, x: Configuration) -> tuple[Configuration, T
         residual, *about = held.residual(at_rest)
         change = held.linearise(at_rest, *about).solve(residual.nodes, residual.strain)[1]
         x = x._replace(stress=torch.where(adrift[..., None, None], x.stress + change, x.stress))
-        nodes, at, _ = _hold(problem, x)
-        moves = _in_space(problem, _moves(nodes, at))
+        nodes, bases, _ = _hold(problem, x)
+        moves = _in_space(problem, _moves(nodes, bases))
         force = torch.einsum("...anw,...nw->...a", moves, problem.residual(x)[0].nodes)
         stiffness, _ = _stiffness(problem, x, moves)
         by = torch.linalg.pinv((free @ stiffness @ free).double(), rtol=NONE)
@@ -86,46 +87,65 @@ def unheld(model: Model, t: Tensor, inputs: dict[str, Tensor], sample: tuple[int
     with no_derivatives():
         start = model.space.start(rest(model.scene))
         start = Configuration(start.position, start.rotation, torch.zeros_like(start.stress))
-        nodes, at, hold = _hold(SteadyProblem(model, t, inputs, t.new_ones(())), start)
+        nodes, bases, hold = _hold(SteadyProblem(model, t, inputs, t.new_ones(())), start)
     _, s, V = torch.linalg.svd(sample_of(hold, 2, sample), full_matrices=True)
     motions = V[int((s > NONE).sum()):].to(nodes)
+    if model.scene.beam.parts:
+        return len(motions), _parts_in_words(motions, bases)
+    at = bases[0].node
     return len(motions), _words(motions, sample_of(nodes, 2, sample)[at], at)
 
 
 def clamped(model: Model) -> bool:
     """Whether all is held without a look at loads, or by a frame that turns."""
-    return model.turning or any(all(s.held) for s in model.scene.supports)
+    return model.turning or (len(_bases(model)) == 1 and any(all(s.held) for s in model.scene.supports))
 
 
 def _free(problem: SteadyProblem, x: Configuration) -> Tensor:
-    """(..., 6, 6) projector onto the rigid motions that nothing holds, see `_hold`; zero where there are none."""
+    """(..., m, m) projector onto the rigid motions that nothing holds, see `_hold`; zero where there are none."""
     nodes, _, hold = _hold(problem, x)
     _, s, V = torch.linalg.svd(hold, full_matrices=True)
-    none = (torch.nn.functional.pad(s, (0, max(0, 6 - s.shape[-1]))) <= NONE)[..., None] * V
+    none = (pad(s, (0, max(0, hold.shape[-1] - s.shape[-1]))) <= NONE)[..., None] * V
     return (none.mT @ none).to(nodes)
 
 
 def _braced(problem: SteadyProblem, x: Configuration, free: Tensor) -> BracedProblem:
-    """With a brace of the first support's node, or of node 0, against the rigid motions `free`, a projector."""
+    """With a brace of a base, against the rigid motions `free`, a projector, that move it, and so on with the others that they
+    leave.
+    """
     model, space = problem.model, problem.model.space
-    at, eye = _base(model), torch.eye(3).to(x.position)
+    eye = torch.eye(3).to(x.position)
     D = problem.tangent(x, *problem.residual(x)[1:]).matrix.diagonal
-    root = D[..., at, :, :].diagonal(dim1=-2, dim2=-1).abs().sqrt()[..., None]
-    shift, turn = space.project_vector(eye).mT, space.project_spin(eye).mT
-    length = _length(model.scene.beam.nodes.detach())[..., None, None]
-    moves = root * (torch.block_diag(shift, turn) @ torch.cat((length * free[..., :3, :], free[..., 3:, :]), -2))
-    U, s, _ = torch.linalg.svd(moves, full_matrices=False)
-    U = torch.where((s > NONE * s[..., :1])[..., None, :], U, 0.0)
-    brace = STIFF * root * (U @ U.mT) * root.mT
-    braces = brace.new_zeros(*brace.shape[:-2], D.shape[-3], *brace.shape[-2:])
-    braces[..., at, :, :] = brace
+    to_moves = torch.block_diag(space.project_vector(eye).mT, space.project_spin(eye).mT)
+    length, braces = _length(model.scene.beam.nodes.detach())[..., None, None], torch.zeros_like(D)
+    for k, base in enumerate(_bases(model)):
+        own = free[..., 6 * k:6 * k + 6, :]
+        root = D[..., base.node, :, :].diagonal(dim1=-2, dim2=-1).abs().sqrt()[..., None]
+        moves = root * (to_moves @ torch.cat((length * own[..., :3, :], own[..., 3:, :]), -2))
+        U, s, V = torch.linalg.svd(moves, full_matrices=False)
+        there = s > NONE * torch.maximum(s[..., :1], root.amax(-2))
+        U, V = torch.where(there[..., None, :], U, 0.0), torch.where(there[..., :, None], V, 0.0)
+        brace = STIFF * root * (U @ U.mT) * root.mT
+        braces = braces.expand(*brace.shape[:-2], *braces.shape[-3:]).clone()
+        braces[..., base.node, :, :] = brace
+        free = free - V.mT @ V
     fields = {name: getattr(problem, name) for name in ("model", "t", "inputs", "load_factor", "internal", "near")}
     return BracedProblem(**fields, braces=braces)
 
 
-def _base(model: Model) -> int:
-    """The node that rigid rotations are about."""
-    return min(model.constraints.nodes, default=0)
+class Base(NamedTuple):
+    """A part that moves as a rigid one: its name, its nodes, and the one that its rotations are about."""
+
+    name: str
+    nodes: slice
+    node: int
+
+
+def _bases(model: Model) -> list[Base]:
+    """The beam, or all parts of a structure; rotations are about the first node that has a support, or the first of all."""
+    held = sorted(model.constraints.nodes)
+    parts = [(part.name, part.nodes) for part in model.scene.beam.parts] or [("", slice(0, model.node_count))]
+    return [Base(name, nodes, next((n for n in held if nodes.start <= n < nodes.stop), nodes.start)) for name, nodes in parts]
 
 
 def sample_of(x: Tensor, own: int, sample: tuple[int, ...]) -> Tensor:
@@ -134,48 +154,57 @@ def sample_of(x: Tensor, own: int, sample: tuple[int, ...]) -> Tensor:
     return concrete(x)[tuple(i if n > 1 else 0 for n, i in zip(lead, sample[len(sample) - len(lead):], strict=True))]
 
 
-def _hold(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, int, Tensor]:
-    """Nodes (..., N+1, 3) m, the node `at` that rotations are about, and the matrix (..., m, 6), of size one, which takes a
-    rigid motion of x to what holds it: displacement of that node (in lengths of the beam) and rotation to those that supports
-    and the scene's plane forbid, and to the generalised forces by which loads and stress resist what is left.
+def _hold(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, list[Base], Tensor]:
+    """Nodes (..., N+1, 3) m, the bases, and the matrix (..., m, 6 of each part), of size one, which takes rigid motions of x to
+    what holds them: displacement of a base (in lengths of all) and rotation to those that supports, joints and the scene's
+    plane forbid, and to the generalised forces by which loads and stress resist what is left.
     """
-    model, at = problem.model, _base(problem.model)
+    model, bases = problem.model, _bases(problem.model)
     nodes = model.space.public_position(x.position) if model.space.turns else model.scene.beam.nodes.detach()
-    moves, left, parts = _moves(nodes, at), torch.eye(6).to(nodes), []
-    held = _forbidden(model.scene, nodes, moves)
+    moves, left, parts = _moves(nodes, bases), torch.eye(6 * len(bases)).to(nodes), []
+    held = _forbidden(problem, x, nodes, moves)
     if held is not None:
         _, s, V = torch.linalg.svd(held, full_matrices=True)
-        rank = torch.nn.functional.pad(s > NONE * s[..., :1], (0, max(0, 6 - s.shape[-1])))
+        rank = pad(s > NONE * s[..., :1], (0, max(0, held.shape[-1] - s.shape[-1])))
         free = torch.where(rank[..., None], 0.0, V)  # rows
         left = (free.mT @ free).to(nodes)
         parts.append(held / s[..., :1, None])
     parts.append(_resisted(problem, x, moves, left))
     lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
-    return nodes, at, torch.cat([x.expand(*lead, *x.shape[-2:]) for x in parts], -2)
+    return nodes, bases, torch.cat([x.expand(*lead, *x.shape[-2:]) for x in parts], -2)
 
 
-def _moves(nodes: Tensor, at: int) -> tuple[Tensor, Tensor]:
-    """Displacements m and rotations (..., 6, N+1, 3) of all nodes by each rigid motion."""
-    eye = torch.eye(6).to(nodes)
-    shift, turn = (x[:, None].expand(*nodes.shape[:-2], 6, nodes.shape[-2], 3) for x in eye.split(3, -1))
-    arm = (nodes - nodes[..., at:at + 1, :])[..., None, :, :].expand_as(turn)
-    return _length(nodes)[..., None, None, None] * shift + torch.linalg.cross(turn, arm), turn
+def _moves(nodes: Tensor, bases: list[Base]) -> tuple[Tensor, Tensor]:
+    """Displacements m and rotations (..., 6 of each part, N+1, 3) of all nodes by each rigid motion."""
+    eye, parts = torch.eye(6).to(nodes), []
+    for base in bases:
+        own = nodes[..., base.nodes, :]
+        shift, turn = (x[:, None].expand(*own.shape[:-2], 6, own.shape[-2], 3) for x in eye.split(3, -1))
+        arm = (own - nodes[..., base.node:base.node + 1, :])[..., None, :, :].expand_as(turn)
+        shift = _length(nodes)[..., None, None, None] * shift + torch.linalg.cross(turn, arm)
+        others = (0, 0, base.nodes.start, nodes.shape[-2] - base.nodes.stop)
+        parts.append([pad(x, others) if len(bases) > 1 else x for x in (shift, turn)])
+    return tuple(x[0] if len(bases) == 1 else torch.cat(x, -3) for x in zip(*parts, strict=True))
 
 
 def _length(nodes: Tensor) -> Tensor:
     return torch.linalg.vector_norm(nodes.diff(dim=-2), dim=-1).sum(-1)
 
 
-def _forbidden(scene: Scene, nodes: Tensor, moves: tuple[Tensor, Tensor]) -> Tensor | None:
-    """(..., m, 6) what supports, and the scene's plane, forbid, by each rigid motion; None = nothing."""
-    shift, turn = moves
-    size = _length(nodes)[..., None]
+def _forbidden(problem: SteadyProblem, x: Configuration, nodes: Tensor, moves: tuple[Tensor, Tensor]) -> Tensor | None:
+    """(..., m, 6 of each part) what supports, joints and the scene's plane forbid, by each rigid motion; None = nothing."""
+    (shift, turn), model = moves, problem.model
+    scene, size = model.scene, _length(nodes)[..., None]
     rows = [shift[..., s.node, i] / size if i < 3 else turn[..., s.node, i - 3]
             for s in scene.supports for i, fixed in enumerate(s.held) if fixed]
     if scene.plane is not None:
         normal = int(torch.tensor(PLANES[scene.plane][2]).abs().argmax())
-        eye = torch.eye(6).to(nodes)
-        rows += [eye[i] for i in range(6) if i in (normal, *(3 + j for j in range(3) if j != normal))]
+        eye, out = torch.eye(shift.shape[-3]).to(nodes), (normal, *(3 + j for j in range(3) if j != normal))
+        rows += [row for k, row in enumerate(eye) if k % 6 in out]
+    if model.joints.count:
+        G = _joined(problem, x).constraints()
+        G = G / torch.linalg.vector_norm(G, dim=-1, keepdim=True) / size[..., None]
+        rows += (G @ _in_space(problem, moves).flatten(-2).mT).unbind(-2)
     return torch.stack(torch.broadcast_tensors(*rows), -2).double() if rows else None
 
 
@@ -195,14 +224,26 @@ def _stiffness(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple
     its terms.
     """
     model, space = problem.model, problem.model.space
-    stress = space.geometric_stiffness(model.kinematics(x.position, x.rotation), x.stress, model.length)
+    own, _ = model.joints.split(x.stress)
+    stress = space.geometric_stiffness(model.kinematics(x.position, x.rotation), own, model.length)
     ends, size = model.assembly.to_elements(moves), _largest(stress)
     work = torch.einsum("...anw,...nwv,...bnv->...ab", ends, stress, ends)
+    if model.joints.count:
+        joints, all_moves = _joined(problem, x).dense(), moves.flatten(-2)
+        work = work + all_moves @ joints @ all_moves.mT
+        size = torch.maximum(size, joints.abs().amax((-1, -2), keepdim=True))
     if problem.conditions.moving:
         by = external.tangent(model, problem.nodes(x), problem.conditions)
         if not isinstance(by, float):
             work, size = work - torch.einsum("...anw,...nwv,...bnv->...ab", moves, by, moves), torch.maximum(size, _largest(by))
     return work, size * _largest(moves) ** 2
+
+
+def _joined(problem: SteadyProblem, x: Configuration) -> Any:
+    """The matrix of the joints alone."""
+    model, w = problem.model, problem.model.space.unknowns
+    none = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
+    return model.joints.matrix(none, x.stress, lambda: problem.joint_poses(x))
 
 
 def _in_space(problem: SteadyProblem, moves: tuple[Tensor, Tensor]) -> Tensor:
@@ -213,7 +254,16 @@ def _in_space(problem: SteadyProblem, moves: tuple[Tensor, Tensor]) -> Tensor:
 
 def _largest(x: Tensor) -> Tensor:
     """(..., 1, 1) of the numbers (..., n, w, v), or (..., k, n, w)."""
-    return x.abs().amax((-1, -2, -3))[..., None, None]
+    return (x.abs().amax((-1, -2, -3)) if x.numel() else x.new_zeros(x.shape[:-3]))[..., None, None]
+
+
+def _parts_in_words(motions: Tensor, bases: list[Base]) -> str:
+    """Which parts rigid motions (m, 6 of each part) move."""
+    moved = motions.unflatten(-1, (len(bases), 6)).abs().amax((0, -1)) > NONE ** 0.5
+    names = _list([repr(base.name) for base, there in zip(bases, moved.tolist(), strict=True) if there])
+    if len(motions) == 1:
+        return f"one motion of {names}" if names else ""
+    return f"{len(motions)} motions of {names}" if names else ""
 
 
 def _words(motions: Tensor, place: Tensor, at: int) -> str:

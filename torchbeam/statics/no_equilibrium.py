@@ -46,7 +46,7 @@ def reason(problem: SteadyProblem, x: Configuration, code: int, sample: tuple[in
 def _apart(problem: SteadyProblem, x: Configuration, sample: tuple[int, ...]) -> str:
     """That supports are further from each other than a beam without stretch and shear reaches; "" where none are."""
     model, p = problem.model, problem.model.space.position
-    if not (model.law.rigid and model.space.turns):
+    if not (model.law.rigid and model.space.turns) or model.scene.beam.parts:
         return ""
     S = model.law.S if model.law.S.shape[-1] == 1 else model.law.S.diagonal(dim1=-2, dim2=-1)[..., None]
     rigid = sample_of((S[..., :p, 0] == 0).all(-1), 1, sample)

@@ -7,71 +7,10 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-
-SECTION = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=(1.0, 1.5), mass=0.2, inertia=1e-3)
-G = (0.0, -9.81, 0.0)
-TIGHT = dict(step=0.02, tolerance=1e-13, engine="eager")
+from tests.cases.structures import CASES, SECTION, TIGHT, G, alone_and_together, beams, structure
 
 
-def beams(order=1, linked=False):
-    """Two beams that lie apart, of two samples."""
-    arm = tb.Beam.straight(torch.tensor([1.0, 1.1]), 3, SECTION, order=order)
-    bow = tb.Beam.arc(torch.tensor([0.7, 0.75]), 1.0, 4, SECTION, root=(2.0, 0.1, 0), order=order)
-    return {name: beam.linked() if linked else beam for name, beam in (("arm", arm), ("bow", bow))}
-
-
-def along(s, t):
-    """N/m, of the arclength from the root of a beam."""
-    return torch.stack((0 * s, torch.sin(3 * s) * (1 + t), 0 * s), -1)
-
-
-def lag(position, rotation, velocity, spin, t, s, z):
-    """A force per metre that depends on the place, and follows the velocity late."""
-    return torch.cat((0 * z, -(1 + s[..., None]) * z, 0 * z), -1), None
-
-
-def of_all(by_name):
-    """Effects on every beam; by_name: whether each of them has a name."""
-    every = (dict(on=name) for name in by_name) if by_name else ({},)
-    loads = [load for on in every for load in (
-        tb.LineLoad(force=tb.Along(along), **on), tb.Drag(1.0, 0.1, **on), tb.MassDamping(0.3, **on), tb.Gravity(G, **on),
-        tb.Load(lag, node=None, internal=1, of=("velocity", "s"), **on,
-                rate=lambda z, position, rotation, velocity, spin, t, s: 5 * (velocity[..., 1:2] - z)))]
-    return [*loads, tb.Damping(0.01)]
-
-
-def own(name):
-    """Effects on one beam alone, as in a scene of its own."""
-    if name == "arm":
-        return [tb.PointLoad(force=(0, 0.5, 0), node=-1)]
-    each = tb.PerElement([[0.1 * k, 0, 0] for k in range(4)])
-    return [tb.Actuation(curvature=(0, 0, 0.3), elements=[0, 2]), tb.LineLoad(force=each)]
-
-
-def named(effect, name):
-    return replace(effect, on=name) if effect.node is None else replace(effect, node=(name, effect.node))
-
-
-CASES = {"order 1": {}, "order 2": dict(order=2), "linked": dict(linked=True)}
-
-
-def alone_and_together(of, by_name=(), **options):
-    """The scenes of two beams by themselves, and the one of both."""
-    parts = beams(**of)
-    if of.get("linked"):  # takes no values of elements
-        effects = {"arm": own("arm"), "bow": own("bow")[:1]}
-    else:
-        effects = {name: own(name) for name in parts}
-    held = {"arm": 0, "bow": -1}
-    alone = {name: tb.Scene(beam, [*of_all(()), *effects[name]], supports=[tb.Support(held[name])], **options)
-             for name, beam in parts.items()}
-    both = tb.Scene(parts, [*of_all(by_name), *(named(e, name) for name in parts for e in effects[name])],
-                    supports=[tb.Support((name, node)) for name, node in held.items()], **options)
-    return alone, both
-
-
-@pytest.mark.parametrize("plane", [None, "xy"])
-@pytest.mark.parametrize("of", CASES)
+@pytest.mark.parametrize(("of", "plane"), [("order 1", None), ("order 1", "xy"), ("order 2", "xy"), ("linked", None)])
 def test_two_beams_in_one_scene_are_two_scenes(of, plane):
     """Without joints each beam moves, and stands, as by itself, to rounding: loads along all beams, by their names or without,
     see each one's own arclength, elements and internal states.
@@ -104,14 +43,6 @@ def test_bodies_fall_and_turn_freely():
     assert_close(fallen, torch.tensor([[0, 2 - 9.81 * 0.2**2 / 2, 0]]).expand(2, 3), rtol=0, atol=1e-12)
     assert_close(ball, torch.tensor([[0.1 / 0.5 * 0.2**2 / 2, 0, 0]]).expand(2, 3), rtol=0, atol=1e-12)
     assert_close(sol.state[-1].spin[:, 4], torch.tensor([[0, 1e-3 / 2e-3 * 0.2, 0]]).expand(2, 3), rtol=0, atol=1e-12)
-
-
-def structure(**options):
-    parts = {**beams(), "hub": tb.Body(0.3, 1e-3, position=torch.tensor([[1.0, 0, 0], [1.1, 0, 0]]))}
-    effects = [tb.PointLoad(("bow", 2), force=(0, 0, 1.0)), tb.PointMass(0.1, node=("arm", -2)),
-               tb.LineLoad(force=(0, 1.0, 0), on="bow")]
-    given = {"joints": [tb.Weld(("arm", -1), "hub")], "supports": [tb.Support(("arm", 0))], **options}
-    return tb.Scene(parts, effects, **given)
 
 
 def test_names_become_rows_and_stay_what_the_user_wrote():
@@ -211,3 +142,22 @@ def test_refusal(sentence):
         made = REFUSED[sentence]()
         pytest.fail(f"{made} was taken")
     assert sentence in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_beams_are_damped_each_by_its_own():
+    """One value on one beam and six on another, or on one alone: each moves as the beam by itself."""
+    tau = {"arm": 0.01, "bow": (0.01, 0.0, 0.0, 0.02, 0.03, 0.03)}
+    t, push = torch.linspace(0, 0.04, 3), (0, 0.5, 0.3)
+    held = [tb.Support(("arm", 0)), tb.Support(("bow", 0))]
+    for damped in (("arm", "bow"), ("arm",)):
+        loads = [tb.PointLoad((name, -1), force=push) for name in tau]
+        both = tb.Scene(beams(), [*loads, *(tb.Damping(tau[name], on=name) for name in damped)], supports=held)
+        sol = tb.simulate(both, t, **TIGHT)
+        for name, beam in beams().items():
+            own_damping = [tb.Damping(tau[name])] if name in damped else []
+            expected = tb.simulate(tb.Scene(beam, [tb.TipLoad(force=push), *own_damping]), t, **TIGHT)
+            assert_close(sol[name].nodes, expected.nodes, rtol=0, atol=1e-11)
+    with pytest.raises(ValueError, match=r"tau from 0 to 0\.01 s was given"):  # as of six values
+        tb.simulate(both, t, method="midpoint4", **TIGHT)
+    with pytest.raises(ValueError, match="at most one is wanted, or one on each beam"):
+        tb.Scene(beams(), [tb.Damping(0.1), tb.Damping(0.1, on="arm")])

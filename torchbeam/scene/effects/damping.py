@@ -26,12 +26,16 @@ class Damping(Effect):
     six  whether tau (..., 6) has a value for each strain. Default: a sequence has, a tensor or an array is one value with
          batch axes, six samples as well as five.
 
+    on   name of a beam of a structure; None = all. Each beam may have one of its own
+
     Raises ValueError for a negative tau, and for a sequence of another length.
     """
 
     tau: Value = leaf(lambda damping: int(damping.six))
     six: bool | None = None
+    on: str | None = field(default=None, kw_only=True)
 
+    by_place = False
     kind = "strain"
 
     def __post_init__(self) -> None:
