@@ -66,14 +66,14 @@ def test_what_is_written_to_a_scene_is_seen(made):
 
 def test_gradients_are_recorded_afresh(made):
     """Two backward passes through two runs of one scene; a run without recording in between keeps nothing of them."""
-    EI = torch.tensor(0.5, requires_grad=True)
-    run = scene(EI)
+    force = torch.tensor([0.0, 0.0, 0.3], requires_grad=True)
+    run = replace(scene(), effects=[tb.TipLoad(force=force)])
     with torch.no_grad():
         still = tip(run)
-    grads = [torch.autograd.grad(tip(run).square().sum(), EI)[0] for _ in range(2)]
-    assert grads[0] == grads[1] != 0 and torch.equal(still, tip(run).detach())
-    _, tangent = torch.func.jvp(lambda x: tip(scene(x)).square().sum(), (EI.detach(),), (torch.tensor(1.0),))
-    assert_close(grads[0], tangent, rtol=1e-8, atol=0)
+    grads = [torch.autograd.grad(tip(run).square().sum(), force)[0] for _ in range(2)]
+    assert torch.equal(*grads) and grads[0][2] != 0 and torch.equal(still, tip(run).detach()) and len(made) == 4
+    with torch.no_grad():
+        assert torch.equal(still, tip(run)) and len(made) == 4
 
 
 def test_functions_and_loads_of_a_user_are_asked_each_time(made):
@@ -101,16 +101,15 @@ def test_a_scene_goes_with_what_it_holds():
         gc.enable()
 
 
-@pytest.mark.parametrize("plane", ["xz", None])
-def test_other_values_of_one_structure(plane):
+def test_other_values_of_one_structure():
     """Against the eager engine, which shares nothing: sections, loads, a length, a batch; and their gradients."""
+    pytest.importorskip("llvmlite")
     EI = torch.tensor([0.4, 0.6])
-    for values in (dict(EI=0.5), dict(EI=0.7), dict(force=-0.2), dict(length=1.3), dict(EI=EI), dict(EI=2 * EI, force=0.1)):
+    for values in (dict(EI=0.7), dict(force=-0.2, length=1.3), dict(EI=EI), dict(EI=2 * EI, force=0.1)):
         grads = []
         for engine in ("compiled", "eager"):
             x = torch.as_tensor(values.get("EI", 0.5)).clone().requires_grad_()
-            pytest.importorskip("llvmlite")
-            sol = tb.simulate(scene(**{**values, "EI": x}, plane=plane), T, step=0.01, engine=engine, tolerance=1e-12)
+            sol = tb.simulate(scene(**{**values, "EI": x}), T, step=0.01, engine=engine, tolerance=1e-12)
             grads.append((sol.tip.position.detach(), torch.autograd.grad(sol.tip.position[-1].sum(), x)[0]))
         assert_close(*(position for position, _ in grads), rtol=1e-11, atol=1e-13)
         assert_close(*(grad for _, grad in grads), rtol=1e-8, atol=1e-12)
