@@ -55,6 +55,9 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
     torch.func.vmap.
     """
     model = discretise(scene, lumped)
+    if scene.beam.parts:
+        raise ValueError("a structure was given to linearize, which takes a scene of one beam; modes and critical_load take "
+                         "structures")
     given = scene.tensors(inputs)
     time = instant("t", t, scene.beam.nodes)
     state = (

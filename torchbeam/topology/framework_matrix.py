@@ -102,31 +102,24 @@ class FrameworkMatrix:
 
     def dense(self) -> Tensor:
         """Of the nodes, with the joints' stiffness."""
-        count, w = self.diagonal.shape[-3:-1]
-        joined = () if self.joints is None else (self.joints.stiffness.shape[:-5],)
-        shape = broadcast_shapes(*(x.shape[:-3] for x in (self.diagonal, *self.couplings)), *joined)
-        A = self.diagonal.new_zeros(*shape, count, count, w, w)
-        at = torch.arange(count, device=A.device)
-        A[..., at, at, :, :] = self.diagonal.expand(*shape, count, w, w)
-        ends = [torch.tensor(nodes, device=A.device) for nodes in self.framework.elements]
-        for block, (i, j) in zip(self.couplings, self.pairs, strict=False):
-            A[..., ends[i], ends[j], :, :] = block.expand(*shape, len(ends[i]), w, w)
-        for k, pair in enumerate(self.framework.joints if self.joints is not None else ()):
-            for i, j in product((0, 1), (0, 1)):
-                if pair[i] is not None and pair[j] is not None:
-                    A[..., pair[i], pair[j], :, :] += self.joints.stiffness[..., k, i, j, :, :]
-        return A.transpose(-3, -2).flatten(-4, -3).flatten(-2)
+        nodes, ends = tuple(range(self.framework.node_count)), self.framework.elements
+        parts = [(self.diagonal, nodes, nodes)]
+        parts += [(A, ends[i], ends[j]) for A, (i, j) in zip(self.couplings, self.pairs, strict=False)]
+        for i, j in product((0, 1), (0, 1)) if self.joints is not None else ():
+            there = [k for k, pair in enumerate(self.framework.joints) if pair[i] is not None and pair[j] is not None]
+            rows, columns = (tuple(self.framework.joints[k][end] for k in there) for end in (i, j))
+            parts.append((self.joints.stiffness[..., there, i, j, :, :], rows, columns))
+        return _dense(len(nodes), len(nodes), parts)
 
     def constraints(self) -> Tensor:
         """(..., m, w nodes): those of the joints, of which there are m, by the nodes' moves."""
-        held, constraint = self.joints.held, self.joints.constraint
-        w = held.shape[-1]
-        G = constraint.new_zeros(*constraint.shape[:-4], len(held), w, self.framework.node_count, w)
-        for k, pair in enumerate(self.framework.joints):
-            for i in (0, 1):
-                if pair[i] is not None:
-                    G[..., k, :, pair[i], :] += constraint[..., k, i, :, :]
-        return G.flatten(-4, -3).flatten(-2).index_select(-2, held.flatten().nonzero()[:, 0])
+        parts = []
+        for i in (0, 1):
+            there = [k for k, pair in enumerate(self.framework.joints) if pair[i] is not None]
+            columns = tuple(self.framework.joints[k][i] for k in there)
+            parts.append((self.joints.constraint[..., there, i, :, :], tuple(there), columns))
+        whole = _dense(len(self.framework.joints), self.framework.node_count, parts)
+        return whole.index_select(-2, self.joints.held.flatten().nonzero()[:, 0])
 
     def rows(self, nodes: tuple[int, ...]) -> FrameworkRows:
         return FrameworkRows(self, nodes)
@@ -165,3 +158,14 @@ class FrameworkRows(NamedTuple):
         joints = matrix.joints if matrix.joints is None else JointBlocks(*(x.detach() for x in matrix.joints))
         couplings = tuple(A.detach() for A in matrix.couplings)
         return FrameworkRows(FrameworkMatrix(matrix.framework, matrix.diagonal.detach(), couplings, joints), self.nodes)
+
+
+def _dense(rows: int, columns: int, parts: list[tuple[Tensor, tuple[int, ...], tuple[int, ...]]]) -> Tensor:
+    """(..., w rows, w columns) of blocks (..., K, w, w), each with the places of its rows and columns, added up."""
+    shape, total = broadcast_shapes(*(blocks.shape[:-3] for blocks, *_ in parts)), None
+    w = parts[0][0].shape[-1]
+    for blocks, row, column in parts:
+        at = torch.tensor([r * columns + c for r, c in zip(row, column, strict=True)], dtype=torch.long, device=blocks.device)
+        total = blocks.new_zeros(*shape, rows * columns, w, w) if total is None else total
+        total = total.index_add(-3, at, blocks.expand(*shape, *blocks.shape[-3:]))
+    return total.unflatten(-3, (rows, columns)).transpose(-3, -2).flatten(-4, -3).flatten(-2)

@@ -91,8 +91,8 @@ class FrameworkSystem:
         return torch.stack(torch.broadcast_tensors(*well)).all(0)
 
     def _free_interface(self) -> list[tuple[Tensor, Tensor, Tensor]]:
-        """The pivots of the interface's matrix Z^T K Z, of the moves Z that constraints leave, as those of a chain (D, L, U)
-        without couplings; none where there is no interface.
+        """The pivots of the interface's matrix Z^T K Z, of the moves Z that independent constraints leave, as those of a chain
+        (D, L, U) without couplings; none where there is no interface.
         """
         how, w = self.cut, self.D.shape[-1]
         if not how.interface:
@@ -100,9 +100,7 @@ class FrameworkSystem:
         dense, n = condense(how, None, *self._parts)[0].dense(), len(how.interface) * w
         K, G = dense[..., :n, :n], dense[..., n:, :n]
         if how.joints:
-            _, size, moves = torch.linalg.svd(G)
-            rank = int((size > RANK * size.amax(-1, keepdim=True)).sum(-1).amax())
-            Z = moves[..., rank:, :].mT
+            Z = torch.linalg.svd(G).Vh[..., int(self.joints.held.sum()):, :].mT
             K = Z.mT @ K @ Z
         more = -K.shape[-1] % w
         K = pad(K, (0, more, 0, more)) + torch.diag_embed(pad(K.new_zeros(K.shape[-1]), (0, more), value=1.0))
@@ -113,9 +111,6 @@ class FrameworkSystem:
         midside = None if self.midside is None else self.midside.detach()
         return FrameworkSystem(self.framework, self.unknowns, self.D.detach(), self.up.detach(), self.down.detach(), joints,
                                midside)
-
-
-RANK = 1e-10  # of the largest singular value of constraints: below, one says what others do
 
 
 class FrameworkSolve(torch.autograd.Function):
