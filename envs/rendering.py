@@ -147,7 +147,10 @@ class Renderer:
     def _view(self, surface: Any, axes: list[int], line: np.ndarray, trace: list[np.ndarray], failed: bool,
               shown: dict[str, Any]) -> None:
         pygame, unit = self.pygame, FINE * self.width / 240  # px
-        at = lambda points: self.centre + (np.asarray(points) - self.middle)[..., axes] * (self.scale, -self.scale)  # noqa: E731
+
+        def at(points: Any) -> np.ndarray:
+            return self.centre + (np.asarray(points) - self.middle)[..., axes] * (self.scale, -self.scale)
+
         tip, parts = at(line[-1]), (len(line) - 1) // (len(self.rest) - 1)
         for a, b in pairwise(at(self.rest[:: len(self.rest) - 1] if self.task.straight else self.rest)):
             self._dashes(surface, a, b)

@@ -132,8 +132,8 @@ class TipTrackVectorEnv(BeamVectorEnv):
     |---|---|---|
     | 0-2 | target - tip, x y z, over the length | 4 |
     | 3-5 | target's velocity over the next interval, over L omega | 20 |
-    | 6 ... 5 + 3 preview | target - target's start, at the end of the next 1, 2 ... preview intervals, over the length | 2 |
-    | then 12 | tip and mid-span displacement and velocity, as in TipReach (or the `sensors` given) | |
+    | 6 ... 5 + 3 preview | target less its start after 1 ... preview intervals, by the length | 2 |
+    | then 12 | displacement and velocity, tip and mid-span, as in TipReach (or `sensors`) | |
     | then 2 delay | actions that are still to act | 1 |
 
     ## Reward

@@ -68,8 +68,9 @@ def test_what_an_argument_may_not_be_is_refused(call, tmp_path, monkeypatch):
     assert not (found := [*answers(call, MORE)]), "\n".join(found)
 
 
-RESULTS = """Advice BlockRate Critical Description Energy Estimate FieldFit Fit Linear MixedState Modes MomentDerivatives
-PairedModes Path RareEvent Samples Sensor SlowPathWarning SobolIndices Solution State Stats Stream Tornado"""  # made by calls
+RESULTS = """Advice BlockRate Critical Description Energy Estimate FieldFit Fit Linear MixedState
+Modes MomentDerivatives PairedModes Path RareEvent Samples Sensor SlowPathWarning SobolIndices
+Solution State Stats Stream Tornado"""  # made by calls
 ELSEWHERE = {"Beam", "RootForce", "RootMoment", "RootReaction", "TipVelocity", "identify_fields"}  # or without arguments
 
 

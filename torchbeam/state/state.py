@@ -264,6 +264,8 @@ def with_optional_fields(state: State, scene: Any) -> State:
     if state.reaction.shape[-2] != len(nodes) or known not in (None, nodes):
         state = replace(state, reaction=state.reaction.new_zeros(*state.reaction.shape[:-2], len(nodes), 6))
     state = state if known == nodes else replace(state, supports=nodes)
+    if (state.parts, state.joined) != (scene.beam.parts, scene.beam.joined):
+        state = replace(state, parts=scene.beam.parts, joined=scene.beam.joined)
     if state.frame is not None and not turning(scene):
         raise ValueError("a state whose frame has turned was given for a scene whose frame does not turn; one of a scene with "
                          "such a frame is wanted")

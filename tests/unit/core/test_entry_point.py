@@ -126,12 +126,14 @@ assert "torch._dynamo" not in sys.modules, "imported with torchbeam"
 from torch._dynamo.testing import CompileCounter
 torch.set_default_dtype(torch.float64)
 counter = CompileCounter()
-beam = tb.Beam.straight(1.0, 4, tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2, inertia=5e-6))
+section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2, inertia=5e-6)
+beam = tb.Beam.straight(1.0, 4, section)
 t = torch.linspace(0, 0.1, 5)
 
 def reach(u):
     f = 2 * u
-    scene = tb.Scene(beam, [tb.TipLoad(force=f), tb.Load(lambda p, R, v, w, t: (-0.1 * v * f, None))])
+    drag = tb.Load(lambda p, R, v, w, t: (-0.1 * v * f, None))
+    scene = tb.Scene(beam, [tb.TipLoad(force=f), drag])
     return 3 * tb.simulate(scene, t, step=0.025, engine="eager").tip.position[-1].sum()
 
 u, v = (torch.tensor([0.0, 0.1, 0.2], requires_grad=True) for _ in range(2))

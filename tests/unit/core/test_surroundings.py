@@ -115,7 +115,8 @@ def test_numbers_tensors_and_functions_are_steady(function):
 @pytest.mark.parametrize("function, said", [
     (counts, "'counted', which counts writes to"),
     (lambda x: random.random() * x, r"'random' \(a module\)"), (lambda x: time.time() * x, r"'time' \(a module\)"),
-    (lambda x: np.random.normal() * x, "normal"), (lambda x: np.load("file") * x, "'np.load'"),  # noqa: NPY002
+    (lambda x: np.random.normal() * x, "normal"),  # noqa: NPY002
+    (lambda x: np.load("file") * x, "'np.load'"),
     (lambda x: contact.counted(x), "'count', which counted writes to"), (lambda x: contact.draw.normal(x), "'contact.draw'"),
     (lambda x: getattr(contact, number)(x), "'contact.draw'"),
     (lambda x: print(x) or x, "'print'"),

@@ -109,7 +109,8 @@ def test_gradients_of_metal_in_float32_are_native():
 
 def test_what_a_function_reads_and_changes_is_warned_of(monkeypatch):
     monkeypatch.setitem(globals(), "pull", 0.5)
-    stepper = tb.Stepper(scene(tb.Load(lambda r, R, v, w, t: (-pull * v, None))), 0.01)  # noqa: F821
+    load = tb.Load(lambda r, R, v, w, t: (-pull * v, None))  # noqa: F821
+    stepper = tb.Stepper(scene(load), 0.01)
     state = stepper(stepper.rest(), u=(0, 0, 0.1))
     assert stepper.engine == "native"
     monkeypatch.setitem(globals(), "pull", 0.7)

@@ -59,7 +59,9 @@ def test_beck(reference):
     EI = torch.tensor([1.0, 2.0], requires_grad=True)
 
     def of(N, EI):
-        follower = lambda P: planar(N, tb.TipLoad(force=along_x(-P), follower=True), EI=EI)  # noqa: E731
+        def follower(P):
+            return planar(N, tb.TipLoad(force=along_x(-P), follower=True), EI=EI)
+
         return tb.critical_load(follower, 60.0, points=13)
 
     found, fine = of(8, EI), of(16, EI.detach())

@@ -83,6 +83,7 @@ def test_parts_keep_gradients():
 
 ARM, BOW = beams().values()
 HUB = tb.Body(0.3, 1e-3, position=(3.0, 0, 0))
+POST = tb.Beam.straight(1.0, 2, SECTION, direction=(0, 0, 1))
 
 
 def scene_of(joints, **options):
@@ -133,6 +134,10 @@ REFUSED = {
         structure(joints=()), torch.linspace(0, 0.1, 2), form="minimal"),
     "joints were given to an explicit method": lambda: tb.simulate(structure(), torch.linspace(0, 0.1, 2), method="rk4"),
     "a structure of several parts": lambda: tb.Stepper(structure(), 0.1, engine="compiled"),
+    "(a structure of several parts); 'eager' does": lambda: tb.equilibrium(structure(
+        supports=[tb.Support((name, 0)) for name in ("arm", "bow")]), engine="compiled"),
+    "a scene with joints was given to linearize": lambda: tb.linearize(structure()),
+    "the same in all parts (up= turns it)": lambda: tb.Stepper(tb.Scene({"arm": ARM, "post": POST}, plane="xz"), 0.1),
 }
 
 

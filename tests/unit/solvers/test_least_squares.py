@@ -66,7 +66,8 @@ torch.set_default_dtype(torch.float64)
 torch.set_num_threads(2)
 torch.manual_seed(0)
 X = torch.randn(200, 160) / 12
-fit = tb.identify(lambda theta: theta @ X.mT, X.sum(-1), torch.full((160,), 2.0), starts=3, derivatives="difference")
+start = torch.full((160,), 2.0)
+fit = tb.identify(lambda theta: theta @ X.mT, X.sum(-1), start, starts=3, derivatives="difference")
 assert fit.status == 0 and (fit.theta - 1).abs().max() < 1e-6
 """
 

@@ -81,8 +81,9 @@ class Plane(Space):
         across = torch.cat([(quat.matrix(q).mT @ normal).flatten(0, -2) for q in (frames, elements)])
         n = concrete(across[0]).reshape(-1, 3)[0].round()  # within torch.func.vmap that of all samples
         if concrete((across - n).abs() > close).any() or n[0] != 0:
-            raise ValueError(f"section axes at an angle to the plane {name!r} were given; y or z of every section is wanted "
-                             "along its normal")
+            alike = ", the same in all parts (up= turns it)," if beam.parts else ""
+            raise ValueError(f"section axes at an angle to the plane {name!r} were given; y or z of every section{alike} is "
+                             "wanted along its normal")
         e = torch.zeros_like(n)
         e[0] = 1
         section = torch.stack((e, torch.linalg.cross(n, e), n), -1)

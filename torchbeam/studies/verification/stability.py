@@ -24,7 +24,9 @@ def euler() -> tuple[Tensor, Tensor]:
 
 
 def beck() -> tb.Critical:
-    follower = lambda P: cantilever(N, tb.TipLoad(force=along(0, -P), follower=True), of=planar())  # noqa: E731
+    def follower(P: Tensor) -> tb.Scene:
+        return cantilever(N, tb.TipLoad(force=along(0, -P), follower=True), of=planar())
+
     return tb.critical_load(follower, 60.0, points=13)
 
 
@@ -37,7 +39,9 @@ def beck_frequency() -> tuple[Tensor, Tensor]:
 
 
 def damped_beck() -> tuple[Tensor, Tensor]:
-    follower = lambda P: cantilever(16, tb.TipLoad(force=along(0, -P), follower=True), tb.Damping(1e-3), of=planar())  # noqa: E731
+    def follower(P: Tensor) -> tb.Scene:
+        return cantilever(16, tb.TipLoad(force=along(0, -P), follower=True), tb.Damping(1e-3), of=planar())
+
     return tb.critical_load(follower, 15.0, points=9).factor, torch.tensor(10.94)
 
 

@@ -244,7 +244,7 @@ import resource, torch, torchbeam as tb
 torch.set_default_dtype(torch.float64)
 laws = {"EI": tb.laws.LogNormal(1.0, 0.2), "P": tb.laws.Normal(1.0, 0.1)}
 def run(n):
-    return tb.monte_carlo_stream(lambda theta: theta[:, 1] / (3 * theta[:, 0]), laws, n, chunk=2**14)
+    return tb.monte_carlo_stream(lambda x: x[:, 1] / (3 * x[:, 0]), laws, n, chunk=2**14)
 run(2**18)
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 found = run(10_000_000 // 16 * 16)
