@@ -61,7 +61,7 @@ class Plane(Space):
         """Raises ValueError where the beam or a section leaves the plane `name`."""
         beam = scene.beam
         numbers = (x.detach() for x in (beam.nodes, beam.frames, beam.elements, beam.length))
-        plane = remembered(cls._through, name, *numbers)
+        plane = remembered(cls._through, name, bool(beam.parts), *numbers)
         for what, given, whole in (("compliance", beam.compliance, beam.coupled),
                                    ("mass", beam.mass, beam.offset or beam.rotary)):
             if whole:
@@ -69,8 +69,8 @@ class Plane(Space):
         return plane
 
     @classmethod
-    def _through(cls, name: str, nodes: Tensor, frames: Tensor, elements: Tensor, length: Tensor) -> Plane:
-        """Of a beam's nodes, see `Beam`."""
+    def _through(cls, name: str, several: bool, nodes: Tensor, frames: Tensor, elements: Tensor, length: Tensor) -> Plane:
+        """Of a beam's nodes, see `Beam`; several: whether it has parts."""
         close = CLOSE.get(nodes.dtype, 1e-5)
         basis = torch.tensor(PLANES[name], dtype=nodes.dtype, device=nodes.device).mT
         normal = basis[:, 2]
@@ -81,7 +81,7 @@ class Plane(Space):
         across = torch.cat([(quat.matrix(q).mT @ normal).flatten(0, -2) for q in (frames, elements)])
         n = concrete(across[0]).reshape(-1, 3)[0].round()  # within torch.func.vmap that of all samples
         if concrete((across - n).abs() > close).any() or n[0] != 0:
-            alike = ", the same in all parts (up= turns it)," if beam.parts else ""
+            alike = ", the same in all parts (up= turns it)," if several else ""
             raise ValueError(f"section axes at an angle to the plane {name!r} were given; y or z of every section{alike} is "
                              "wanted along its normal")
         e = torch.zeros_like(n)
