@@ -20,7 +20,8 @@ from .method import WHOLE, Composition, Scheme
 from .step_inputs import HeldInputs, together
 from .step_solver import Made, StepSolver
 
-LINEAR = ("position", "rotation", "velocity", "spin", "reaction", "work", "frame", "internal")  # fields whose mean is taken
+# fields whose mean is taken
+LINEAR = ("position", "rotation", "velocity", "spin", "reaction", "work", "frame", "internal", "joints")
 
 
 def step(solver: StepSolver, model: Model, state: State, dt: Tensor, t: Tensor, inputs: HeldInputs, moving: Tensor, last: bool

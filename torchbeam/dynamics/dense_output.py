@@ -12,7 +12,8 @@ from ..scene.prescribed_motion import PrescribedMotion
 from ..state.state import State
 from ..state.supported_nodes import frame_motion
 
-LINEAR = ("work", "defect", "internal")  # fields between two states on a straight line, as the stress and the reaction
+# fields between two states on a straight line, as the stress and the reaction
+LINEAR = ("work", "defect", "internal", "joints")
 ADDED = ("position", "velocity", "spin", *LINEAR)
 
 

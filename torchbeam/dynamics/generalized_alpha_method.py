@@ -32,7 +32,8 @@ class GeneralizedAlphaMethod(Method):
 
     def check(self, model: Model) -> None:
         unfit = {"a moving frame": model.scene.frame is not None, "a mass off its node": _off_its_node(model),
-                 "a load with internal states": model.internal_states > 0}
+                 "a load with internal states": model.internal_states > 0,
+                 "a joint with damping or friction": model.joints.dissipative}
         for what, given in unfit.items():
             if given:
                 raise ValueError(f"{what} was given to generalized_alpha; 'midpoint' takes it")

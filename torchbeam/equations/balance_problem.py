@@ -13,7 +13,7 @@ from ..nodal.balance import CondensedTangent, Linearisation, Residual, largest, 
 from ..nodal.conditions import Conditions
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import InertiaForces
-from ..nodal.joints import Pose
+from ..nodal.joint_motion import JointMotion
 from ..nodal.rows import Rows
 from ..topology.protocols import Matrix
 from .balanced_element import BalancedElement, ElementBalance
@@ -82,8 +82,8 @@ class BalanceProblem(Tree):
         """Derivatives of the motion, and those of inertia less loads, by the nodes' moves; None = none."""
         raise NotImplementedError
 
-    def joint_poses(self, way: Any) -> tuple[Pose, Pose]:
-        """Where the forces of joints act, and where joints are closed."""
+    def joint_poses(self, way: Any) -> JointMotion:
+        """Where joints are, and what acts in them."""
         raise NotImplementedError
 
     def half_turns(self, nodes: Any) -> Callable[[], Tensor] | None:

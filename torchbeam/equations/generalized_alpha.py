@@ -28,7 +28,7 @@ from ..core.derivatives import cached
 from ..core.leaves import leaf
 from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
-from ..nodal.joints import Pose
+from ..nodal.joint_motion import JointMotion
 from ..state.state import State, plain
 from .alpha_kinematics import EndKinematics, EndMotion, EndTangent, GeneralizedAlpha
 from .step_element import EndElement
@@ -103,10 +103,11 @@ class GeneralizedAlphaProblem(StepProblem):
         turn = self.model.space.exponential(self.start.spin * self.h)
         return self.apply_supports(EndUnknowns(self.start.velocity * self.h, turn, self.start.stress))
 
-    def joint_poses(self, way: EndKinematics) -> tuple[Pose, Pose]:
+    def joint_poses(self, way: EndKinematics) -> JointMotion:
         """Forces act at the end, where joints are closed (Arnold and Bruels 2007)."""
-        end = self.model.joints.pose(way.position_end, way.q_end)
-        return end, end
+        joints = self.model.joints
+        start, end = joints.pose(self.start.position, self.start.rotation), joints.pose(way.position_end, way.q_end)
+        return JointMotion(end, end, start, self.joint_drive._replace(dt=None))
 
     def finish(self, x: EndUnknowns, reaction: Tensor) -> AlphaState:
         """The state at the end of the step; the work by the mean of the loads at its two ends."""
@@ -125,9 +126,11 @@ class GeneralizedAlphaProblem(StepProblem):
             free = torch.cat((model.constraints.slide, model.constraints.turn.expand(-1, space.spin)), -1)
             v, true, a = free * v, free * true, free * a
             v = torch.cat((v[..., :p], self.about_hinges(v[..., p:], way.q_end)), -1)
-        return replace(start, position=way.position_end, rotation=way.q_end, velocity=v[..., :p], spin=v[..., p:],
-                       stress=x.stress, reaction=reaction, work=work, t=start.t + self.dt,
+        after = replace(start, position=way.position_end, rotation=way.q_end, velocity=v[..., :p], spin=v[..., p:],
+                       reaction=reaction, work=work, t=start.t + self.dt,
                        acceleration=torch.cat((true, a), -1), straining=self.straining(way))
+        return replace(after, **model.joints.finished(x.stress, lambda: self.joint_poses(way),
+                                                      lambda: self.relative_motion(after), work, start.stress))
 
     @cached
     def conditions_before(self) -> Conditions:

@@ -28,7 +28,7 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..nodal import loads as external
-from ..nodal.joints import Pose
+from ..nodal.joint_motion import JointMotion
 from ..state.state import State
 from .energy_projection import conserved
 from .step_element import MidpointElement
@@ -81,11 +81,11 @@ class MidpointProblem(StepProblem):
         m = self.model.space.cayley(spin * self.h / 2)
         return self.apply_supports(MidpointUnknowns(velocity * self.h / 2, m, start.stress))
 
-    def joint_poses(self, way: StepKinematics) -> tuple[Pose, Pose]:
-        """Means over the step, and at its end."""
+    def joint_poses(self, way: StepKinematics) -> JointMotion:
+        """Forces act at the means over the step, joints are closed at its end."""
         joints = self.model.joints
-        end = joints.pose(way.position_end, way.q_end)
-        return joints.pose(self.start.position, self.start.rotation).mean(end), end
+        start, end = joints.pose(self.start.position, self.start.rotation), joints.pose(way.position_end, way.q_end)
+        return JointMotion(start.mean(end), end, start, self.joint_drive)
 
     def half_turns(self, nodes: MidpointTangent) -> Callable[[], Tensor]:
         return lambda: nodes.half
@@ -106,7 +106,9 @@ class MidpointProblem(StepProblem):
         if not self.support_motions.nodes:  # what stands still has no velocity, whatever rounding has left
             velocity, spin = model.constraints.slide * velocity, self.about_hinges(model.constraints.turn * spin, way.q_end)
         after = replace(
-            start, position=way.position_end, rotation=way.q_end, velocity=velocity, spin=spin, stress=x.stress,
+            start, position=way.position_end, rotation=way.q_end, velocity=velocity, spin=spin,
             reaction=reaction, work=work, t=start.t + self.dt, frame=self.frame.orientation(start.frame, self.dt),
             internal=external.advanced(model, self.nodes(way), self.conditions))
+        after = replace(after, **model.joints.finished(x.stress, lambda: self.joint_poses(way),
+                                                       lambda: self.relative_motion(after), work))
         return conserved(self.model, start, after, self.dt, self.eigenstrain) if self.conserve else after

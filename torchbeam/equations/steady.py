@@ -14,7 +14,7 @@ from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Space
-from ..nodal.joints import Pose
+from ..nodal.joint_motion import JointDrive, JointMotion
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -147,10 +147,9 @@ class SteadyProblem(BalanceProblem):
     def node_tangent(self, way: Configuration, inertia: None) -> tuple[None, Matrix | None]:
         return None, self.load_tangent(way)
 
-    def joint_poses(self, way: Configuration) -> tuple[Pose, Pose]:
-        """The same."""
+    def joint_poses(self, way: Configuration) -> JointMotion:
         pose = self.model.joints.pose(*way[:2])
-        return pose, pose
+        return JointMotion(pose, pose, None, JointDrive(self.conditions.joints, share=self.load_factor))
 
     def state(self, x: Configuration, reaction: Tensor, status: Tensor) -> State:
         """The public state of a solution: at rest in frame a."""
@@ -158,11 +157,13 @@ class SteadyProblem(BalanceProblem):
         velocity, spin = self.velocity(x)
         zero, frame = torch.zeros_like(status, dtype=x.position.dtype), self.orientation
         return space.to_public(State(
-            *x[:2], velocity=velocity, spin=space.to_section(x.rotation, spin), stress=x.stress, reaction=reaction, work=zero,
+            *x[:2], velocity=velocity, spin=space.to_section(x.rotation, spin), reaction=reaction, work=zero,
             defect=zero, t=self.t.expand(shape), status=status,
             frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
             internal=external.internal(model, self.nodes(x), self.conditions, shape), supports=model.constraints.nodes,
-            parts=model.scene.beam.parts, joined=model.scene.beam.joined))
+            parts=model.scene.beam.parts, joined=model.scene.beam.joined,
+            coordinates=tuple(joint.coordinates for joint in model.scene.joints),
+            **model.joints.finished(x.stress, lambda: self.joint_poses(x))))
 
     def apply_supports(self, x: Configuration) -> Configuration:
         position, rotation, space = x.position, x.rotation, self.model.space

@@ -16,6 +16,7 @@ from ..core.leaves import leaf
 from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.inertia import InertiaForces
+from ..nodal.joint_motion import JointDrive
 from ..nodal.loads import Nodes
 from ..scene.effects import Inputs
 from ..state.state import State
@@ -144,6 +145,19 @@ class StepProblem(BalanceProblem):
         nodes = self.TANGENT(self.motion, way)
         matrix = nodes.inertia(inertia)
         return nodes, matrix.minus(self.load_tangent(nodes)) if self.conditions.moving else matrix
+
+    @cached
+    def joint_drive(self) -> JointDrive:
+        """What acts in joints over the step."""
+        start = self.start
+        turns = None if start.joints is None else start.joints[..., 0]
+        return JointDrive(self.conditions.joints, turns, self.dt, moving=lambda: self.relative_motion(start))
+
+    def relative_motion(self, state: State) -> tuple[Tensor, Tensor]:
+        """Velocity and spin of the nodes (..., N+1, *), as seen in frame a."""
+        spin = self.frame.relative_spin(state.spin, state.rotation)
+        velocity = self.frame.relative_velocity(state.velocity, state.position)
+        return velocity, self.model.space.to_frame(state.rotation, spin)
 
     def load_tangent(self, nodes: Any) -> Tensor | float:
         """Derivative of `external` by the nodes' moves, (..., N+1, w, w)."""

@@ -24,7 +24,7 @@ from ..topology.protocols import Matrix, MatrixRows, System, total
 from .assembly import Assembly
 from .constitutive_law import times
 from .constraints import Constraints
-from .joints import NoJoints
+from .joint_motion import NoJoints
 from .rows import Rows
 
 

@@ -13,6 +13,7 @@ from ..core.derivatives import cached
 from ..scene.beam import Beam
 from ..scene.effects import Inputs, Pose
 from .frame import FixedFrame, frame_of
+from .joint_motion import NO_VALUES, JointValues
 from .model import Model
 from .rows import Rows
 
@@ -65,6 +66,7 @@ class Conditions:
     root: Pose | None
     orientation: Tensor | None
     elements: int
+    joints: JointValues = NO_VALUES
 
     @cached
     def moving(self) -> tuple[ActingLoad, ...]:
@@ -127,7 +129,8 @@ def conditions(model: Model, t: Tensor, inputs: Inputs, end: Tensor | None = Non
     velocities = motion.frame(t) if asked else (None, None)
     root = motion.root_pose(t) if any(one.load.wants_support for one in acts) else None
     return Conditions(t, inputs, frame_of(model.space, *velocities), velocities, acts, 0.0, eigenstrain,
-                      () if end is None else supports(model, end), root, None, model.scene.beam.element_count)
+                      () if end is None else supports(model, end), root, None, model.scene.beam.element_count,
+                      model.joints.values(model.scene.joints, t, inputs, t if end is None else end))
 
 
 def supports(model: Model, end: Tensor) -> tuple[SupportConditions, ...]:

@@ -26,6 +26,7 @@ from .inertia import inertia_of
 from .joint_constraints import joints_of
 from .loads import Nodes, external
 from .model import Model
+from .redundant import refuse_redundant
 
 ROUNDING = 1e-9  # of a vector, that may lie out of a plane
 
@@ -33,8 +34,8 @@ ROUNDING = 1e-9  # of a vector, that may lie out of a plane
 def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = None) -> Model:
     """The model of a scene; `lumped`: mass at the nodes alone; topology: None = the beam's own, a chain.
 
-    Raises ValueError for what the nodal form does not take: sections whose mass is not that of rigid ones, and loads and
-    motions that leave the scene's plane or do not fit small rotations.
+    Raises ValueError for what the nodal form does not take: sections whose mass is not that of rigid ones, loads and motions
+    that leave the scene's plane or do not fit small rotations, and constraints that others hold already.
     """
     instance("a scene", scene, Scene)
     boolean("lumped", lumped)
@@ -58,6 +59,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     )
     if space.plane is not None:
         check_plane(model, with_values(model, space=in_space(beam)))
+    refuse_redundant(model)
     return model
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -11,7 +13,10 @@ from torch import Tensor
 from ..math import quaternions as quat
 from ..scene.scene import Scene
 from .coordinates.spatial import Space
-from .joints import Factor, Joints, NoJoints
+from .driven_joints import DrivenJoints
+from .joint_laws import JointLaws
+from .joint_motion import Factor, NoJoints
+from .joints import Joints
 
 # the axes of a and of b that a turn about this one brings together, and the sign of their product
 TURNS = {"x": ("y", "z", -1.0), "y": ("z", "x", -1.0), "z": ("x", "y", -1.0)}
@@ -70,24 +75,45 @@ def joints_of(scene: Scene, space: Space, topology: Any) -> Any:
     """`Joints` of a scene, or `NoJoints`."""
     if not getattr(scene, "joints", ()):
         return NoJoints()
-    each = [_constraints(joint, scene.beam, space) for joint in scene.joints]
+    each = [_rows(joint, scene.beam, space) for joint in scene.joints]
     J, m = len(each), space.unknowns
 
     def stacked(parts: list[Tensor], axes: int) -> Tensor:
         return torch.stack(torch.broadcast_tensors(*parts), -1 - axes).unflatten(-1 - axes, (J, m))
 
-    factors = []
-    for k in (0, 1):
-        own = [row[k] for rows, _ in each for row in rows]
+    def factor(name: str) -> Factor:
+        own = [getattr(row, name) for rows in each for row in rows]
         arms = (stacked([getattr(x, name) for x in own], 1) for name in ("in_a", "in_b"))
         fixed = torch.stack(torch.broadcast_tensors(*arms), -3)
-        factors.append(Factor(stacked([x.constant for x in own], 1), stacked([x.shift for x in own], 0)[..., None], fixed))
+        return Factor(stacked([x.constant for x in own], 1), stacked([x.shift for x in own], 0)[..., None], fixed)
+
+    def mask(which: Callable[[Row], bool]) -> Tensor:
+        return like.new_tensor([[float(which(row)) for row in rows] for rows in each])
+
     like = scene.beam.nodes
     places = [x for joint in scene.joints for x in joint.drawn(scene.beam)[:2]]
-    return Joints(space=space, framework=topology, held=like.new_tensor([held for _, held in each]), v=factors[0], w=factors[1],
-                  c=stacked([row[2] for rows, _ in each for row in rows], 0),
-                  moves=space.embed(torch.eye(m, dtype=like.dtype, device=like.device)),
-                  size=_size(scene.beam, torch.stack(torch.broadcast_tensors(*places), -2)))
+    fields = dict(
+        space=space, framework=topology, held=mask(lambda row: row.held), v=factor("v"), w=factor("w"), across=factor("across"),
+        c=stacked([row.c for rows in each for row in rows], 0),
+        moves=space.embed(torch.eye(m, dtype=like.dtype, device=like.device)),
+        size=_size(scene.beam, torch.stack(torch.broadcast_tensors(*places), -2)),
+        angles=mask(lambda row: row.coordinate == "angle"), travels=mask(lambda row: row.coordinate == "travel"))
+    if not any(joint.acts for joint in scene.joints):
+        return Joints(**fields)
+    coordinates = fields["angles"] + fields["travels"]
+    prescribed = coordinates * like.new_tensor([[joint.prescribed is not None] for joint in scene.joints])
+    laws = JointLaws(**{one.name: _given([joint.law(one.name) for joint in scene.joints], coordinates)
+                        for one in dataclasses.fields(JointLaws)})
+    return DrivenJoints(**fields | dict(held=fields["held"] + prescribed), laws=laws, prescribed=prescribed)
+
+
+def _given(values: list[Tensor | None], rows: Tensor) -> Tensor | None:
+    """Values (...) of each joint, None = it has none, in its rows (J, w); None where no joint has one."""
+    if all(value is None for value in values):
+        return None
+    none = rows.new_zeros(())
+    given = torch.broadcast_tensors(*(none if value is None else value for value in values))
+    return torch.stack(given, -1)[..., None] * rows
 
 
 def _size(beam: Any, places: Tensor) -> Tensor:
@@ -97,24 +123,40 @@ def _size(beam: Any, places: Tensor) -> Tensor:
     return beam.length.detach().sum(-1) + torch.linalg.vector_norm(points.amax(-2) - points.amin(-2), dim=-1)
 
 
-def _constraints(joint: Any, beam: Any, space: Space) -> tuple[list[tuple[Vector, Vector, Tensor]], list[float]]:
-    """(v, w, c) of the m constraints of a joint, those that it does not have as well, and which it holds."""
+class Row(NamedTuple):
+    """A constraint v . w = c of a joint, one that it does not hold as well: it may be its coordinate, "travel" or "angle".
+    across: what w becomes by a right angle, in the row of an angle.
+    """
+
+    v: Vector
+    w: Vector
+    c: Tensor
+    held: bool
+    across: Vector
+    coordinate: str | None = None
+
+
+def _rows(joint: Any, beam: Any, space: Space) -> list[Row]:
+    """The m constraints of a joint, those that it does not have as well."""
     at_a, at_b, axes = joint.drawn(beam)
     a, b = End.of(beam, joint.ends[0], False, at_a), End.of(beam, joint.ends[1], True, at_b)
     apart = b.arm + a.arm.times(-1.0)
     apart = Vector(apart.constant, torch.ones_like(apart.shift), apart.in_a, apart.in_b)
     names = dict(zip("xyz", axes.unbind(-1), strict=True))
     along, about = ("xyz", "xyz") if space.plane is None else _of_plane(joint, names, space.basis[:, 2])
-    none = apart.shift * 0.0
-    rows = [(a.direction(names[i]), apart, none) for i in along]
+    none, nothing = apart.shift * 0.0, apart.times(0.0)
+    rows = [Row(a.direction(names[i]), apart, none, i in joint.position, nothing,
+                "travel" if i == "x" and joint.position == "yz" else None) for i in along]
     turns = ABOUT_X if joint.rotation == "yz" else TURNS
-    rows += [(a.direction(names[i]).times(sign), b.direction(names[j]), none) for i, j, sign in (turns[k] for k in about)]
-    held = [i in joint.position for i in along] + [i in joint.rotation for i in about]
+    for k in about:
+        i, j, sign = turns[k]
+        free = k == "x" and joint.rotation == "yz"
+        rows.append(Row(a.direction(names[i]).times(sign), b.direction(names[j]), none, k in joint.rotation,
+                        b.direction(names["y"]) if free else nothing, "angle" if free else None))
     if joint.distance:
         L = torch.linalg.vector_norm(at_b - at_a, dim=-1)
-        rows[0] = apart.times(0.5 / L), apart, L / 2
-        held = [True] + [False] * (len(rows) - 1)
-    return rows, [float(x) for x in held]
+        rows = [Row(apart.times(0.5 / L), apart, L / 2, True, nothing), *(row._replace(held=False) for row in rows[1:])]
+    return rows
 
 
 def _of_plane(joint: Any, axes: dict[str, Tensor], normal: Tensor) -> tuple[str, str]:

@@ -21,106 +21,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.leaves import Tree, leaf
+from ..core.leaves import leaf
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 from ..topology.framework import Framework
 from ..topology.framework_matrix import JointBlocks
 from .coordinates.spatial import Space
+from .joint_motion import Factor, JointMotion, NoJoints, Pose, Vector
 
 ROUNDING = 1000.0  # eps: places that floating point does not tell apart
 CLOSED = 1e-6  # what a joint's gap over the size of the whole is measured against: 1e-8 of it is 1e-14 of that size
-
-
-class NoJoints(Tree):
-    """None: balances, stress and tangents are those of nodes and elements alone."""
-
-    count = 0
-    held_count = 0
-
-    def split(self, stress: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Stress or gaps: (of the elements (..., N, k), of the joints (..., J, k))."""
-        return stress, None
-
-    def balance(self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], tuple[Any, Any]]
-                ) -> tuple[Tensor, Tensor]:
-        """The nodes' balances with the joints' forces, and the gaps of the elements with theirs; poses: `Pose` where forces
-        act, and where joints are to be closed.
-        """
-        return nodes, gap
-
-    def joined(self, tangent: Any, stress: Tensor, poses: Callable[[], tuple[Any, Any]], half: Callable[[], Tensor] | None,
-               rate: float) -> Any:
-        """The tangent of a balance with that of the joints, see `Joints.blocks`."""
-        return tangent
-
-    def matrix(self, stiffness: Any, stress: Tensor, poses: Callable[[], tuple[Any, Any]]) -> Any:
-        """A tangent stiffness of the nodes with that of the joints."""
-        return stiffness
-
-    def measure(self, size: Tensor, gap: Tensor | None) -> Tensor:
-        """(...) a scaled residual, with that of the joints."""
-        return size
-
-    def spans(self, lengths: Tensor) -> Tensor:
-        """(..., 1, 1) m, the size of what has no elements, whose lengths (..., 0, 1) are none."""
-        return lengths.new_ones(1, 1)
-
-    def asked(self, push: Tensor, gap: Tensor | None) -> Tensor:
-        """Right-hand side of a system with the joints: loads on the nodes, and gaps that are to be closed."""
-        return push
-
-    def answered(self, solution: Tensor, change: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:
-        """(moves of the nodes, change of stress and of joint forces) of its solution; change(moves): that of the stress."""
-        return solution, change(solution)
-
-
-class Pose(NamedTuple):
-    """Of both ends of each joint, frame a: position r (..., J, 2, 3) m and axes R (..., J, 2, 3, 3); of the ground 0."""
-
-    r: Tensor
-    R: Tensor
-
-    def mean(self, other: Pose) -> Pose:
-        return Pose((self.r + other.r) / 2, (self.R + other.R) / 2)
-
-
-class Vector(NamedTuple):
-    """One of the two of each constraint (..., J, m, 3), and what of it turns with the two nodes (..., J, 2, m, 3)."""
-
-    value: Tensor
-    turning: Tensor
-
-
-@dataclass(frozen=True)
-class Factor(Tree):
-    """One of the two vectors of each constraint: `constant` v_0 (..., J, m, 3), shift s (J, m, 1), and v_a, v_b in the axes of
-    the nodes: fixed (..., J, 2, m, 3).
-    """
-
-    constant: Tensor = leaf(3)
-    shift: Tensor = leaf(3)
-    fixed: Tensor = leaf(4)
-
-    def at(self, pose: Pose) -> Vector:
-        turning = self.fixed @ pose.R.mT
-        apart = (pose.r[..., 1, :] - pose.r[..., 0, :])[..., None, :]
-        return Vector(self.constant + self.shift * apart + turning.sum(-3), turning)
-
-    def by_moves(self, turning: Tensor) -> Tensor:
-        """(..., J, m, 3, 12) by displacement and spin of the first node, then of the second; turning: at the rotations that
-        the spins turn.
-        """
-        shift = self.shift[..., None] * torch.eye(3, dtype=turning.dtype, device=turning.device)
-        a, b = (-skew(part) for part in turning.unbind(-3))
-        shift = shift.expand(*a.shape[:-2], 3, 3)
-        return torch.cat((-shift, a, shift, b), -1)
 
 
 @dataclass(frozen=True)
@@ -130,6 +46,8 @@ class Joints(NoJoints):
     v, w    the two vectors;  c (..., J, w)
     moves   (w, 6): displacement and spin in space of a node's moves
     size    (...) m of the whole
+    angles, travels  (J, w) 1 in the row of an angle, or of a travel, that is a coordinate of a joint: free, or prescribed
+    across  what w becomes where it is turned about x by a right angle, in the rows of angles; zero in others
     """
 
     space: Space
@@ -140,6 +58,9 @@ class Joints(NoJoints):
     c: Tensor = leaf(2)
     moves: Tensor = leaf(2)
     size: Tensor = leaf(0)
+    angles: Tensor = leaf(2)
+    travels: Tensor = leaf(2)
+    across: Factor
 
     @property
     def count(self) -> int:
@@ -156,16 +77,75 @@ class Joints(NoJoints):
 
     def balance(self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]
                 ) -> tuple[Tensor, Tensor]:
-        acting, end = poses()
-        return self.load(acting, self.split(stress)[1], nodes), _stacked(gap, self.gap(end))
+        acting, end, *_ = poses()
+        return self.load(acting, self.split(stress)[1], nodes), stacked(gap, self.gap(end))
 
     def joined(self, tangent: Any, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]], half: Callable[[], Tensor] | None,
                rate: float) -> Any:
-        blocks = self.blocks(*poses(), self.split(stress)[1], None if half is None else half(), rate)
+        blocks = self.blocks_of(poses(), self.split(stress)[1], None if half is None else half(), rate)
         return tangent._replace(matrix=tangent.matrix.joined(blocks))
 
     def matrix(self, stiffness: Any, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]) -> Any:
-        return stiffness.joined(self.blocks(*poses(), self.split(stress)[1], None, 1.0))
+        return stiffness.joined(self.blocks_of(poses(), self.split(stress)[1], None, 1.0))
+
+    def finished(self, stress: Tensor, motion: Callable[[], JointMotion],
+                 moving: Callable[[], tuple[Tensor, Tensor]] | None = None, work: Tensor | None = None,
+                 before: Tensor | None = None) -> dict[str, Any]:
+        motion = motion()
+        stress, w = self.acting(stress, motion)
+        q = self.after(motion)
+        rate = torch.zeros_like(q) if moving is None else self.rate(motion.end, *moving())
+        numbers = [(x * rows).sum(-1)[..., None] for x in (q, rate) for rows in (self.angles, self.travels)]
+        numbers.append(self.wrench(motion.acting, w, self.split(stress)[1]))
+        shape = broadcast_shapes(*(x.shape[:-2] for x in numbers))
+        return {"stress": stress, "joints": torch.cat([x.expand(*shape, *x.shape[-2:]) for x in numbers], -1)}
+
+    def acting(self, stress: Tensor, motion: JointMotion) -> tuple[Tensor, Factor]:
+        """The stress with all forces of joints, and w where they act."""
+        return stress, self.w
+
+    def wrench(self, pose: Pose, w: Factor, force: Tensor) -> Tensor:
+        """Force N and moment N m (..., J, 6) on second parts, at the joints' points there, frame a."""
+        by, arms = self._gradient(self.v.at(pose), w.at(pose)), self.w.at(pose).turning[..., 0, :]
+        push, moment = torch.einsum("...jmk,...jm->...jk", by, -force).unflatten(-1, (2, 2, 3)).unbind(-2)
+        moment = moment - torch.linalg.cross(arms * arms.new_tensor([[-1.0], [1.0]]), push)
+        ground = torch.tensor([pair[1] is None for pair in self.framework.joints], device=force.device)[:, None]
+        first, second = torch.cat((push, moment), -1).unbind(-2)
+        return torch.where(ground, -first, second)
+
+    def after(self, motion: JointMotion) -> Tensor:
+        """(..., J, w) the coordinates, counted over turns where it is known how many there were before."""
+        turns = motion.drive.turns
+        return self.coordinate(motion.end, None if turns is None else turns[..., None] * self.angles)
+
+    def turned(self, angle: Tensor) -> Factor:
+        """w, turned about x by angles (..., J, w), 0 in rows of others."""
+        c, s = torch.cos(angle)[..., None], torch.sin(angle)[..., None]
+        fixed = c[..., None, :, :] * self.w.fixed + s[..., None, :, :] * self.across.fixed
+        return Factor(c * self.w.constant + s * self.across.constant, self.w.shift, fixed)
+
+    def coordinate(self, pose: Pose, near: Tensor | None = None) -> Tensor:
+        """(..., J, w) m, or rad within half a turn of `near`, None = of how it is drawn; 0 in rows of others."""
+        v, w, across = (factor.at(pose).value for factor in (self.v, self.w, self.across))
+        product = (v * w).sum(-1)
+        turns = self.angles > 0
+        angle = torch.atan2(torch.where(turns, product, 0.0), torch.where(turns, -(v * across).sum(-1), 1.0))
+        if near is not None:
+            angle = angle + 2 * torch.pi * torch.round((near - angle) / (2 * torch.pi)).detach() * self.angles
+        return angle + self.travels * (product - self.c)
+
+    def coordinate_by(self, pose: Pose, coordinate: Tensor) -> Tensor:
+        """(..., J, w, 12) its derivative by displacement and spin of both nodes, where it is that."""
+        v, across = self.v.at(pose), self.across.at(pose).value
+        w = self.turned(coordinate * self.angles).at(pose)
+        size = torch.hypot((v.value * self.w.at(pose).value).sum(-1), (v.value * across).sum(-1))
+        size = torch.where(self.angles > 0, size, 1.0)
+        return ((self.angles + self.travels) / size)[..., None] * self._gradient(v, w)
+
+    def rate(self, pose: Pose, velocity: Tensor, spin: Tensor) -> Tensor:
+        """(..., J, w) m/s or rad/s of nodes that move so (..., N+1, *), frame a; 0 in rows of others."""
+        motion = self.framework.at_joints(torch.cat((velocity, spin), -1)) @ self.moves
+        return (self.coordinate_by(pose, self.coordinate(pose)) @ motion.flatten(-2)[..., None])[..., 0]
 
     def measure(self, size: Tensor, gap: Tensor) -> Tensor:
         p = self.space.position
@@ -176,12 +156,12 @@ class Joints(NoJoints):
         return self.size[..., None, None]
 
     def asked(self, push: Tensor, gap: Tensor) -> Tensor:
-        return _stacked(push, -gap)
+        return stacked(push, -gap)
 
     def answered(self, solution: Tensor, change: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:
         N = self.framework.node_count
         moves = solution.narrow(-2, 0, N)
-        return moves, _stacked(change(moves), solution.narrow(-2, N, self.count))
+        return moves, stacked(change(moves), solution.narrow(-2, N, self.count))
 
     def pose(self, position: Tensor, rotation: Tensor) -> Pose:
         """From nodes, in the space's coordinates."""
@@ -196,21 +176,38 @@ class Joints(NoJoints):
 
     def load(self, pose: Pose, force: Tensor, total: Tensor) -> Tensor:
         """total (..., N+1, w) with what the joints' forces (..., J, w) add to the nodes' balances: (dg/dq)^T lambda."""
-        by = self._gradient(*(factor.at(pose) for factor in (self.v, self.w)))
-        force = self.held * force
+        return self._load(pose, self.w, self.held * force, total)
+
+    def _load(self, pose: Pose, w: Factor, force: Tensor, total: Tensor) -> Tensor:
+        by = self._gradient(self.v.at(pose), w.at(pose))
         wrench = torch.einsum("...jmk,...jm->...jk", by, force).unflatten(-1, (2, 6))
         return self.framework.from_joints(wrench @ self.moves.mT, total)
+
+    def blocks_of(self, motion: JointMotion, force: Tensor, half: Tensor | None, rate: float) -> JointBlocks:
+        """`blocks` of a motion."""
+        return self.blocks(motion.acting, motion.end, force, half, rate)
 
     def blocks(self, acting: Pose, end: Pose, force: Tensor, half: Tensor | None, rate: float) -> JointBlocks:
         """Of the tangent, by moves at `acting`, the mean of the start and `end`: of which the end makes `rate` times the
         displacement, and turns by rate * half (..., N+1, s, s) times the spin; None = I.
         """
-        force = self.held * force
-        (v, w), (v_end, w_end) = ([factor.at(pose) for factor in (self.v, self.w)] for pose in (acting, end))
-        by_v, by_w = self.v.by_moves(v_end.turning), self.w.by_moves(w_end.turning)
-        closed = rate * (_along(w_end.value, by_v) + _along(v_end.value, by_w))  # (..., J, m, 12)
+        return self._blocks(acting, end, self.w, self.w, self.held * force, half, rate)
+
+    def _blocks(self, acting: Pose, end: Pose, w_acting: Factor, w_closing: Factor, force: Tensor, half: Tensor | None,
+                rate: float, more: Callable[[Vector, Tensor], Tensor] | None = None) -> JointBlocks:
+        """With w as it is where forces act, and where joints are closed; more(v, dg/dq) (..., J, 12, 12): what the forces'
+        wrenches change by beside that.
+        """
+        v, w, v_end, w_end = self.v.at(acting), w_acting.at(acting), self.v.at(end), w_acting.at(end)
+        by_v, by_w = self.v.by_moves(v_end.turning), w_acting.by_moves(w_end.turning)
         push = self._gradient(v, w)
         stiffness = self._curvature(v, w, by_v, by_w, v_end, w_end, force)
+        if more is not None:
+            stiffness = stiffness + more(v, push)
+        if w_closing is not w_acting:
+            w_end = w_closing.at(end)
+            by_w = w_closing.by_moves(w_end.turning)
+        closed = rate * (_along(w_end.value, by_v) + _along(v_end.value, by_w))  # (..., J, m, 12)
         E = torch.block_diag(self.moves, self.moves)  # (2 w, 12)
         spin = None if half is None else self._spins(half)
         held = self.held[..., None]
@@ -258,7 +255,7 @@ def _along(vector: Tensor, by: Tensor) -> Tensor:
     return (vector[..., None, :] @ by)[..., 0, :]
 
 
-def _stacked(rows: Tensor, more: Tensor) -> Tensor:
+def stacked(rows: Tensor, more: Tensor) -> Tensor:
     """Both one after the other."""
     shape = broadcast_shapes(rows.shape[:-2], more.shape[:-2])
     return torch.cat((rows.expand(*shape, *rows.shape[-2:]), more.expand(*shape, *more.shape[-2:])), -2)

@@ -17,7 +17,7 @@ from .constitutive_law import ElasticLaw
 from .constraints import Constraints
 from .coordinates.spatial import Space
 from .inertia import Inertia
-from .joints import NoJoints
+from .joint_motion import NoJoints
 
 
 @dataclass(frozen=True)

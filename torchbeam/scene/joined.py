@@ -16,7 +16,7 @@ from .structure import Structure
 def joints_of(scene: Any) -> tuple[Joint, ...]:
     """The joints of a scene, their ends as rows of its structure. Raises ValueError for joints in a scene of one beam, of nodes
     that do not exist or lie within an element, of a node with itself, two at one place of the same two nodes, parts that do not
-    meet as drawn, joints that are not there yet (springs and drives in them, small motions), and bodies without inertia which
+    meet as drawn, joints with small motions, and bodies without inertia which
     nothing keeps from turning.
     """
     structure, found = scene.beam, []

@@ -15,7 +15,7 @@ from .parts import check_node
 from .structure import Structure
 
 MET = {torch.float64: 1e-9, torch.float32: 1e-5}  # of the size of a structure: how far apart points that coincide may be
-ACTS = ("stiffness", "damping", "friction", "limits", "torque", "angle", "force", "travel")
+ACTS = ("stiffness", "damping", "friction", "slip_speed", "limits", "limit_stiffness", "torque", "angle", "force", "travel")
 
 
 @dataclass(frozen=True)
@@ -104,9 +104,28 @@ class Joint(Tree):
         return len(self.position) + len(self.rotation)
 
     @property
+    def coordinates(self) -> tuple[int, ...]:
+        """Which coordinates it has: 0 an angle, 1 a travel."""
+        return tuple(k for k, held in enumerate((self.rotation, self.position)) if held == "yz")
+
+    @property
     def acts(self) -> dict[str, Any]:
         """What acts in it, by name, where it is there."""
         return {name: value for name in ACTS if (value := getattr(self, name, None)) is not None}
+
+    def law(self, name: str) -> Tensor | None:
+        """What its coordinate resists by (...), by the names of `JointLaws`; None = nothing."""
+        return None
+
+    @property
+    def effort(self) -> Any:
+        """The force or torque along its coordinate that is given, None = none."""
+        return None
+
+    @property
+    def prescribed(self) -> Any:
+        """The coordinate, where it is given, None = it is not."""
+        return None
 
     def drawn(self, structure: Structure) -> tuple[Tensor, Tensor, Tensor]:
         """The joint's point on a and on b (..., 3) m, and its axes (..., 3, 3), columns, of which x is the joint's: frame a, of
@@ -128,9 +147,6 @@ class Joint(Tree):
         """ValueError for what does not fit a structure: a part joined with itself, parts that do not meet as drawn."""
         if self.a.node == self.b.node:
             raise ValueError(f"a {self.called} of {self.a.node!r} with itself was given; two different nodes are wanted")
-        if self.acts:
-            raise ValueError(f"a {self.called} with {', '.join(self.acts)} was given; one that is free is wanted: what acts in "
-                             "a joint is not there yet")
         if self.at is not None or self.distance or not self.meets or None in (self.a.node, self.b.node):
             return
         off = torch.linalg.vector_norm(self.a.drawn(structure) - self.b.drawn(structure), dim=-1).detach()

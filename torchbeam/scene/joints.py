@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
+from ..core.arguments import function as check_function
 from ..core.leaves import leaf
-from ..core.validation import Value, concrete
+from ..core.validation import Value, axis_last, concrete, finite, shown
 from .axes import axes_along
+from .effects.values import Input, parameter, plain
 from .joint import MET, Joint
 from .structure import Structure
 
@@ -50,15 +53,80 @@ class AxisJoint(Joint):
 
 @dataclass(frozen=True)
 class DrivenJoint(AxisJoint):
-    """Base of joints with one coordinate.
+    """Base of joints with one coordinate q, an angle in rad, counted over turns, or a travel in m; zero as drawn. What acts in
+    the joint acts on b, and its opposite on a.
 
-    stiffness, damping, friction, limits  of the coordinate
+    stiffness        (...) k, N m/rad or N/m: the effort -k q
+    damping          (...) c, N m s/rad or N s/m: -c q'
+    friction         (...) mu, N m or N: -mu q'/sqrt(q'^2 + s^2), Coulomb's law regularised with
+    slip_speed       (...) s, rad/s or m/s: far slower, it creeps
+    limits           (..., 2) lowest and highest q, beyond which an effort rises to the
+    limit_stiffness  (...) N m/rad or N/m, smoothly over a hundredth of the range between them
+
+    Raises ValueError for a negative number, friction without a slip speed, limits without a stiffness or in the wrong order,
+    and for what acts along a coordinate that is prescribed.
     """
 
     stiffness: Value | None = leaf(0, default=None, kw_only=True)
     damping: Value | None = leaf(0, default=None, kw_only=True)
     friction: Value | None = leaf(0, default=None, kw_only=True)
+    slip_speed: Value | None = leaf(0, default=None, kw_only=True)
     limits: Value | None = leaf(1, default=None, kw_only=True)
+    limit_stiffness: Value | None = leaf(0, default=None, kw_only=True)
+
+    GIVEN: ClassVar[tuple[str, str]]  # names of the effort, and of the coordinate, that may be given
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("stiffness", "damping", "friction", "slip_speed", "limit_stiffness"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, parameter(f"a {self.called}'s {name}", value, zero=name != "slip_speed"))
+        if self.limits is not None:
+            limits = axis_last(f"a {self.called}'s limits", plain(self.limits), 2)
+            finite(f"a {self.called}'s limits", torch.as_tensor(limits))
+            if concrete(torch.as_tensor(limits[..., 1] <= limits[..., 0])).any():
+                raise ValueError(f"a {self.called} with the limits {shown(self.limits)} was given; the lowest, then the "
+                                 "highest, is wanted")
+            object.__setattr__(self, "limits", limits)
+        for one, other in (("friction", "slip_speed"), ("limits", "limit_stiffness")):
+            there = [name for name in (one, other) if getattr(self, name) is not None]
+            if len(there) == 1:
+                raise ValueError(f"a {self.called} with {there[0]} alone was given; {one} and {other} are wanted together")
+        for name in self.GIVEN:
+            self._driven(name)
+        prescribed = self.GIVEN[1]
+        if self.prescribed is not None and len(self.acts) > 1:
+            others = ", ".join(name for name in self.acts if name != prescribed)
+            raise ValueError(f"a {self.called} with {prescribed} and {others} was given; one of them is wanted, for "
+                             "nothing acts along a coordinate that is prescribed")
+
+    def _driven(self, name: str) -> None:
+        """Checks a number, a function of t, or an input."""
+        value = getattr(self, name)
+        if value is None:
+            return
+        if callable(value):
+            check_function(f"a {self.called}'s {name}", value, "t")
+        elif isinstance(value, Input):
+            if value.size != 1:
+                raise ValueError(f"a {self.called}'s {name} with an Input of size {value.size} was given; size 1 is wanted")
+        else:
+            value = plain(value)
+            finite(f"a {self.called}'s {name}", torch.as_tensor(value))
+            object.__setattr__(self, name, value)
+
+    def law(self, name: str) -> Tensor | None:
+        if name in ("lowest", "highest"):
+            return None if self.limits is None else self.limits[..., int(name == "highest")]
+        return getattr(self, name)
+
+    @property
+    def effort(self) -> Any:
+        return getattr(self, self.GIVEN[0])
+
+    @property
+    def prescribed(self) -> Any:
+        return getattr(self, self.GIVEN[1])
 
 
 @dataclass(frozen=True)
@@ -70,6 +138,7 @@ class Hinge(DrivenJoint):
     """
 
     rotation = "yz"
+    GIVEN = ("torque", "angle")
 
     axis: Value = leaf(1, default=(0.0, 1.0, 0.0))
     torque: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
@@ -86,6 +155,7 @@ class Slider(DrivenJoint):
 
     position = "yz"
     meets = False
+    GIVEN = ("force", "travel")
 
     force: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)
     travel: Value | Callable[[Tensor], Tensor] | None = leaf(0, default=None, kw_only=True)

@@ -144,7 +144,7 @@ class Scene(Tree):
     def inputs(self) -> dict[str, int]:
         """Name -> size."""
         found: dict[str, int] = {}
-        for effect in self.effects:
+        for effect in (*self.effects, *self.joints):
             for value in inputs_of(effect):
                 if found.setdefault(value.name, value.size) != value.size:
                     raise ValueError(f"the input {value.name!r} has the sizes {found[value.name]} and {value.size}; one is "
@@ -179,7 +179,8 @@ class Scene(Tree):
         """Whether anything may be a function of time: a load, a motion, an eigenstrain, any effect that is none of
         the library's.
         """
-        held = (v for x in (*self.effects, *self.supports, self.frame, self.root) if x is not None for v in vars(x).values())
+        held = (v for x in (*self.effects, *self.joints, *self.supports,
+                            self.frame, self.root) if x is not None for v in vars(x).values())
         return (any(callable(v) and not (isinstance(v, PerElement) and not callable(v.value)) for v in held)
                 or any(not type(e).__module__.startswith(f"{__package__}.") for e in self.effects))
 

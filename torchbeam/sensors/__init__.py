@@ -14,12 +14,14 @@ tensor with the same leading axes; it is differentiable in the state and in what
 from ..core.entry_point import entry_points
 from .acceleration import NodeAcceleration
 from .along import Curvature, Gauge, Strain, Stress
+from .joint import JointCoordinate, JointLoad, JointRate
 from .node import Angles, NodePosition, NodeRotation, NodeVelocity, Spin, TipPosition, TipVelocity
 from .root import Reaction, RootForce, RootMoment, RootReaction, RootSpringLoad
 from .sensor import Component, Sensor, Stack
 
 __all__ = [
-    "Angles", "Component", "Curvature", "Gauge", "NodeAcceleration", "NodePosition", "NodeRotation", "NodeVelocity",
+    "Angles", "Component", "Curvature", "Gauge", "JointCoordinate", "JointLoad", "JointRate",
+    "NodeAcceleration", "NodePosition", "NodeRotation", "NodeVelocity",
     "Reaction", "RootForce", "RootMoment", "RootReaction", "RootSpringLoad", "Sensor", "Spin", "Stack", "Strain", "Stress",
     "TipPosition", "TipVelocity",
 ]

@@ -63,6 +63,28 @@ class Reaction(NamedTuple):
     moment: Tensor
 
 
+class JointReading(NamedTuple):
+    """A joint: its coordinate, rad of an angle counted over turns or m of a travel, of both (..., 2) the angle first, zero as
+    drawn; None = it has none; the rate; force (..., 3) N and moment (..., 3) N m of the joint on its second part, at its point
+    there, frame a (after an implicit step their mean over it).
+    """
+
+    coordinate: Tensor | None
+    rate: Tensor | None
+    force: Tensor
+    moment: Tensor
+
+    @classmethod
+    def of(cls, row: Tensor, coordinates: tuple[int, ...]) -> JointReading:
+        """row (..., 10): angle, travel, their rates, force, moment; coordinates: 0 angle, 1 travel."""
+        def own(first: int) -> Tensor | None:
+            if not coordinates:
+                return None
+            return row[..., first + coordinates[0]] if len(coordinates) == 1 else row[..., first:first + 2]
+
+        return cls(own(0), own(2), row[..., 4:7], row[..., 7:])
+
+
 class TensorFields(Tree):
     """Operations on all fields of a frozen dataclass of tensors alike."""
 

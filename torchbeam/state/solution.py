@@ -109,6 +109,11 @@ class Solution:
         return self.state[name]
 
     @property
+    def joint(self) -> Any:
+        """The joints of a structure over time, see `JointReading`."""
+        return self.state.joint
+
+    @property
     def _some(self) -> Any:
         """States, in whatever coordinates."""
         return self.states.parts[0] if isinstance(self.states, ReducedStates) else self.states

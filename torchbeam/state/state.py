@@ -17,7 +17,7 @@ from ..scene.parts import Part, one_beam, part_of, row_of
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
 from .bent import bent
-from .instant import Instant, Point, Reaction
+from .instant import Instant, JointReading, Point, Reaction
 from .supported_nodes import at_rest, at_supports
 
 
@@ -42,6 +42,8 @@ class State(Instant):
               turn
     internal  (..., z) internal states of user loads, one load after the other, those of a load along the beam node by node;
               None without
+    joints    (..., J, 10) of the joints of a structure, see `joint`; None without
+    coordinates  which coordinates each joint has, 0 an angle, 1 a travel
     supports  nodes of the supports that `reaction` is of; None where the state was made without a scene
     parts     of a structure, whose nodes and stations stand one part after the other; see `__getitem__`
     joined    pairs of nodes that its joints connect, None = the ground; stress has a row for each behind those of the stations
@@ -59,8 +61,10 @@ class State(Instant):
     status: Tensor = leaf(0)
     frame: Tensor | None = leaf(1, default=None, kw_only=True)
     internal: Tensor | None = leaf(1, default=None, kw_only=True)
+    joints: Tensor | None = leaf(2, default=None, kw_only=True)
     supports: tuple[int, ...] | None = field(default=None, kw_only=True)
     parts: tuple[Part, ...] = field(default=(), kw_only=True)
+    coordinates: tuple[tuple[int, ...], ...] = field(default=(), kw_only=True)
     joined: tuple[tuple[int | None, int | None], ...] = field(default=(), kw_only=True)
 
     @classmethod
@@ -123,13 +127,19 @@ class State(Instant):
         part = part_of(self.parts, index)
         return self.row(part.first_node) if part.body else self.part(index)
 
+    @property
+    def joint(self) -> tuple[JointReading, ...]:
+        """The joints of a structure, as an equilibrium or a step has left them."""
+        return tuple(JointReading.of(self.joints[..., k, :], own) for k, own in enumerate(self.coordinates))
+
     def part(self, name: str) -> State:
         """The state of a beam of a structure, or that of a body, a single node. Raises ValueError where there is none such."""
         part = part_of(self.parts, name)
         held = [k for k, node in enumerate(self.supports or ()) if part.nodes.start <= node < part.nodes.stop]
         rows = {name: getattr(self, name)[..., part.nodes, :] for name in ("position", "rotation", "velocity", "spin")}
         return replace(self, **rows, stress=self.stress[..., part.stations, :], reaction=self.reaction[..., held, :],
-                       supports=tuple(self.supports[k] - part.first_node for k in held), internal=None, parts=(), joined=())
+                       supports=tuple(self.supports[k] - part.first_node for k in held), internal=None, parts=(),
+                       joints=None, coordinates=(), joined=())
 
     def node(self, index: Any) -> Point:
         """One node's motion, in frame a; counted from the root, -1 is the tip; of a structure (name, node), or the name of a
@@ -240,6 +250,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
         status=torch.zeros(shape, dtype=torch.long, device=zero.device),
         frame=orientation(scene, shape, time),
         internal=zero.expand(*shape, states) if states else None,
+        **no_motion(scene, zero.expand(shape)),
         supports=supported(scene),
         parts=beam.parts,
         joined=beam.joined,
@@ -248,6 +259,14 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
         return state
     prescribed_motion = PrescribedMotion(scene)
     return at_rest(at_supports(state, prescribed_motion), prescribed_motion).broadcast()
+
+
+def no_motion(scene: Any, like: Tensor) -> dict[str, Any]:
+    """Fields of a state whose joints stand as drawn, with axes `like` these (...); none where there are no joints."""
+    if not scene.joints:
+        return {}
+    return {"joints": like.new_zeros(*like.shape, len(scene.joints), 10),
+            "coordinates": tuple(joint.coordinates for joint in scene.joints)}
 
 
 def supported(scene: Any) -> tuple[int, ...]:
@@ -276,4 +295,6 @@ def with_optional_fields(state: State, scene: Any) -> State:
         raise ValueError(f"a state with {state.internal.shape[-1]} internal states was given; the scene's loads have {sizes}")
     if sizes and state.internal is None:
         state = replace(state, internal=state.position.new_zeros(*state.batch_shape, sizes))
+    if state.joints is None:
+        state = replace(state, **no_motion(scene, state.position.new_zeros(state.batch_shape)))
     return state

@@ -188,7 +188,8 @@ def _moves(nodes: Tensor, bases: list[Base]) -> tuple[Tensor, Tensor]:
 
 
 def _length(nodes: Tensor) -> Tensor:
-    return torch.linalg.vector_norm(nodes.diff(dim=-2), dim=-1).sum(-1)
+    length = torch.linalg.vector_norm(nodes.diff(dim=-2), dim=-1).sum(-1)
+    return torch.where(length > 0, length, 1.0)  # of a body alone
 
 
 def _forbidden(problem: SteadyProblem, x: Configuration, nodes: Tensor, moves: tuple[Tensor, Tensor]) -> Tensor | None:

@@ -102,7 +102,7 @@ class FrameworkSystem:
         if how.joints:
             Z = torch.linalg.svd(G).Vh[..., int(self.joints.held.sum()):, :].mT
             K = Z.mT @ K @ Z
-        more = -K.shape[-1] % w
+        more = -K.shape[-1] % w if K.shape[-1] else w
         K = pad(K, (0, more, 0, more)) + torch.diag_embed(pad(K.new_zeros(K.shape[-1]), (0, more), value=1.0))
         return [_block_pivots(K, w)]
 

@@ -123,7 +123,6 @@ REFUSED = {
         tb.Weld(("arm", 0), ("arm", -1)), tb.Hinge(("arm", -1), ("arm", 0), at=ARM.nodes[:, -1])]),
     "a Weld of ('arm', 0) with itself": scene_of(lambda: tb.Weld(("arm", 0), ("arm", 0))),
     "a Weld of the ground with itself": lambda: tb.Weld(None, None),
-    "a Hinge with stiffness, torque was given": scene_of(lambda: tb.Hinge(("arm", 0), None, stiffness=1.0, torque=lambda t: t)),
     "small=True with joints": scene_of(lambda: tb.Ball(("arm", 0), None), small=True),
     "a joint's part = 'arm' was given": scene_of(lambda: tb.Ball(("arm", POINT), None)),
     "the ground without at=": scene_of(lambda: tb.Distance(("arm", 0), None)),

@@ -151,9 +151,9 @@ def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
                      f"or for each of the {elements + 1} nodes is wanted")
 
 
-def inputs_of(effect: Effect) -> list[Input]:
-    """The inputs that an effect takes, in its leaves or beside them."""
-    held = [*(one.value for one in leaves(effect)), *effect.inputs]
+def inputs_of(effect: Effect | Tree) -> list[Input]:
+    """The inputs that an effect, or a joint, takes, in its leaves or beside them."""
+    held = [*(one.value for one in leaves(effect)), *getattr(effect, "inputs", ())]
     return [value for value in held if isinstance(value, Input)]
 
 

@@ -1,0 +1,191 @@
+"""What acts in joints: tangents against derivatives at random poses, the work that it does, and what is refused."""
+
+import pytest
+import torch
+from torch.func import jacrev
+from torch.testing import assert_close
+
+import torchbeam as tb
+from torchbeam.math import quaternions as quat
+from torchbeam.nodal.discretise import discretise
+from torchbeam.nodal.joint_motion import JointDrive, JointMotion
+
+AXIS, AT = (0.6, 0.0, 0.8), (0.9, 0.2, 0.1)
+PAIRS = {"two bodies": ("foot", "hub"), "from the ground": (None, "hub"), "to the ground": ("hub", None)}
+LAWS = {
+    "spring": dict(stiffness=3.0),
+    "damping": dict(damping=0.7),
+    "friction": dict(friction=2.0, slip_speed=4.0),
+    "limits": dict(limits=(-0.1, 0.2), limit_stiffness=40.0),
+    "all": dict(stiffness=3.0, damping=0.7, friction=2.0, slip_speed=4.0, limits=(-5.0, 0.3), limit_stiffness=40.0),
+}
+KINDS = {"hinge": (tb.Hinge, "torque", "angle"), "slider": (tb.Slider, "force", "travel")}
+TABLE = [(kind, law) for kind in KINDS for law in (*LAWS, "effort", "prescribed")]
+
+
+def joined(kind, law, pair="two bodies"):
+    joint, effort, coordinate = KINDS[kind]
+    more = LAWS.get(law) or {effort if law == "effort" else coordinate: lambda t: 0.4 + torch.sin(t)}
+    places = {"foot": (0.4, 0.1, 0), "hub": (1.2, 0.3, -0.1)}
+    parts = {name: tb.Body(0.2, (0.01, 0.02, 0.025), position=place) for name, place in places.items()}
+    return discretise(tb.Scene(parts, joints=[joint(*PAIRS[pair], axis=AXIS, at=AT, **more)]))
+
+
+def random(*shape, seed=0):
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed))
+
+
+class Step:
+    """A random one of a model; at rest where half is None."""
+
+    def __init__(self, model, still=False):
+        self.own, self.still, n = model.joints, still, model.node_count
+        self.start = random(n, 3), quat.normalize(torch.eye(1, 4) + 0.3 * random(n, 4, seed=1))
+        self.u, self.m = 0.2 * random(n, 3, seed=2), quat.exponential(0.2 * random(n, 3, seed=3))
+        t = torch.tensor(0.3)
+        values = self.own.values(model.scene.joints, t, {}, t)
+        self.drive = JointDrive(values, share=torch.tensor(0.7)) if still else JointDrive(
+            values, torch.zeros(1), torch.tensor(0.1), moving=lambda: (random(n, 3, seed=4), random(n, 3, seed=5)))
+
+    def end(self, move):
+        turned = quat.multiply(quat.exponential(move[:, 3:]), quat.multiply(self.start[1], self.m))
+        if self.still:
+            return self.start[0] + self.u + move[:, :3], turned
+        again = quat.multiply(quat.conjugate(self.start[1]), turned)
+        return self.start[0] + 2 * (self.u + move[:, :3]), quat.multiply(turned, again)
+
+    def __call__(self, move):
+        end = self.own.pose(*self.end(move))
+        if self.still:
+            return JointMotion(end, end, None, self.drive)
+        start = self.own.pose(*self.start)
+        return JointMotion(start.mean(end), end, start, self.drive)
+
+    @property
+    def half(self):
+        R, R_n = (quat.matrix(q) for q in (quat.multiply(self.start[1], self.m), self.start[1]))
+        return None if self.still else (torch.eye(3) + R @ R_n.mT) / 2
+
+
+@pytest.mark.parametrize("still", [False, True])
+@pytest.mark.parametrize("pair", PAIRS)
+@pytest.mark.parametrize(("kind", "law"), TABLE)
+def test_tangent_is_the_derivative(kind, law, pair, still):
+    """Of the nodes' balances and of the gaps, off the constraints as well."""
+    model = joined(kind, law, pair)
+    step, n, force = Step(model, still), model.node_count, random(1, 6)
+    none, gap = torch.zeros(n, 6), torch.zeros(0, 6)
+    nodes_by, gap_by = jacrev(lambda move: step.own.balance(none, gap, force, lambda: step(move)))(none)
+    blocks = step.own.blocks_of(step(none), force, step.half, 1.0 if still else 2.0)
+    matrix = model.topology.diagonal(torch.zeros(n, 6, 6)).joined(blocks)
+    assert_close(matrix.dense().view(n, 6, n, 6), nodes_by, rtol=1e-11, atol=1e-11)
+    held = step.own.held.flatten() > 0
+    assert_close(matrix.constraints().view(-1, n, 6), gap_by[0][held], rtol=1e-11, atol=1e-11)
+
+
+def fly(spin, steps=30, dt=0.03, **joint):
+    """States of two bodies in free flight, joined by a hinge at the second's centre, about which that starts to turn."""
+    parts = {"foot": tb.Body(1.0, (0.1, 0.2, 0.25)), "hub": tb.Body(0.5, (0.05, 0.1, 0.08), position=(1.0, 0, 0))}
+    scene = tb.Scene(parts, joints=[tb.Hinge("foot", "hub", axis=(0, 0, 1), at=(1.0, 0, 0), **joint)])
+    spins = torch.tensor([[0.3, -0.2, 0.4], [0.3, -0.2, 0.4 + spin]])
+    rest, hinge = tb.rest(scene), torch.tensor([1.0, 0, 0])
+    velocity = torch.linalg.cross(spins[:1], hinge[None]) + torch.linalg.cross(spins, rest.position - hinge)
+    states = [tb.State(**{**vars(rest), "spin": spins, "velocity": velocity})]
+    stepper = tb.Stepper(scene, dt)
+    for _ in range(steps):
+        states.append(stepper(states[-1]))
+    return discretise(scene), states
+
+
+def momenta(model, state):
+    P, L = model.inertia.momenta(state.rotation, state.velocity, state.spin)[:2]
+    return torch.cat((P.sum(0), (torch.linalg.cross(state.position, P) + L).sum(0)))
+
+
+@pytest.mark.parametrize("joint", [dict(stiffness=0.1), dict(limits=(-4.0, 4.0), limit_stiffness=30.0),
+                                   dict(damping=0.01, friction=0.02, slip_speed=0.1)])
+def test_energy_and_momentum_over_many_turns(joint):
+    """What acts within keeps both momenta; the energy changes by its work: none but what springs hold, over several turns."""
+    model, states = fly(9.0, **joint)
+    last = states[-1]
+    turned = torch.stack([state.joint[0].coordinate for state in states])
+    assert not last.status and turned.abs().max() > 4 and turned.diff().abs().max() < 0.5
+    assert_close(momenta(model, last), momenta(model, states[0]), rtol=0, atol=1e-9)
+    energy = [model.kinetic_energy(s.rotation, s.velocity, s.spin) for s in (states[0], last)]
+    assert_close(energy[1] - energy[0], last.work, rtol=0, atol=1e-9)
+    if "stiffness" in joint:
+        assert_close(last.work, -0.05 * last.joint[0].coordinate ** 2, rtol=0, atol=1e-9)
+    if "damping" in joint:
+        assert (torch.stack([s.work for s in states]).diff() < 0).all()
+
+
+def test_friction_sticks():
+    """Below the friction a torque makes the hinge creep at the rate where they are equal; what moves stops without ringing."""
+    _, states = fly(1.0, 12, 0.05, friction=2.0, slip_speed=0.01, torque=1.0)
+    rates = torch.stack([state.joint[0].rate for state in states[-4:]])
+    assert_close(rates, torch.full_like(rates, 0.01 / 3**0.5), rtol=0, atol=5e-4)  # r/sqrt(r^2 + s^2) = 1/2, to order dt
+
+
+def test_prescribed_angle():
+    """Exact at the end of each step, over turns, by a function and by an input; the work is what the parts gain."""
+    model, states = fly(0.0, 20, 0.05, angle=lambda t: 8 * t**2)
+    given = torch.stack([8 * state.t**2 for state in states])
+    assert_close(torch.stack([state.joint[0].coordinate for state in states]), given, rtol=0, atol=1e-12)
+    energy = [model.kinetic_energy(s.rotation, s.velocity, s.spin) for s in (states[0], states[-1])]
+    assert given[-1] > 2 * torch.pi
+    assert_close(states[-1].work, energy[1] - energy[0], rtol=0, atol=1e-8)
+    assert_close(momenta(model, states[-1]), momenta(model, states[0]), rtol=0, atol=1e-9)
+
+
+def hanging(**joint):
+    """A body that hangs from a hinge and is pushed aside."""
+    body = tb.Body(mass=1.0, inertia=0.1, position=(0.0, 0, -1))
+    return tb.Scene({"body": body}, [tb.Gravity((0, 0, -9.81)), tb.PointLoad("body", force=(4.0, 0, 0))],
+                    joints=[tb.Hinge(None, "body", at=(0, 0, 0), axis=(0, 1, 0), **joint)])
+
+
+def test_equilibrium_of_a_spring_and_its_reading():
+    """k angle = -(force) cos - (weight) sin; the joint carries force and weight, and the spring's moment."""
+    joint = tb.equilibrium(hanging(stiffness=3.0)).joint[0]
+    angle = joint.coordinate
+    assert_close(3 * angle, -4 * torch.cos(angle) - 9.81 * torch.sin(angle), rtol=0, atol=1e-9)
+    assert_close(joint.force, torch.tensor([-4.0, 0, 9.81]), rtol=0, atol=1e-9)
+    assert_close(joint.moment, torch.stack((0 * angle, -3 * angle, 0 * angle)), rtol=0, atol=1e-9)
+
+
+def test_equilibrium_at_a_prescribed_angle_and_its_gradient():
+    """The torque that holds it, by the moment of weight and push; its derivative by the angle."""
+    angle = torch.tensor(0.8, requires_grad=True)
+    torque = tb.equilibrium(hanging(angle=angle)).joint[0].moment[1]
+    wanted = 4 * torch.cos(angle) + 9.81 * torch.sin(angle)
+    assert_close(torque, wanted, rtol=0, atol=1e-9)
+    assert_close(*(torch.autograd.grad(x, angle)[0] for x in (torque, wanted)), rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize(("joint", "words"), [
+    (dict(stiffness=-1.0), "stiffness"), (dict(friction=1.0), "slip_speed"),
+    (dict(limits=(1.0, -1.0), limit_stiffness=1.0), "lowest"), (dict(limits=(-1.0, 1.0)), "limit_stiffness"),
+    (dict(angle=1.0, damping=1.0), "prescribed"), (dict(angle=1.0, torque=1.0), "angle"),
+    (dict(torque=tb.Input("motor", 2)), "size 1"), (dict(torque=float("nan")), "torque"),
+])
+def test_refusals(joint, words):
+    with pytest.raises(ValueError, match=words):
+        tb.Hinge("a", "b", **joint)
+
+
+def four_bar(last, **scene):
+    """Three bodies and the ground, joined by hinges about y and, at the end, by this one."""
+    places = {"left": (0, 0, 0.5), "top": (0.5, 0, 1), "right": (1, 0, 0.5)}
+    parts = {name: tb.Body(1.0, 0.1, position=place) for name, place in places.items()}
+    pairs = {(None, "left"): (0, 0, 0), ("left", "top"): (0, 0, 1), ("top", "right"): (1, 0, 1)}
+    hinges = [tb.Hinge(*pair, at=at, axis=(0, 1, 0)) for pair, at in pairs.items()]
+    return tb.Scene(parts, joints=[*hinges, last("right", None, at=(1, 0, 0))], **scene)
+
+
+def test_redundant_constraints_are_named():
+    """A four-bar of rigid bodies with four hinges holds three components twice in space, and none in its plane."""
+    for last, count in ((tb.Hinge, "3 of 5"), (tb.Ball, "1 of 3")):
+        with pytest.raises(ValueError, match=f"joint 3.* holds {count} components"):
+            discretise(four_bar(last))
+    model = discretise(four_bar(tb.Hinge, plane="xz"))
+    assert model.joints.held_count == 8

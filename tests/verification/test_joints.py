@@ -1,0 +1,139 @@
+"""Structures against equations of motion of few coordinates, closed forms and differences of energy."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy.integrate import solve_ivp
+
+import torchbeam as tb
+
+SECTION = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-4)
+WEIGHT = tb.Gravity((0, 0, -9.81))
+
+
+def last(scene, t, steps, **more):
+    """State after so many steps from rest."""
+    stepper, state = tb.Stepper(scene, t / steps, **more), tb.rest(scene)
+    for _ in range(steps):
+        state = stepper(state)
+    assert not state.status.any()
+    return state
+
+
+def double_pendulum(**scene):
+    """Two bodies that fall from the horizontal: 1 kg, 0.1 kg m^2, 0.5 m from their hinges, which are 1 m apart."""
+    parts = {"upper": tb.Body(1.0, 0.1, position=(0.5, 0, 0)), "lower": tb.Body(1.0, 0.1, position=(1.5, 0, 0))}
+    joints = [tb.Hinge(None, "upper", at=(0, 0, 0), axis=(0, 1, 0)), tb.Hinge("upper", "lower", at=(1, 0, 0), axis=(0, 1, 0))]
+    return tb.Scene(parts, [WEIGHT], joints=joints, **scene)
+
+
+def double_pendulum_angles(t):
+    """From the vertical, by the equations of Lagrange."""
+    def rates(_, y):
+        a, b, u, v = y
+        c, s = 0.5 * math.cos(a - b), 0.5 * math.sin(a - b)
+        M = np.array([[0.1 + 0.25 + 1.0, c], [c, 0.1 + 0.25]])
+        f = np.array([-s * v**2 - 1.5 * 9.81 * math.sin(a), s * u**2 - 0.5 * 9.81 * math.sin(b)])
+        return [u, v, *np.linalg.solve(M, f)]
+
+    return solve_ivp(rates, (0, t), [math.pi / 2, math.pi / 2, 0, 0], rtol=1e-11, atol=1e-11).y[:2, -1]
+
+
+@pytest.mark.parametrize(("method", "plane"), [("midpoint", None), ("generalized_alpha", "xz")])
+def test_rigid_double_pendulum(method, plane):
+    """Of order two; the lower hinge's coordinate is the difference of the angles."""
+    a, b = double_pendulum_angles(0.5)
+    wanted = torch.tensor([math.sin(a) + 0.5 * math.sin(b), -math.cos(a) - 0.5 * math.cos(b)])
+    states = [last(double_pendulum(plane=plane), 0.5, steps, method=method) for steps in (20, 40)]
+    errors = [torch.linalg.vector_norm(state["lower"].position[::2] - wanted) for state in states]
+    assert errors[1] < 6e-3 and 3.6 < errors[0] / errors[1] < 4.4
+    assert abs(states[1].joint[1].coordinate - (a - b)) < 6e-3  # a turn about y is downward
+
+
+def test_slider_crank():
+    """A crank of 0.3 m driven by 2 N m turns a slider by a rod of 1 m: one coordinate, mass by its square's factor."""
+    start, r, l = 1.0, 0.3, 1.0
+    x = math.sqrt(l**2 - (r * math.sin(start)) ** 2)
+    pin, end = (r * math.cos(start), 0, r * math.sin(start)), (r * math.cos(start) + x, 0, 0)
+    middle = tuple((p + q) / 2 for p, q in zip(pin, end, strict=True))
+    parts = {"crank": tb.Body(0.5, 0.02), "rod": tb.Body(0.4, 0.03, position=middle),
+             "slider": tb.Body(0.7, 0.01, position=end)}
+    scene = tb.Scene(parts, plane="xz", joints=[
+        tb.Hinge(None, "crank", at=(0, 0, 0), axis=(0, -1, 0), torque=2.0), tb.Hinge("crank", "rod", at=pin, axis=(0, 1, 0)),
+        tb.Hinge("rod", "slider", at=end, axis=(0, 1, 0)), tb.Slider(None, "slider", axis=(1, 0, 0))])
+
+    def inertia(angle):
+        tilt = math.asin(r * math.sin(angle) / l)
+        turn = r * math.cos(angle) / (l * math.cos(tilt))
+        middle = -r * math.sin(angle) - l / 2 * math.sin(tilt) * turn, r / 2 * math.cos(angle)
+        slider = -r * math.sin(angle) - l * math.sin(tilt) * turn
+        return 0.02 + 0.4 * (middle[0] ** 2 + middle[1] ** 2) + 0.03 * turn**2 + 0.7 * slider**2
+
+    def rates(_, y):
+        change = (inertia(y[0] + 1e-5) - inertia(y[0] - 1e-5)) / 2e-5
+        return [y[1], (2.0 - change * y[1] ** 2 / 2) / inertia(y[0])]
+
+    angle = solve_ivp(rates, (0, 0.4), [start, 0], rtol=1e-10, atol=1e-10).y[0, -1]
+    states = [last(scene, 0.4, steps) for steps in (10, 20)]
+    errors = [abs(state.joint[0].coordinate - (angle - start)) for state in states]
+    assert errors[1] < 1e-3 and 3.7 < errors[0] / errors[1] < 4.3
+    travel = r * math.cos(angle) + math.sqrt(l**2 - (r * math.sin(angle)) ** 2) - end[0]
+    assert abs(states[1].joint[3].coordinate - travel) < 1e-3
+
+
+def bent_frame(joint, force=(0.0, 0.3, -0.5)):
+    """A beam along x with another along z on its end."""
+    parts = {"foot": tb.Beam.straight(1.0, 3, SECTION),
+             "post": tb.Beam.straight(0.6, 2, SECTION, root=(1.0, 0, 0), direction=(0, 0, 1))}
+    return tb.Scene(parts, [tb.PointLoad(("post", -1), force=force)], joints=[joint], supports=[tb.Support(("foot", 0))])
+
+
+def test_stiff_hinge_tends_to_a_weld():
+    """At the rate 1/k."""
+    ends = ("foot", -1), ("post", 0)
+    weld = tb.equilibrium(bent_frame(tb.Weld(*ends)))
+    off = [torch.linalg.vector_norm(tb.equilibrium(bent_frame(tb.Hinge(*ends, axis=(0, 1, 0), stiffness=k))).nodes - weld.nodes)
+           for k in (1e3, 1e5)]
+    assert off[1] < 1e-4 and 99 < off[0] / off[1] < 101
+
+
+def test_gradients_by_joints():
+    """By stiffness, place, axis and prescribed angle of a hinge, of a tip in equilibrium, against differences."""
+    ends = ("foot", -1), ("post", 0)
+    given = dict(stiffness=torch.tensor(2.0), at=torch.tensor([1.0, 0.05, 0.1]), axis=torch.tensor([0.1, 1.0, 0.2]))
+
+    def tip(**more):
+        return tb.equilibrium(bent_frame(tb.Hinge(*ends, **given | more)))["post"].tip.position[2]
+
+    for name, value in given.items():
+        x = value.clone().requires_grad_()
+        slope, = torch.autograd.grad(tip(**{name: x}), x)
+        way = torch.ones_like(value) * 1e-5
+        difference = (tip(**{name: value + way}) - tip(**{name: value - way})) / 2e-5
+        torch.testing.assert_close(slope.sum(), difference, rtol=1e-6, atol=1e-8)
+
+
+def ring(force):
+    """Of radius 1 from four arcs, pulled by two forces along x, free of supports but for one point's rigid motion."""
+    parts, joints = {}, []
+    for k in range(4):
+        s = torch.linspace(k * math.pi / 2, (k + 1) * math.pi / 2, 9)
+        parts[f"arc {k}"] = tb.Beam.from_nodes(torch.stack((torch.cos(s), torch.sin(s), 0 * s), -1), SECTION)
+        joints.append(tb.Weld((f"arc {k}", -1), (f"arc {(k + 1) % 4}", 0)))
+    loads = [tb.PointLoad(("arc 0", 0), force=(force, 0, 0)), tb.PointLoad(("arc 2", 0), force=(-force, 0, 0))]
+    return tb.Scene(parts, loads, joints=joints, plane="xy", supports=[tb.Support(("arc 1", 0), position="xy", rotation="z")])
+
+
+def test_ring_of_four_arcs():
+    """Pulled at two points it lengthens by F R^3/EI (pi/4 - 2/pi) and narrows by F R^3/EI (2/pi - 1/2) (Timoshenko 1930), but
+    for the size of elements, extension and shear; half way between, the loop carries F/2.
+    """
+    state, force = tb.equilibrium(ring(1e-3)), 1e-3
+    across = (state["arc 0"].nodes[0] - state["arc 2"].nodes[0])[0] - 2
+    down = (state["arc 1"].nodes[0] - state["arc 3"].nodes[0])[1] - 2
+    stretch = force * (math.pi / 4 * (1e-4 + 2.5e-4))
+    assert abs(across - stretch - force * (math.pi / 4 - 2 / math.pi)) < 0.01 * across
+    assert abs(down + force * (2 / math.pi - 0.5)) < 0.01 * abs(down)
+    assert abs(abs(state.joint[0].force[0]) - force / 2) < 1e-3 * force
