@@ -8,7 +8,7 @@ from torchbeam.engine.chain.chain_constants import flattened
 from torchbeam.engine.chain.constants import Constants
 from torchbeam.engine.chain.local_functions import LocalFunctions
 from torchbeam.engine.chain.local_problem import NODE
-from torchbeam.engine.chain.node_kinds import Kinds, node_kinds
+from torchbeam.engine.chain.node_kinds import kinds_of
 from torchbeam.equations.midpoint import MidpointUnknowns
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
@@ -29,7 +29,7 @@ class Chain:
                      | {name: getattr(problem.start, name)[j] for name in NODE} for j in range(nodes)]
         self.element = [{f"element.{k}": rows(x, axes, e, n) for k, ((x, axes), n) in enumerate(
             zip(of_elements, self.local.element_rows, strict=True))} | self.common for e in range(self.N)]
-        self.kinds = Kinds.of(node_kinds(model, constants.loads), self.order)
+        self.kinds = kinds_of(model, constants.loads)
         self.free, self.zero = model.constraints.moving.to(model.length), {"vector": torch.zeros(w), "block": torch.zeros(w, w)}
         self.unknown = [self.local.predictor(kind, **node) for kind, node in zip(self.kinds.nodes, self.node, strict=True)]
         self.stress = list(problem.start.stress.split(self.order))

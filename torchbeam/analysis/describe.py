@@ -69,7 +69,7 @@ def describe(scene: Scene) -> Description:
     plane = space.plane
     planes = () if plane or scene.small else tuple(name for name in PLANES if _fits(scene, name))
     free = model.constraints.count
-    held = sum(sum(map(int, row)) for row in model.joints.held.tolist()) if scene.joints else 0
+    held = model.joints.held_count
     states, refusals = _forms(scene, free - held)
     nodes = scene.beam.node_count
     unknowns = f"{free}: {space.unknowns} a node of {nodes} nodes, less {nodes * space.unknowns - free} that supports hold"

@@ -21,7 +21,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.arguments import function as check_function
-from ..core.arguments import instance, instant, listed
+from ..core.arguments import instant, listed
 from ..core.leaves import wants_gradient
 from ..core.validation import unmapped
 from ..math.dense import solve
@@ -54,9 +54,6 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
     coordinate without inertia undamped, where internal states of loads follow the rate of one that is undamped, or within
     torch.func.vmap.
     """
-    if instance("a scene", scene, Scene).joints:
-        raise ValueError("a scene with joints was given to linearize, whose coordinates know none; one without is wanted "
-                         "(modes and critical_load take joints)")
     model = discretise(scene, lumped)
     if scene.beam.parts:
         raise ValueError("a structure was given to linearize, which takes a scene of one beam; modes and critical_load take "

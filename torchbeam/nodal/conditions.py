@@ -21,6 +21,7 @@ from .rows import Rows
 class ActingLoad(NamedTuple):
     """A load; node: the row that it acts on, or the rows along which it does, None = all of them; what it reads of a node's
     motion; which of the internal states are its own, None = it has none; elements: along how many it acts, None = the beam's.
+    Of `Conditions` the load holds numbers alone, see `LoadEffect.at`.
     """
 
     load: Any
@@ -125,12 +126,19 @@ def conditions(model: Model, t: Tensor, inputs: Inputs, end: Tensor | None = Non
         eigenstrain = model.eigenstrain(t, inputs)
     else:
         acts = tuple(one for one in acts if any(one.load is load for load in loads))
+    acts = tuple(one._replace(load=_valued(model, one, t, inputs)) for one in acts)
     asked = loads is None or any(one.load.wants_frame for one in acts)
     velocities = motion.frame(t) if asked else (None, None)
     root = motion.root_pose(t) if any(one.load.wants_support for one in acts) else None
     return Conditions(t, inputs, frame_of(model.space, *velocities), velocities, acts, 0.0, eigenstrain,
                       () if end is None else supports(model, end), root, None, model.scene.beam.element_count,
                       model.joints.values(model.scene.joints, t, inputs, t if end is None else end))
+
+
+def _valued(model: Model, one: ActingLoad, t: Tensor, inputs: Inputs) -> Any:
+    """A load with numbers for the rows along which it acts."""
+    s = model.s[..., one.node] if isinstance(one.node, slice) else model.s
+    return one.load.at(s, t, inputs, one.elements or model.scene.beam.element_count)
 
 
 def supports(model: Model, end: Tensor) -> tuple[SupportConditions, ...]:

@@ -5,19 +5,64 @@ elements of a model, or of one node or one element of it.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
+import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
+from ..topology.chain import Chain
 from ..topology.protocols import Topology
 from .assembly import Assembly
 from .constitutive_law import ElasticLaw
 from .constraints import Constraints
+from .coordinates.linearised import LinearElement, Small
 from .coordinates.spatial import Space
 from .inertia import Inertia
 from .joint_motion import NoJoints
+from .lever import Lever, NoLever
+from .mass import LumpedMass, SharedMass
+from .rotary import NoRotaryInertia, RotaryInertia
+
+
+@dataclass(frozen=True)
+class NodeRows(Tree):
+    """Of nodes, one by one: mass, J, offset: see `LumpedMass`, `RotaryInertia`, `Lever`, None = absent; slide, turn: see
+    `Constraints`; section_mass, tributary_length, s: see `Rows`; frames, R: see `Small`, None in other coordinates.
+    """
+
+    mass: Tensor = leaf(2)
+    J: Tensor | None = leaf(3)
+    offset: Tensor | None = leaf(2)
+    slide: Tensor = leaf(2)
+    turn: Tensor = leaf(2)
+    section_mass: Tensor = leaf(3)
+    tributary_length: Tensor = leaf(2)
+    s: Tensor = leaf(1)
+    frames: Tensor | None = leaf(2)
+    R: Tensor | None = leaf(3)
+
+
+@dataclass(frozen=True)
+class ElementRows(Tree):
+    """Of elements, one by one: length, reference, law: see `Rows`; coupling: see `SharedMass`, None = absent; linear: None but
+    for small rotations.
+    """
+
+    length: Tensor = leaf(2)
+    reference: Tensor = leaf(2)
+    law: ElasticLaw
+    coupling: Tensor | None = leaf(2)
+    linear: LinearElement | None
+
+
+class Held(NamedTuple):
+    """What supports hold: of each its node and what is fixed (w) of it; nodes and axes of hinges."""
+
+    nodes: tuple[int, ...]
+    fixed: tuple[Tensor, ...]
+    hinges: tuple[tuple[int, Tensor], ...]
 
 
 @dataclass(frozen=True)
@@ -44,6 +89,41 @@ class Rows(Tree):
     tributary_length: Tensor = leaf(2)
     s: Tensor = leaf(1)
     joints: NoJoints = field(default_factory=NoJoints, kw_only=True)
+
+    @classmethod
+    def of(cls, space: Space, order: int, nodes: NodeRows, elements: ElementRows | None, held: Held,
+           difference: tuple[float, ...] | None = None) -> Rows:
+        """Of one node alone (elements None), or of one element of this order and its nodes; space: as it is elsewhere, but for
+        what rows say of it; difference: see `SharedMass`.
+        """
+        length, reference, law, coupling, linear = (None,) * 5 if elements is None else vars(elements).values()
+        if isinstance(space, Small):
+            space = type(space)(nodes.frames, nodes.R, linear)
+        topology = Chain(order, 0 if elements is None else 1)
+        free = torch.ones(topology.node_count, space.unknowns, dtype=torch.bool)
+        fixed = torch.stack(held.fixed) if held.fixed else nodes.mass.new_zeros(0, space.unknowns)
+        constraints = Constraints(held.nodes, fixed, free, topology.unknowns(free, nodes.mass), nodes.slide, nodes.turn,
+                                  held.hinges)
+        mass = LumpedMass(topology, nodes.mass) if coupling is None else SharedMass(topology, nodes.mass, coupling, difference)
+        rotary = NoRotaryInertia(space) if nodes.J is None else RotaryInertia(space, nodes.J)
+        inertia = Inertia(space, mass, rotary, NoLever() if nodes.offset is None else Lever(space, nodes.offset))
+        return Rows(space, topology, constraints, inertia, length, reference, law, nodes.section_mass, nodes.tributary_length,
+                    nodes.s)
+
+    @property
+    def nodes(self) -> NodeRows:
+        """All of them."""
+        inertia, held, frames, R = self.inertia, self.constraints, None, None
+        if isinstance(self.space, Small):
+            frames, R = self.space.frames, self.space.R
+        return NodeRows(inertia.mass, getattr(inertia.rotary, "J", None), getattr(inertia.offset, "x", None), held.slide,
+                        held.turn, self.section_mass, self.tributary_length, self.s, frames, R)
+
+    @property
+    def elements(self) -> ElementRows:
+        """All of them."""
+        linear = self.space.element if isinstance(self.space, Small) else None
+        return ElementRows(self.length, self.reference, self.law, getattr(self.inertia.translational, "coupling", None), linear)
 
     @property
     def node_count(self) -> int:

@@ -91,7 +91,8 @@ class Joint(Tree):
             object.__setattr__(self, name, value)
 
     def __str__(self) -> str:
-        return f"{self.called} of {' and '.join('the ground' if end.node is None else repr(end) for end in (self.a, self.b))}"
+        ends = ("the ground" if end.node is None else repr(end) for end in (self.a, self.b))
+        return f"{self.called} of {' and '.join(ends)}"
 
     @property
     def ends(self) -> tuple[int | None, int | None]:

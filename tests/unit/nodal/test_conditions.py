@@ -1,37 +1,57 @@
-"""Conditions of rows: where a load acts is data, not what the load says of a beam."""
+"""Conditions: what loads hold is asked once for an instant; the physics, and native code, have numbers alone."""
 
-from dataclasses import replace
-
+import pytest
 import torch
-from torch.testing import assert_close
 
 import torchbeam as tb
-from tests.cases.nodal_cases import scene, state
+from torchbeam.core.leaves import constant
+from torchbeam.engine.chain.constants import Constants
 from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.discretise import discretise
-from torchbeam.nodal.loads import Nodes, external, tangent
+from torchbeam.scene.effects import Along, PerElement
+
+SECTION = tb.Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=1.0, mass=0.2, inertia=5e-6)
+F = torch.tensor([0.1, -0.2, 0.3])
 
 
-def test_a_load_acts_on_the_row_that_it_is_given():
-    """A follower load of the tip, handed to row 1: forces and tangent of one at node 1, to the bit; the supports' rows stay."""
-    of, t = scene(3), torch.tensor(0.2)
-    force = {"force": (0.3, -0.2, 0.5), "moment": (0.1, 0.2, -0.1), "follower": True}
-    tip, other = (discretise(tb.Scene(of.beam, [load])) for load in (tb.TipLoad(**force), tb.PointLoad(node=1, **force)))
-    start = state(of)
-    nodes = Nodes(start.position, start.rotation, start.velocity, start.spin)
-    now = conditions(tip, t, {})
-    moved = replace(now, loads=tuple(one._replace(node=1) for one in now.loads))
-    wanted = conditions(other, t, {})
-    assert_close(external(tip, nodes, moved), external(other, nodes, wanted), rtol=0, atol=0)
-    assert_close(tangent(tip, nodes, moved), tangent(other, nodes, wanted), rtol=0, atol=0)
-    assert external(tip, nodes, moved)[1].abs().max() > 0.1 > external(tip, nodes, moved)[-1].abs().max()
+def scene(*loads):
+    return tb.Scene(tb.Beam.straight(1.0, 3, SECTION), loads)
 
 
-def test_loads_alone_ask_for_nothing_else():
-    """Conditions of one load evaluate no other effect: an eigenstrain's input is not asked for, which all of them want."""
-    scene_ = tb.Scene(scene(3).beam, [tb.TipLoad(force=(0, 0, 1.0)), tb.Actuation(curvature=tb.Input("k", 3))])
-    model, t = discretise(scene_), torch.tensor(0.0)
-    alone = conditions(model, t, {}, loads=scene_.loads)
-    assert alone.eigenstrain == 0.0 and len(alone.loads) == 1
-    whole = conditions(model, t, {"k": torch.ones(3)})
-    assert_close(whole.eigenstrain[..., 3:], torch.ones(3).expand(whole.eigenstrain[..., 3:].shape), rtol=0, atol=0)
+LOADS = {
+    "function of t": lambda asked: tb.TipLoad(force=lambda t: asked(F * torch.cos(t))),
+    "follower": lambda asked: tb.TipLoad(force=lambda t: asked(F * torch.cos(t)), follower=True),
+    "along": lambda asked: tb.LineLoad(force=Along(lambda s, t: asked(s[..., None] * F * t)), follower=True),
+    "per element": lambda asked: tb.LineLoad(force=PerElement(lambda t: asked(F * t * torch.arange(3.0)[:, None]))),
+    "spring": lambda asked: tb.Spring(-1, stiffness=2.0, to=lambda t: asked(F * t), damping=0.1),
+    "gravity": lambda asked: tb.Gravity(lambda t: asked(F * t)),
+    "input": lambda asked: tb.TipLoad(force=tb.Input("u", 3), follower=True),
+}
+
+
+@pytest.mark.parametrize("name", LOADS)
+def test_loads_hold_numbers_that_are_those_of_native_code(name):
+    model = discretise(scene(LOADS[name](lambda x: x)))
+    t, inputs = torch.tensor(0.3), {"u": F} if name == "input" else {}
+    now = conditions(model, t, inputs)
+    assert all(constant(one.load) for one in now.loads) and not constant(model.scene.loads[0])
+    constants = Constants(model)
+    nodes, _, common, _ = constants.at(torch.tensor(0.1), t, inputs)
+    loads = [row or load for row, load in zip(nodes.now.loads, common.now.loads, strict=True)]
+    assert all(map(constant, loads)) and (bool(loads) or nodes.now.dead is not None)
+
+
+@pytest.mark.parametrize("name", [name for name in LOADS if name not in ("input", "spring")])
+def test_a_step_asks_a_function_of_time_once(name):
+    """However many iterations it takes."""
+    calls = []
+
+    def asked(value):
+        calls.append(value)
+        return value
+
+    stepper = tb.Stepper(scene(LOADS[name](asked)), 0.05, engine="eager")
+    state = stepper.rest()
+    calls.clear()
+    state = stepper(state)
+    assert stepper(state).status == 0 and len(calls) == 2

@@ -135,7 +135,6 @@ REFUSED = {
     "a structure of several parts": lambda: tb.Stepper(structure(), 0.1, engine="compiled"),
     "(a structure of several parts); 'eager' does": lambda: tb.equilibrium(structure(
         supports=[tb.Support((name, 0)) for name in ("arm", "bow")]), engine="compiled"),
-    "a scene with joints was given to linearize": lambda: tb.linearize(structure()),
     "the same in all parts (up= turns it)": lambda: tb.Stepper(tb.Scene({"arm": ARM, "post": POST}, plane="xz"), 0.1),
 }
 

@@ -12,13 +12,12 @@ from torch import Tensor
 
 from ...equations.alpha_kinematics import EndKinematics
 from ...equations.generalized_alpha import AlphaState, EndUnknowns, GeneralizedAlphaProblem
-from ...nodal.conditions import Conditions, acting
+from ...nodal.conditions import Conditions
 from ...nodal.rows import Rows
-from ...scene.effects import Pose
 from ...state.state import State
-from .chain_constants import Common, filled
+from .chain_constants import Common
 from .local_functions import LocalFunctions
-from .local_problem import NODE, Fields, Given, acting_loads
+from .local_problem import NODE, Fields, Given
 from .node_kinds import NodeKind
 
 STRAINING = "straining"
@@ -54,19 +53,16 @@ class AlphaFunctions(LocalFunctions):
 
     @property
     def element_state(self) -> tuple[str, ...]:
-        return (STRAINING,) if self.elements.law.damped else ()
+        return (STRAINING,) if self.elements.rows.law.damped else ()
 
     def of_node(self, fields: Fields, kind: NodeKind) -> tuple[LocalAlphaProblem, EndUnknowns]:
         problem, x = super().of_node(fields, kind)
         if kind.support is not None and "last" in fields:
             problem = replace(problem, start=replace(problem.start, reaction=fields["last"][None]))
-        rows, common = filled(self.nodes, lambda k: fields[f"node.{k}"][None]).before, self._common(fields).before
-        if common is None:
+        common = self._common(fields)
+        if common.before is None:
             return problem, x
-        loads = acting_loads(kind, rows.loads, common.loads)
-        root = None if common.support is None else Pose(*vars(common.support).values())
-        before = replace(problem.given, root=root, dead=0.0 if rows.dead is None else rows.dead, loads=acting(
-            problem.model, loads, tuple(load.internal for load in loads), 0))
+        before = self._conditions(problem.model, kind, self._of_node(fields).before, common, common.before, None, ())
         return replace(problem, before=before), x
 
     def _stepping(self, rows: Rows, start: State, common: Common, given: Fields, now: Conditions, C: Tensor | None

@@ -1,4 +1,4 @@
-"""Trees of a chain's constants: rows of nodes, of elements, of supports, and what all have in common."""
+"""Trees of a chain's constants: `Rows` and `Conditions` by nodes, elements, supports, and what all have in common."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from typing import Any
 from torch import Tensor
 
 from ...core.leaves import Tree, leaf, leaves_in_order, map_leaves
-from ...nodal.constitutive_law import ElasticLaw
-from ...nodal.coordinates.linearised import LinearElement
+from ...nodal.rows import ElementRows, NodeRows
 from ...scene.effects import Inputs
 
 HELD = ("position", "rotation", "velocity", "spin")  # of a support
 
 
 @dataclass(frozen=True)
-class NodeLoads(Tree):
-    """See `NodeConstants`."""
+class NodeConditions(Tree):
+    """What is of each node in `Conditions`. dead (..., N+1, w): loads that depend on no motion, None = none; loads: those of
+    `CommonConditions` that have values by place, rows in each of their leaves, None in the place of the others.
+    """
 
     dead: Tensor | None = leaf(2)
     loads: tuple[Any, ...]
@@ -26,41 +27,20 @@ class NodeLoads(Tree):
 
 @dataclass(frozen=True)
 class NodeConstants(Tree):
-    """Rows of nodes. mass, J, offset: see `LumpedMass`, `RotaryInertia`, `Lever`, None = absent; slide, turn: see
-    `Constraints`; section_mass, tributary_length: see `Model`; s (..., N+1) m; dead (..., N+1, w) loads that depend on no
-    motion, None = none; frames, R: see `Small`, None in other coordinates; loads: those of the loads of `Common`
-    that have values by place, rows in each of their leaves, None in the place of the others; before: dead and loads at the
-    start of the step, None = they are the same there, or not asked for.
-    """
+    """Rows of nodes. before: conditions at the start of the step, None = they are the same there, or not asked for."""
 
-    mass: Tensor = leaf(2)
-    J: Tensor | None = leaf(3)
-    offset: Tensor | None = leaf(2)
-    slide: Tensor = leaf(2)
-    turn: Tensor = leaf(2)
-    section_mass: Tensor = leaf(3)
-    tributary_length: Tensor = leaf(2)
-    s: Tensor = leaf(1)
-    dead: Tensor | None = leaf(2)
-    frames: Tensor | None = leaf(2)
-    R: Tensor | None = leaf(3)
-    loads: tuple[Any, ...]
-    before: NodeLoads | None
+    rows: NodeRows
+    now: NodeConditions
+    before: NodeConditions | None
 
 
 @dataclass(frozen=True)
 class ElementConstants(Tree):
-    """Rows of elements. C: the law's stiffness in the tangent of this step; coupling: see `SharedMass`; eigenstrain
-    (..., N, k), None = none; linear: None but for small rotations.
-    """
+    """Rows of elements. C: the law's stiffness in the tangent of this step; eigenstrain (..., N, k), None = none."""
 
-    length: Tensor = leaf(2)
-    reference: Tensor = leaf(2)
-    law: ElasticLaw
+    rows: ElementRows
     C: Tensor = leaf(3)
-    coupling: Tensor | None = leaf(2)
     eigenstrain: Tensor | None = leaf(2)
-    linear: LinearElement | None
 
 
 @dataclass(frozen=True)
@@ -74,8 +54,10 @@ class SupportPose(Tree):
 
 
 @dataclass(frozen=True)
-class CommonLoads(Tree):
-    """See `Common`."""
+class CommonConditions(Tree):
+    """What is of all nodes alike in `Conditions`: the loads that are evaluated natively (None in the place of those of
+    `NodeConditions`), and where a root's support stands.
+    """
 
     loads: tuple[Any, ...]
     support: SupportPose | None
@@ -94,22 +76,20 @@ class Captured(Tree):
 
 @dataclass(frozen=True)
 class Common(Tree):
-    """One of all nodes: dt and t (...) s of the step and of the instant at which it takes its loads, the loads that are
-    evaluated natively (None in the place of those of `NodeConstants`), inputs, the place of a plane, where a root's support
-    stands; of frame a, in the middle of the step, its velocity and angular velocity (..., 3) and its orientation, see
-    `State.frame`, None = at rest; before: see `NodeConstants`; captured: what users' functions read.
+    """One of all nodes: dt and t (...) s of the step and of the instant at which it takes its loads, inputs, the place of a
+    plane; of frame a, in the middle of the step, its velocity and angular velocity (..., 3) and its orientation, see
+    `State.frame`, None = at rest; now, before: see `NodeConstants`; captured: what users' functions read.
     """
 
     dt: Tensor = leaf(0)
     t: Tensor = leaf(0)
-    loads: tuple[Any, ...]
     inputs: Inputs = leaf(1)
     place: Tensor | None = leaf(0)
-    support: SupportPose | None
     velocity: Tensor | None = leaf(1)
     angular_velocity: Tensor | None = leaf(1)
     frame: Tensor | None = leaf(1)
-    before: CommonLoads | None
+    now: CommonConditions
+    before: CommonConditions | None
     captured: tuple[Captured, ...] = ()
 
 

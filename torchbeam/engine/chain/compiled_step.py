@@ -26,7 +26,7 @@ from .constants import Constants
 from .cotangents import Adjoint, Differentiated
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
-from .node_kinds import Kinds, node_kinds
+from .node_kinds import kinds_of
 from .program import NOTHING, StepProgram, adjoint_of, program_of
 from .step_structure import FORMS, Form, StepStructure, keep_structure, key_of, known_structure
 from .user_functions import by_function, by_sample, known
@@ -94,10 +94,10 @@ class CompiledStep:
         values = self.constants.changing(dt, instant * dt, nothing, self.constants.orientation)
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         trees = self.constants.trees(values)
-        self.function = any(one.axes is None for one in functions((trees[0].loads, trees[2].loads)))
+        self.function = any(one.axes is None for one in functions((trees[0].now.loads, trees[2].now.loads)))
         by_user = self.function or not all(map(of_library, self.constants.loads))
         self.around = NOTHING if around is None and not by_user else around
-        kinds = Kinds.of(node_kinds(model, self.constants.loads), model.scene.beam.order)
+        kinds = kinds_of(model, self.constants.loads)
         program = program_of(self.local(trees), kinds, bool(model.constraints.nodes), self.around)
         if self.around is not None and not self.around.unchanged():
             raise NotTraceable("a function of the motion writes to what it reads; one without memory is wanted")

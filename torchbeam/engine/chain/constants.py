@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import torch
@@ -17,22 +16,20 @@ from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
 from ...nodal.conditions import acting, conditions, supports
-from ...nodal.coordinates.linearised import Small
 from ...nodal.coordinates.planar import Plane
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
 from ...scene.effects import Input, Inputs, Pose
 from ...scene.effects.effect import of_library
-from ...scene.effects.values import value_at
 from ...state.state import State, rest
 from .chain_constants import (
     HELD,
     Captured,
     Common,
-    CommonLoads,
+    CommonConditions,
     ElementConstants,
+    NodeConditions,
     NodeConstants,
-    NodeLoads,
     SupportConstants,
     SupportPose,
     Trees,
@@ -53,7 +50,6 @@ class Constants:
     """
 
     def __init__(self, model: Model, steps: bool = True, instant: float = 0.5, around: Surroundings | None = None) -> None:
-        space, inertia, constraints, small = model.space, model.inertia, model.constraints, isinstance(model.space, Small)
         self.model, self.prescribes = model, steps and model.scene.has_prescribed_motion
         moving, dead = model.loads
         self.loads = (*moving, *(load for load in dead if load.internal or _by_inputs(load)))
@@ -61,27 +57,20 @@ class Constants:
         self.given = tuple(load for load in dead if _given(load) and not (model.turning and load.wants_axes))
         self.asked = tuple(load for load in dead if load not in self.given)
         none = {name: model.length.new_zeros(size) for name, size in model.scene.inputs.items()}
-        self.rows = tuple(self._rows(load, model.length.new_zeros(()), none) for load in self.loads)
-        self.nodes = NodeConstants(
-            inertia.mass, getattr(inertia.rotary, "J", None), getattr(inertia.offset, "x", None), constraints.slide,
-            constraints.turn, model.section_mass, model.tributary_length, model.s, None,
-            *((space.frames, space.R) if small else (None, None)), (), None)
-        self.elements = ElementConstants(
-            model.length, model.reference, model.law, model.law.C, getattr(inertia.translational, "coupling", None), None,
-            space.element if small else None)
+        zero, elements = model.length.new_zeros(()), model.scene.beam.element_count
+        self.by_place = tuple(load.at_sites(model.s, zero, none, elements) is not None for load in self.loads)
+        self.valued = tuple(self._valued(load, zero, none) for load in self.loads)
+        self.nodes, self.elements = model.nodes, model.elements
         self.wants_support = any(load.wants_support for load in self.loads)
         self.given_eigenstrain = all(_given(effect) for effect in model.scene.eigenstrains)
         self.rests = not model.scene.has_prescribed_motion and model.scene.root is None
-        self.of_time = {f"load {k} {one.name}": one.value for k, load in enumerate(self.loads) for one in own_leaves(load)
-                        if one.axes == 1 and callable(one.value) and self.rows[k] is None}
-        changing = any(row is not None and not _unchanging(load) for row, load in zip(self.rows, self.loads, strict=True))
-        by_time = bool(self.asked or self.of_time or changing or (self.wants_support and not self.rests))
+        by_time = bool(self.asked or any(map(_by_time, self.loads, self.by_place)) or (self.wants_support and not self.rests))
         self.asks = by_time or not self.given_eigenstrain or not self.rests
         self.instant, self.before = instant, instant == 1 and by_time
         scene = model.scene
-        by_place = tuple(load for load, row in zip(self.loads, self.rows, strict=True) if row is not None)
+        by_place = tuple(load for load, own in zip(self.loads, self.by_place, strict=True) if own)
         prescribed = () if self.rests else (scene.frame, scene.root)
-        held = (self.given, by_place, prescribed, scene.eigenstrains, scene.beam, scene.supports, model.law, inertia)
+        held = (self.given, by_place, prescribed, scene.eigenstrains, scene.beam, scene.supports, model.law, model.inertia)
         self.sources = [x for x, _ in flattened(held)]
         self.sources += [model.length, model.section_mass, model.tributary_length]
         batched = {} if around is None else around.batched
@@ -140,11 +129,9 @@ class Constants:
             pose = (self._held("support", lambda: model.prescribed_motion.root_pose(t)) if self.rests
                     else model.prescribed_motion.root_pose(t))
             found |= {f"support {name}": x for name, x in zip(pose._fields, pose, strict=True) if x is not None}
-        for name, value in self.of_time.items():
-            found[name] = value_at(value, t, inputs, model.scene.beam.nodes)
-        for k, (load, row) in enumerate(zip(self.loads, self.rows, strict=True)):
-            if row is not None:
-                found |= self._row_values(k, load, t, inputs)
+        for k, (load, known) in enumerate(zip(self.loads, self.valued, strict=True)):
+            if known is not load:
+                found |= self._values(k, load, t, inputs)
         return found
 
     def _dead(self, t: Tensor, inputs: Inputs) -> Tensor | float:
@@ -153,16 +140,16 @@ class Constants:
         still = Nodes(*model.space.pose(beam.nodes, beam.frames))
         return external(model, still, conditions(model, t, inputs, loads=self.given))
 
-    def _row_values(self, k: int, load: Any, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        """Of a load by place."""
+    def _values(self, k: int, load: Any, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """Of a load that holds more than numbers."""
         def values() -> list[Tensor]:
-            return [x for x, _ in flattened(self._rows(load, t, inputs))]
+            return [x for x, _ in flattened(self._valued(load, t, inputs))]
 
-        found = self._held(f"row {k}", values) if _unchanging(load) else values()
-        return {f"row {k} {i}": x for i, x in enumerate(found)}
+        found = self._held(f"load {k}", values) if _unchanging(load) else values()
+        return {f"load {k} {i}": x for i, x in enumerate(found)}
 
-    def _rows(self, load: Any, t: Tensor, inputs: Inputs) -> Any:
-        return load.at_sites(self.model.s, t, inputs, self.model.scene.beam.element_count)
+    def _valued(self, load: Any, t: Tensor, inputs: Inputs) -> Any:
+        return load.at(self.model.s, t, inputs, self.model.scene.beam.element_count)
 
     def _prescribed(self, end: Tensor) -> dict[str, Tensor]:
         """The motion of supports at the time `end`."""
@@ -219,32 +206,31 @@ class Constants:
 
     def trees(self, values: dict[str, Tensor]) -> Trees:
         """The trees with the values that change."""
-        nodes, common = self._load_trees(values)
-        before = self._load_trees(values, "before ") if self.before else (None, None)
+        now = self._conditions(values)
+        before = self._conditions(values, "before ") if self.before else (None, None)
         place = self.model.space.place if isinstance(self.model.space, Plane) else None
         inputs = {name: values[f"input {name}"] for name in self.model.scene.inputs}
         frame = (values.get(name) for name in ("frame velocity", "frame angular_velocity", "frame"))
         supports = SupportConstants(*(values[f"held {name}"] for name in HELD)) if f"held {HELD[0]}" in values else None
-        common = Common(values["dt"], values["t"], common.loads, inputs, place, common.support, *frame, before[1],
-                        self.captured)
-        return (replace(self.nodes, dead=nodes.dead, loads=nodes.loads, before=before[0]),
-                replace(self.elements, C=values["C"], eigenstrain=values.get("eigenstrain")), common, supports)
+        return (NodeConstants(self.nodes, now[0], before[0]),
+                ElementConstants(self.elements, values["C"], values.get("eigenstrain")),
+                Common(values["dt"], values["t"], inputs, place, *frame, now[1], before[1], self.captured), supports)
 
-    def _load_trees(self, values: dict[str, Tensor], when: str = "") -> tuple[NodeLoads, CommonLoads]:
-        rows = tuple(filled(row, lambda i, k=k: values[f"{when}row {k} {i}"]) for k, row in enumerate(self.rows))
-        loads = tuple(with_values(load, **{one.name: values[name] for one in own_leaves(load)
-                                           if (name := f"{when}load {k} {one.name}") in values}) if rows[k] is None else None
-                      for k, load in enumerate(self.loads))
+    def _conditions(self, values: dict[str, Tensor], when: str = "") -> tuple[NodeConditions, CommonConditions]:
+        own = tuple(load if known is load else filled(known, lambda i, k=k: values[f"{when}load {k} {i}"])
+                    for k, (load, known) in enumerate(zip(self.loads, self.valued, strict=True)))
+        rows, loads = (tuple(load if by_place == wanted else None for load, by_place in zip(own, self.by_place, strict=True))
+                       for wanted in (True, False))
         support = (SupportPose(*(values.get(f"{when}support {name}") for name in Pose._fields)) if self.wants_support
                    else None)
-        return NodeLoads(values.get(f"{when}dead"), rows), CommonLoads(loads, support)
+        return NodeConditions(values.get(f"{when}dead"), rows), CommonConditions(loads, support)
 
     def closures(self, values: dict[str, Tensor]) -> tuple[Any, ...]:
         """Loads (..., N+1, w) by functions of the motion, of the beam undeformed and at rest, and their internal states, whose
         gradient is that of what these functions close over.
         """
         nodes, _, common, _ = map(detached, self.trees(values))
-        loads = (row or load for row, load in zip(nodes.loads, common.loads, strict=True))
+        loads = (row or load for row, load in zip(nodes.now.loads, common.now.loads, strict=True))
         model = detached(self.model)
         model = with_values(model, scene=with_values(model.scene, effects=tuple(load for load in loads if functions(load))))
         position, rotation = (x.detach() for x in self.still[:2])
@@ -276,6 +262,11 @@ class Constants:
                 found = dt.detach().clone(), C, same_law(C, self.model.law.C).to(C)
             kept[:] = [found, *kept[:1]]
         return found[1:]
+
+
+def _by_time(load: Any, by_place: bool) -> bool:
+    """Whether what a load holds is asked at t."""
+    return not _unchanging(load) if by_place else any(one.axes == 1 and callable(one.value) for one in own_leaves(load))
 
 
 def _unchanging(load: Any) -> bool:

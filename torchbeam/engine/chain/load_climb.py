@@ -29,9 +29,9 @@ from .cotangents import constant_fields
 from .coverage import MISSING, given_up, meaning, unsteady, untraceable
 from .load_program import JudgedProgram, LoadProgram
 from .native import NotCompiled
-from .node_kinds import Kinds, node_kinds
+from .node_kinds import kinds_of
 from .program import NOTHING, program_of
-from .steady_functions import SteadyFunctions, SteadyKind
+from .steady_functions import SteadyFunctions
 from .user_functions import by_function, by_sample, known, surroundings
 
 WORTH = 2**15  # samples times elements that "auto" compiles for: eager ones then take longer than tracing and loading
@@ -117,7 +117,7 @@ def _called(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance
     constants = Constants(model, steps=False, around=around)
     nodes, elements, common, supports = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
     trees = nodes, replace(elements, C=model.tangent_stiffness()), common, supports
-    kinds = _kinds(model, constants)
+    kinds = kinds_of(model, constants.loads, rest=True)
     program = program_of(SteadyFunctions(model, *trees), kinds, bool(model.constraints.nodes), around,
                          JudgedProgram if judged else LoadProgram)
     chain = Chain(program, model, kinds)
@@ -142,14 +142,6 @@ def _called(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance
     *shape, reaction = (v.reshape(*batch, *v.shape[1:]) for v in made.values())
     status, indefinite = (v.reshape(batch) for v in found.values())
     return Climbed(Configuration(*shape), reaction, status.long(), indefinite != 0 if judged else None)
-
-
-def _kinds(model: Model, constants: Constants) -> Kinds:
-    kinds = [SteadyKind(kind.acting, kind.hinge) for kind in node_kinds(model, constants.loads)]
-    for support, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True):
-        displaced = support.displacement is not None, support.turn is not None
-        kinds[support.node] = kinds[support.node]._replace(fixed=tuple(fixed.tolist()), displaced=displaced)
-    return Kinds.of(kinds, model.scene.beam.order)
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:

@@ -35,7 +35,7 @@ class LoadProgram(ChainProgram):
         for k, kind in enumerate(self.kinds.nodes):
             found[f"node {k}"] = traced(partial(local.node, kind), node)
             found[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
-            if kind.fixed is not None:
+            if kind.placed is not None:
                 pose = {f"pose.{name}": (size,) for name, size in POSE.items()}
                 found[f"place {k}"] = traced(partial(local.place, kind), node | pose)
         return found | {name: traced(getattr(local, name), dict.fromkeys(fields, ())) for name, fields in RULES.items()}

@@ -97,7 +97,7 @@ class LocalFunctions(LocalProblems):
         way, inertia, load = problem.node_balance(x)
         element = problem.element_balance(x, way)
         tangent, own, wrench = problem.tangent(x, way, element, inertia), problem.eigenstrain, None
-        if self.elements.coupling is not None:
+        if self.elements.rows.coupling is not None:
             wrench = inertia.wrench if inertia is not None else None if isinstance(load, float) else -load
         model, p, assembly = problem.model, self.model.space.position, problem.model.assembly
         balance = assembly.to_nodes(element.forces)

@@ -17,21 +17,24 @@ from ...equations.midpoint import MidpointProblem, MidpointUnknowns
 from ...equations.step_problem import StepProblem
 from ...nodal.assembly import Assembly
 from ...nodal.conditions import Conditions, SupportConditions, acting
-from ...nodal.constraints import Constraints
-from ...nodal.coordinates.linearised import Small
 from ...nodal.coordinates.planar import Plane
 from ...nodal.frame import frame_of
-from ...nodal.inertia import Inertia
-from ...nodal.lever import Lever, NoLever
-from ...nodal.mass import LumpedMass, SharedMass
 from ...nodal.model import Model
-from ...nodal.rotary import NoRotaryInertia, RotaryInertia
-from ...nodal.rows import Rows
+from ...nodal.rows import ElementRows, Held, NodeRows, Rows
 from ...scene.effects import Pose
 from ...state.state import State
 from ...topology.chain import Chain
 from ..compiler.trace import NotTraceable
-from .chain_constants import Common, ElementConstants, NodeConstants, SupportConstants, filled, flattened
+from .chain_constants import (
+    Common,
+    CommonConditions,
+    ElementConstants,
+    NodeConditions,
+    NodeConstants,
+    SupportConstants,
+    filled,
+    flattened,
+)
 from .node_kinds import SIDES, ElementKind, EndKind, NodeKind, SupportKind
 
 Fields = dict[str, Tensor]
@@ -88,12 +91,12 @@ class LocalProblems:
     @property
     def element_rows(self) -> list[int]:
         """How many rows each of the constants of elements has for one element: of most one a station."""
-        return [1 if x is self.elements.coupling else self.order for x, _ in flattened(self.elements)]
+        return [1 if x is self.elements.rows.coupling else self.order for x, _ in flattened(self.elements)]
 
     @property
     def internal(self) -> tuple[int, ...]:
         """How many internal states each of the loads has at a node."""
-        return tuple((row or load).internal for row, load in zip(self.nodes.loads, self.common.loads, strict=True))
+        return tuple((row or load).internal for row, load in zip(self.nodes.now.loads, self.common.now.loads, strict=True))
 
     NODE = NODE
     SAMPLE: ClassVar[tuple[str, ...]] = ()  # fields of a sample that the problem asks for
@@ -127,35 +130,35 @@ class LocalProblems:
 
     def of_node(self, fields: Fields, kind: NodeKind) -> tuple[BalanceProblem, Any]:
         """The problem of one node, and its unknowns."""
-        rows = filled(self.nodes, lambda k: fields[f"node.{k}"][None])
-        common = self._common(fields)
-        loads = acting_loads(kind, rows.loads, common.loads)
-        if any(one.batch for one in common.captured):
-            loads = tuple(map(_of_one_sample, loads))
+        nodes, common = self._of_node(fields), self._common(fields)
         given = {name: fields[name][None] for name in (*self.NODE, "u", "m") if name in fields}
         given |= {name: fields[name] for name in self.SAMPLE if name in fields}
         if INTERNAL in self.state:
             parts = fields[INTERNAL].split(self.internal)
             given[INTERNAL] = torch.cat([parts[k] for k in kind.acting] or [fields[INTERNAL][:0]])
         supports = () if kind.support is None else (self._support(fields, "", 0, kind.support),)
-        own = self._rows(rows, None, common, supports, _hinges(kind))
-        return self._problem(own, None, common, given, self._conditions(own, common, loads, rows.dead, None, supports))
+        rows = self._rows(nodes.rows, None, common, supports, _hinges(kind))
+        now = self._conditions(rows, kind, nodes.now, common, common.now, None, supports)
+        return self._problem(rows, None, common, given, now)
+
+    def _of_node(self, fields: Fields) -> NodeConstants:
+        return filled(self.nodes, lambda k: fields[f"node.{k}"][None])
 
     def of_element(self, fields: Fields, kind: ElementKind) -> tuple[BalanceProblem, Any]:
         """The same of one element."""
         def nodes(name: str) -> Tensor:
             return torch.stack([fields[f"{side}.{name}"] for side in self.sides])
 
-        rows = filled(self.nodes, lambda k: nodes(f"node.{k}"))
-        rows = replace(rows, mass=torch.zeros_like(rows.mass), J=None)
+        own = filled(self.nodes.rows, lambda k: nodes(f"node.{k}"))  # they come first
+        own = replace(own, mass=torch.zeros_like(own.mass), J=None)
         given = {name: nodes(name) for name in (*self.NODE, "u", "m") if f"{self.sides[0]}.{name}" in fields}
         given |= {name: fields[name] for name in ("stress", *self.element_state, *self.SAMPLE)}
         supports = tuple(self._support(fields, f"{side}.", k, one.support)
                          for k, (side, one) in enumerate(zip(self.sides, kind, strict=True)) if one.support is not None)
         element, common = self.element_constants(fields), self._common(fields)
-        own = self._rows(rows, element, common, supports, _hinges(*kind))
-        now = self._conditions(own, common, (), None, element.eigenstrain, supports)
-        return self._problem(own, element, common, given, now)
+        rows = self._rows(own, element.rows, common, supports, _hinges(*kind))
+        now = self._conditions(rows, None, None, common, common.now, element.eigenstrain, supports)
+        return self._problem(rows, element, common, given, now)
 
     def element_constants(self, fields: Fields) -> ElementConstants:
         """Of one element."""
@@ -169,29 +172,22 @@ class LocalProblems:
     def _common(self, fields: Fields) -> Common:
         return filled(self.common, lambda k: fields[f"common.{k}"])
 
-    def _rows(self, nodes: NodeConstants, element: ElementConstants | None, common: Common,
-              supports: tuple[SupportConditions, ...], hinges: tuple[tuple[int, tuple[float, ...]], ...]) -> Rows:
-        space, like = self.model.space, nodes.mass
-        linear, law, length, reference, coupling = (None,) * 5 if element is None else (
-            getattr(element, name) for name in ("linear", "law", "length", "reference", "coupling"))
-        space = (type(space)(nodes.frames, nodes.R, linear) if isinstance(space, Small)
-                 else replace(space, place=common.place) if isinstance(space, Plane) else space)
-        topology = Chain(self.order, 0 if element is None else 1)
-        free = torch.ones(topology.node_count, space.unknowns, dtype=torch.bool)
-        fixed = torch.stack([one.fixed for one in supports]) if supports else like.new_zeros(0, space.unknowns)
-        constraints = Constraints(tuple(one.node for one in supports), fixed, free, topology.unknowns(free, like), nodes.slide,
-                                  nodes.turn, tuple((node, like.new_tensor(axis)) for node, axis in hinges))
-        mass = LumpedMass(topology, nodes.mass) if coupling is None else SharedMass(
-            topology, nodes.mass, coupling, self.model.inertia.translational.difference)
-        rotary = NoRotaryInertia(space) if nodes.J is None else RotaryInertia(space, nodes.J)
-        inertia = Inertia(space, mass, rotary, NoLever() if nodes.offset is None else Lever(space, nodes.offset))
-        return Rows(space, topology, constraints, inertia, length, reference, law, nodes.section_mass, nodes.tributary_length,
-                    nodes.s)
+    def _rows(self, nodes: NodeRows, element: ElementRows | None, common: Common, supports: tuple[SupportConditions, ...],
+              hinges: tuple[tuple[int, tuple[float, ...]], ...]) -> Rows:
+        space = self.model.space
+        space = replace(space, place=common.place) if isinstance(space, Plane) else space
+        held = Held(tuple(one.node for one in supports), tuple(one.fixed for one in supports),
+                    tuple((node, nodes.mass.new_tensor(axis)) for node, axis in hinges))
+        return Rows.of(space, self.order, nodes, element, held, getattr(self.model.inertia.translational, "difference", None))
 
-    def _conditions(self, rows: Rows, common: Common, loads: tuple[Any, ...], dead: Tensor | None,
-                    eigenstrain: Tensor | None, supports: tuple[SupportConditions, ...]) -> Conditions:
+    def _conditions(self, rows: Rows, kind: NodeKind | None, nodes: NodeConditions | None, common: Common,
+                    alike: CommonConditions, eigenstrain: Tensor | None, supports: tuple[SupportConditions, ...]) -> Conditions:
+        """Of a node of a kind, or of an element (None): on that no loads act."""
         velocities = common.velocity, common.angular_velocity
-        root = None if common.support is None else Pose(*vars(common.support).values())
+        root = None if alike.support is None else Pose(*vars(alike.support).values())
+        loads, dead = ((), None) if nodes is None else (acting_loads(kind, nodes.loads, alike.loads), nodes.dead)
+        if any(one.batch for one in common.captured):
+            loads = tuple(map(_of_one_sample, loads))
         return Conditions(
             common.t, common.inputs, frame_of(rows.space, *velocities), velocities,
             acting(rows, loads, tuple(load.internal for load in loads), 0), 0.0 if dead is None else dead,

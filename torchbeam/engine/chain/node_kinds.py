@@ -17,6 +17,16 @@ class SupportKind(NamedTuple):
     clamp: bool
 
 
+class PlacedKind(NamedTuple):
+    """Of a support in an equilibrium, which puts its node where it has to be: what it holds; whether it has a displacement and
+    a turn; the axis of its hinge.
+    """
+
+    fixed: tuple[float, ...]
+    displaced: tuple[bool, bool]
+    hinge: tuple[float, ...] | None
+
+
 class EndKind(NamedTuple):
     """What holds a node of an element, see `NodeKind`."""
 
@@ -25,13 +35,15 @@ class EndKind(NamedTuple):
 
 
 class NodeKind(NamedTuple):
-    """What a node has beside what all have: numbers of the loads in `common.loads` that act there; the axis of its hinge, a
-    mask in frame a, None = no hinge; its support, None = none, or nothing moves.
+    """What a node has beside what all have: numbers of the loads in `CommonConditions` that act there; the axis of its hinge, a
+    mask in frame a, None = no hinge; its support, None = none, or nothing moves. In an equilibrium these two are in `placed`,
+    of which elements know nothing.
     """
 
     acting: tuple[int, ...] = ()
     hinge: tuple[float, ...] | None = None
     support: SupportKind | None = None
+    placed: PlacedKind | None = None
 
     @property
     def end(self) -> EndKind:
@@ -65,12 +77,19 @@ class Kinds(NamedTuple):
         return Kinds(*(tuple(dict.fromkeys(kinds)) for kinds in self))
 
 
-def node_kinds(model: Model, loads: tuple[Any, ...]) -> list[NodeKind]:
-    """Of all nodes, on which these loads act."""
+def kinds_of(model: Model, loads: tuple[Any, ...], rest: bool = False) -> Kinds:
+    """Of a model's nodes, on which these loads act, and elements: in a step, or at rest."""
     nodes, supports = model.node_count, {}
     hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
-    if model.scene.has_prescribed_motion:
-        supports = {one.node: SupportKind(tuple(fixed.tolist()), one.moves, one.clamp)
-                    for one, fixed in zip(model.scene.supports, model.constraints.fixed, strict=True)}
-    return [NodeKind(tuple(k for k, load in enumerate(loads) if load.node is None or load.node % nodes == j), hinges.get(j),
-                     supports.get(j)) for j in range(nodes)]
+    for one, fixed in zip(model.scene.supports, map(tuple, model.constraints.fixed.tolist()), strict=True):
+        if rest:
+            displaced = one.displacement is not None, one.turn is not None
+            supports[one.node] = PlacedKind(fixed, displaced, hinges.get(one.node))
+        elif model.scene.has_prescribed_motion:
+            supports[one.node] = SupportKind(fixed, one.moves, one.clamp)
+
+    def kind(j: int) -> NodeKind:
+        acting = tuple(k for k, load in enumerate(loads) if load.node is None or load.node % nodes == j)
+        return NodeKind(acting, placed=supports.get(j)) if rest else NodeKind(acting, hinges.get(j), supports.get(j))
+
+    return Kinds.of([kind(j) for j in range(nodes)], model.scene.beam.order)

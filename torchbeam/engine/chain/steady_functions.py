@@ -7,7 +7,6 @@ position and rotation; the load factor is a field of the sample.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -21,23 +20,9 @@ from ...scene.prescribed_motion import moved
 from .chain_constants import Common
 from .local_functions import LocalFunctions
 from .local_problem import Fields, Given
-from .node_kinds import EndKind
+from .node_kinds import NodeKind
 
 POSE = {"position": 3, "frame": 4, "displacement": 3, "turn": 3}  # fields of a support's node, and their sizes
-
-
-class SteadyKind(NamedTuple):
-    """As `NodeKind`; fixed: 1 where a support holds the node's freedoms, else 0, None = no support; displaced: whether that has
-    a displacement and a turn.
-    """
-
-    acting: tuple[int, ...] = ()
-    hinge: tuple[float, ...] | None = None
-    fixed: tuple[float, ...] | None = None
-    displaced: tuple[bool, bool] = (False, False)
-
-    support = None  # nothing moves while the load rises
-    end = EndKind()  # elements know nothing of their nodes' supports
 
 
 @dataclass(frozen=True)
@@ -69,20 +54,20 @@ class SteadyFunctions(LocalFunctions):
         load_factor = given.get("load_factor", common.t.new_ones(()))  # a move asks for none
         return LocalSteadyProblem(rows, common.t, common.inputs, load_factor, given=now, stiffness=C), x
 
-    def place(self, kind: SteadyKind, load_factor: Tensor, **fields: Tensor) -> Fields:
+    def place(self, kind: NodeKind, load_factor: Tensor, **fields: Tensor) -> Fields:
         """Position and rotation of a support's node where it has to be; of the node undeformed `pose.position` and
         `pose.frame`, and by all of the load `pose.displacement` and `pose.turn`.
         """
         problem, x = self.of_node(fields, kind)
-        space, (slides, turns) = problem.model.space.of_nodes(0), kind.displaced
+        space, (slides, turns) = problem.model.space.of_nodes(0), kind.placed.displaced
         still = fields["pose.position"], fields["pose.frame"]
         displacement, turn = fields["pose.displacement"] if slides else None, fields["pose.turn"] if turns else None
         pose = moved(*still, displacement, turn, load_factor)
-        fixed = x.position.new_tensor(kind.fixed)
+        fixed = x.position.new_tensor(kind.placed.fixed)
         position, rotation = placed(space, fixed, pose, x.position[0], x.rotation[0])
         rotation = x.rotation[0] if rotation is None else rotation
-        if kind.hinge is not None:
-            rotation = space.hinged(rotation, space.pose(*still)[1], fixed.new_tensor(kind.hinge))
+        if kind.placed.hinge is not None:
+            rotation = space.hinged(rotation, space.pose(*still)[1], fixed.new_tensor(kind.placed.hinge))
         return {"position": position, "rotation": rotation}
 
     def cosine(self, before: Tensor, rotation: Tensor) -> Fields:

@@ -10,10 +10,11 @@ import torch
 from torch import Tensor
 
 from ...core.functions_of_time import HOOKED, saves_by_hooks, within_dual_numbers
+from ...core.leaves import own_leaves, with_values
 from ...math.quaternions import skew
 from ..beam import Beam
 from .effect import Effect
-from .values import Inputs
+from .values import Input, Inputs, value_at
 
 Wrench = tuple[Tensor | None, Tensor | None]  # force and moment (..., 3), frame a; None = absent
 
@@ -125,6 +126,17 @@ class LoadEffect(Effect):
         (..., 1), in each of its leaves, at time t; None where all that it holds is the same everywhere.
         """
         return None
+
+    def at(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LoadEffect:
+        """The same with numbers in the place of functions of t, of inputs and of values by place, see `at_sites`; itself where
+        there are none.
+        """
+        here = self.at_sites(s, t, inputs, elements)
+        if here is not None:
+            return here
+        asked = {one.name: one.value for one in own_leaves(self)
+                 if one.axes == 1 and (callable(one.value) or isinstance(one.value, Input))}
+        return with_values(self, **{name: value_at(value, t, inputs, s) for name, value in asked.items()}) if asked else self
 
     def in_free_vibration(self) -> LoadEffect | None:
         """What of it is left in a free vibration about the beam at rest: the load itself where it is a stiffness, the mass of a
