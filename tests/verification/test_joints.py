@@ -76,11 +76,11 @@ def test_slider_crank():
         return [y[1], (2.0 - change * y[1] ** 2 / 2) / inertia(y[0])]
 
     angle = solve_ivp(rates, (0, 0.4), [start, 0], rtol=1e-10, atol=1e-10).y[0, -1]
-    states = [last(scene, 0.4, steps) for steps in (10, 20)]
+    states = [last(scene, 0.4, steps) for steps in (16, 32)]
     errors = [abs(state.joint[0].coordinate - (angle - start)) for state in states]
-    assert errors[1] < 1e-3 and 3.7 < errors[0] / errors[1] < 4.3
+    assert errors[1] < 3e-3 and 3.7 < errors[0] / errors[1] < 4.3
     travel = r * math.cos(angle) + math.sqrt(l**2 - (r * math.sin(angle)) ** 2) - end[0]
-    assert abs(states[1].joint[3].coordinate - travel) < 1e-3
+    assert abs(states[1].joint[3].coordinate - travel) < 3e-3
 
 
 def bent_frame(joint, force=(0.0, 0.3, -0.5)):
@@ -115,25 +115,28 @@ def test_gradients_by_joints():
         torch.testing.assert_close(slope.sum(), difference, rtol=1e-6, atol=1e-8)
 
 
-def ring(force):
-    """Of radius 1 from four arcs, pulled by two forces along x, free of supports but for one point's rigid motion."""
+def ring(force, elements):
+    """Of radius 1 from four arcs, pulled by two forces along x, held at one node half way, which carries nothing."""
     parts, joints = {}, []
     for k in range(4):
-        s = torch.linspace(k * math.pi / 2, (k + 1) * math.pi / 2, 9)
+        s = torch.linspace(k * math.pi / 2, (k + 1) * math.pi / 2, elements + 1)
         parts[f"arc {k}"] = tb.Beam.from_nodes(torch.stack((torch.cos(s), torch.sin(s), 0 * s), -1), SECTION)
         joints.append(tb.Weld((f"arc {k}", -1), (f"arc {(k + 1) % 4}", 0)))
     loads = [tb.PointLoad(("arc 0", 0), force=(force, 0, 0)), tb.PointLoad(("arc 2", 0), force=(-force, 0, 0))]
-    return tb.Scene(parts, loads, joints=joints, plane="xy", supports=[tb.Support(("arc 1", 0), position="xy", rotation="z")])
+    return tb.Scene(parts, loads, joints=joints, plane="xy", supports=[tb.Support(("arc 1", 0))])
 
 
 def test_ring_of_four_arcs():
-    """Pulled at two points it lengthens by F R^3/EI (pi/4 - 2/pi) and narrows by F R^3/EI (2/pi - 1/2) (Timoshenko 1930), but
-    for the size of elements, extension and shear; half way between, the loop carries F/2.
+    """Pulled at two points it lengthens by F R^3/EI (pi/4 - 2/pi) and narrows by F R^3/EI (2/pi - 1/2) (Timoshenko 1930); half
+    way between it carries F/2 and F R (1/2 - 1/pi). Of second order in the elements' size: extrapolated from 4 and 8 an arc, to
+    1 in 1000 with what it stretches and shears.
     """
-    state, force = tb.equilibrium(ring(1e-3)), 1e-3
-    across = (state["arc 0"].nodes[0] - state["arc 2"].nodes[0])[0] - 2
-    down = (state["arc 1"].nodes[0] - state["arc 3"].nodes[0])[1] - 2
-    stretch = force * (math.pi / 4 * (1e-4 + 2.5e-4))
-    assert abs(across - stretch - force * (math.pi / 4 - 2 / math.pi)) < 0.01 * across
-    assert abs(down + force * (2 / math.pi - 0.5)) < 0.01 * abs(down)
-    assert abs(abs(state.joint[0].force[0]) - force / 2) < 1e-3 * force
+    force, found = 1e-3, []
+    for elements in (4, 8):
+        state = tb.equilibrium(ring(force, elements))
+        right, top, left, bottom = (state[f"arc {k}"].nodes[0] for k in range(4))
+        joint = state.joint[0]
+        assert abs(joint.force[0] - force / 2) < 1e-9 * force and state.reaction.abs().max() < 1e-12 * force
+        found.append(torch.stack(((right - left)[0] - 2, (top - bottom)[1] - 2, joint.moment[2])) / force)
+    wanted = torch.tensor([math.pi / 4 - 2 / math.pi + math.pi / 4 * (1 / 1e4 + 1 / 4e3), 0.5 - 2 / math.pi, 0.5 - 1 / math.pi])
+    torch.testing.assert_close((4 * found[1] - found[0]) / 3, wanted, rtol=1e-3, atol=0)

@@ -295,6 +295,6 @@ def with_optional_fields(state: State, scene: Any) -> State:
         raise ValueError(f"a state with {state.internal.shape[-1]} internal states was given; the scene's loads have {sizes}")
     if sizes and state.internal is None:
         state = replace(state, internal=state.position.new_zeros(*state.batch_shape, sizes))
-    if state.joints is None:
+    if scene.joints and state.joints is None:
         state = replace(state, **no_motion(scene, state.position.new_zeros(state.batch_shape)))
     return state
