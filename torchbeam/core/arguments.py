@@ -15,6 +15,7 @@ from torch import Tensor
 from .validation import BOOLEANS, as_tensor, broadcast, finite, positive, real, scalars, shown
 
 
+@cache
 def keywords(*takers: Any) -> list[str]:
     """Keywords of the functions that are nothing but keywords."""
     return [p.name for f in takers for p in inspect.signature(f).parameters.values() if p.kind is p.KEYWORD_ONLY]

@@ -20,7 +20,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, Field, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -57,6 +57,10 @@ class Tree:
     """
 
     called: ClassVar[str]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies and pickles go without what is this object's alone, whose name begins with a space."""
+        return {name: value for name, value in vars(self).items() if not name.startswith(" ")}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -102,10 +106,10 @@ class Leaf(NamedTuple):
 
 def own_leaves(tree: Tree) -> Iterator[Leaf]:
     """The leaves that a tree declares itself, None among them; a tree in the place of a leaf as it is."""
+    declared = _declared(type(tree))
     for name, value in vars(tree).items():
-        declared = _declared(tree, name)
-        if declared is not None and AXES in declared.metadata:
-            axes = _axes(tree, declared)
+        if (axes := declared.get(name, BRANCH)) is not BRANCH:
+            axes = axes(tree) if callable(axes) else axes
             parts = value.values() if isinstance(value, dict) else value if hasattr(value, "_fields") else (value,)
             yield from (Leaf(tree, name, part, axes) for part in parts)
 
@@ -118,13 +122,36 @@ def leaves(tree: Any) -> Iterator[Leaf]:
                 yield from leaves(one.value)
             elif one.value is not None:
                 yield one
+        declared = _declared(type(tree))
         for name, value in vars(tree).items():
-            declared = _declared(tree, name)
-            if declared is not None and AXES not in declared.metadata:
+            if declared.get(name) is BRANCH:
                 yield from leaves(value)
     elif isinstance(tree, (tuple, list, dict)):
         for part in tree.values() if isinstance(tree, dict) else tree:
             yield from leaves(part)
+
+
+def leaves_in_order(tree: Any, seen: set[int] | None = None) -> Iterator[tuple[Any, int | None]]:
+    """Values and own axes of all leaves that `map_leaves` meets, in that order: an object in several places once."""
+    seen = set() if seen is None else seen
+    if isinstance(tree, Tree):
+        if id(tree) in seen:
+            return
+        seen.add(id(tree))
+        declared = _declared(type(tree))
+        for name, value in vars(tree).items():
+            if name not in declared:
+                continue
+            axes = declared[name]
+            if axes is BRANCH or isinstance(value, Tree):
+                yield from leaves_in_order(value, seen)
+            elif value is not None:
+                axes = axes(tree) if callable(axes) else axes
+                parts = value.values() if isinstance(value, dict) else value if hasattr(value, "_fields") else (value,)
+                yield from ((part, axes) for part in parts)
+    elif isinstance(tree, (tuple, list, dict)):
+        for part in tree.values() if isinstance(tree, dict) else tree:
+            yield from leaves_in_order(part, seen)
 
 
 def map_leaves(function: Callable[..., Any], tree: Any, *others: Any, made: dict[int, Any] | None = None) -> Any:
@@ -151,25 +178,23 @@ def map_leaves(function: Callable[..., Any], tree: Any, *others: Any, made: dict
 
 
 def _mapped(function: Callable[..., Any], tree: Tree, others: tuple, made: dict[int, Any]) -> Any:
-    kept, same = {}, True
+    kept, same, declared = {}, True, _declared(type(tree))
     for name, value in vars(tree).items():
-        declared = _declared(tree, name)
-        if declared is None:
+        if name not in declared:
             if not cache_of(tree, name):
                 kept[name] = value
             continue
-        theirs = tuple(getattr(o, name) for o in others)
-        if AXES not in declared.metadata or isinstance(value, Tree):
+        theirs, axes = tuple(getattr(o, name) for o in others), declared[name]
+        axes = axes(tree) if callable(axes) else axes
+        if axes is BRANCH or isinstance(value, Tree):
             kept[name] = map_leaves(function, value, *theirs, made=made)
         elif isinstance(value, dict):
-            axes = _axes(tree, declared)
             kept[name] = {key: function(part, axes, *(t[key] for t in theirs)) for key, part in value.items()}
             kept[name] = value if all(kept[name][key] is part for key, part in value.items()) else kept[name]
         elif hasattr(value, "_fields"):
-            axes = _axes(tree, declared)
             kept[name] = type(value)(*(function(part, axes, *(t[i] for t in theirs)) for i, part in enumerate(value)))
         else:
-            kept[name] = None if value is None else function(value, _axes(tree, declared), *theirs)
+            kept[name] = None if value is None else function(value, axes, *theirs)
         same = same and kept[name] is value
     if same:
         return tree
@@ -188,13 +213,13 @@ def with_values(tree: Any, **values: Any) -> Any:
     return new
 
 
-def _declared(owner: Tree, name: str) -> Field | None:
-    return getattr(owner, "__dataclass_fields__", {}).get(name)
+BRANCH = object()  # a field that is no leaf: what it holds may be trees
 
 
-def _axes(owner: Tree, declared: Field) -> int | None:
-    axes = declared.metadata[AXES]
-    return axes(owner) if callable(axes) else axes
+@cache
+def _declared(kind: type) -> dict[str, Any]:
+    """Fields of a class by name: a leaf's own axes, or `BRANCH`."""
+    return {name: one.metadata.get(AXES, BRANCH) for name, one in getattr(kind, "__dataclass_fields__", {}).items()}
 
 
 def batch_shapes(tree: Any) -> list[torch.Size]:

@@ -16,8 +16,8 @@ from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..state.state import State
-from .held_inputs import HeldInputs, together
 from .method import WHOLE, Composition, Scheme
+from .step_inputs import HeldInputs, together
 from .step_solver import Made, StepSolver
 
 # fields whose mean is taken
@@ -94,20 +94,20 @@ def _composed(composition: Composition, solver: StepSolver, model: Model, state:
 
 
 def natively(scheme: Scheme, solver: StepSolver, state: State, dt: Tensor, t: Tensor, inputs: Inputs,
-             moving: Tensor | None, last: bool, K: int | None = None, repeat: int = 1, every: int = 1) -> Steps | None:
-    """A step of dt (...) from t (...) on, or K of dt (K, ...) from t (K, ...) on, by native code; None where they are to be
+             moving: Tensor | None, last: bool, K: int | None = None, every: int = 1) -> Steps | None:
+    """A step of dt (...) from t (...) on, or K of dt and t (K), or (K, ...), by native code; None where they are to be
     made eagerly. The reaction is the mean over the step, the stress that of the last solve of the first composition.
 
     inputs  by name, held over all, or one for each solve, see `together`
     moving  (...) bool, of the whole batch's shape; None = all, of one step
-    repeat  in place of K, see `CompiledStep`;  every: likewise
+    every   of K steps, see `CompiledStep`
     """
+    if K is not None and t.ndim > 1 and dt.ndim == 1 and solver.compiled.takes_time:
+        dt = dt.reshape(-1, *(1,) * (t.ndim - 1))
     if scheme.solves == 1:
         middle = t + solver.method.INSTANT * dt if solver.compiled.takes_time else None
         dt = dt[0] if K is not None and dt.stride() == (0,) else dt  # the same of all
-        return solver.natively(state, dt, middle, inputs, moving, last, K, repeat, every)
-    if repeat > 1:
-        return None
+        return solver.natively(state, dt, middle, inputs, moving, last, K, every)
     if moving is None:
         shape = broadcast_shapes(solver.compiled.batch, state.batch_shape, *(x.shape[:-1] for x in inputs.values()))
         moving = (state.status == SUCCESS).expand(shape)

@@ -22,8 +22,8 @@ from ..nodal.model import Model
 from ..scene.effects import Effect
 from ..solvers.newton import newton
 from ..state.state import State
-from .held_inputs import HeldInputs
 from .method import Method
+from .step_inputs import HeldInputs
 
 ITERATES = 6  # of Newton's method that are looked at
 HALVES = 30  # of the way between two of them: what then still changes by half of the whole has a jump

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from ..core.arguments import count, instance
 from ..core.functions_of_time import shared
 from ..core.leaves import own_leaves, wants_gradient
 from ..core.memory import SMALL, check_memory
 from ..math.shapes import broadcast_shapes
-from ..scene.effects import Inputs, changing, first_of, inputs_at, inputs_over
+from ..scene.effects import Inputs, changing, inputs_at
 from ..scene.scene import merge_inputs
-from ..state.reduced import whole_of
 from ..state.state import State, of_mesh
-from .held_inputs import GivenInputs, changes_within, given_from
-from .stepper import Ahead, Stepper
-
-AT_ONCE = 256  # steps that native code is asked for, at most
+from .make_steps import StepPlan, states_after
+from .step_inputs import StepInputs, in_line, inputs_of_steps
+from .stepper import Stepper
 
 
 def rollout(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] | None = None, **more: Any) -> State:
@@ -37,20 +33,16 @@ def rollout(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] |
     instance("a stepper", stepper, Stepper)
     of_mesh(state, stepper.scene.beam, "a state")
     steps, given = count("steps", steps), merge_inputs(inputs, more)
-    t, varies = shared(state.t), changing(given, steps)
-
-    def held(first: int, end: int) -> dict[str, Any] | list[GivenInputs]:
-        few = range(first, end if varies else first + 1)
-        if within:
-            return [given_from(given, t + k * stepper.dt, stepper.dt, stepper.dt, k) for k in few]
-        return inputs_over(given, few, lambda k: t + (k + stepper.method.INSTANT) * stepper.dt, int, stepper.dt)
-
-    within = changes_within(given, stepper.method)
+    t, dt = shared(state.t), stepper.dt.expand(steps)
+    changing(given, steps)
     check_room(stepper, state, inputs_at(given, t, stepper.dt), steps, steps)
-    lengths = stepper.dt.expand(steps)
-    begins = t + torch.arange(steps, dtype=t.dtype, device=t.device) * stepper.dt if t.ndim == 0 else None
-    made = [few.states for few in march(stepper, state, lengths, begins, held, [True] * steps)]
-    return stepper.model.space.to_public(whole_of(made))
+    begins = t + in_line(torch.arange(steps, dtype=t.dtype, device=t.device), t.shape) * stepper.dt
+
+    def inputs_of(first: int, end: int) -> StepInputs:
+        rows = slice(first, end)
+        return inputs_of_steps(stepper.scene, given, stepper.method, begins[rows], dt[rows], range(first, end))
+
+    return states_after(stepper, state, StepPlan(dt, begins, inputs_of))
 
 
 def check_room(stepper: Stepper, state: State, inputs: Inputs, steps: int, wanted: int, checkpoint: bool | None = None) -> None:
@@ -74,27 +66,3 @@ def check_room(stepper: Stepper, state: State, inputs: Inputs, steps: int, wante
     else:
         told = "" if checkpoint is None else f"checkpoint=True takes {least / 1e9:.3g} GB, and "
         check_memory(f"{what}, with their gradient,", most, f"{told}a smaller batch {'takes ' if not told else ''}less")
-
-
-def march(stepper: Stepper, state: State, dt: Tensor, t: Tensor | None, held: Callable[[int, int], Any],
-          wanted: list[bool]) -> Iterator[Ahead]:
-    """Steps dt (K) from the times t (K), None = the samples' own; some at a time. held: first, end -> inputs of these steps,
-    see `inputs_over`; wanted: whether the state after a step is asked for.
-    """
-    done, steps = 0, len(dt)
-    size = AT_ONCE if t is not None and stepper.compiled is not None else 1
-    while done < steps:
-        few = slice(done, min(done + size, steps))
-        inputs = held(few.start, few.stop)
-        made = None if t is None else stepper.ahead(state, dt[few], t[few], inputs, wanted[few])
-        size = 1 if made is None or made.stopped else min(2 * len(made.iterations), AT_ONCE)
-        if made is None:
-            now = inputs[0] if isinstance(inputs, list) else first_of(inputs)
-            last = stepper.advance(state, now, dt=dt[done], t=None if t is None else t[done])
-            states = stepper.reduced(last).map(lambda x, asked=int(wanted[done]): x[None][:asked])
-            made = Ahead(states, lambda last=last: last, stepper.iterations[None])
-        done += len(made.iterations)
-        yield made
-        if done < steps:
-            state = made.last()
-

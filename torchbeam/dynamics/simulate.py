@@ -26,7 +26,7 @@ from ..core.warning import warn
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..nodal.rates import Rates
-from ..scene.effects import PerInterval, changing, inputs_at, inputs_over
+from ..scene.effects import PerInterval, changing, inputs_at
 from ..scene.prescribed_motion import oriented
 from ..scene.scene import Scene, merge_inputs
 from ..solvers.newton import LIMIT
@@ -37,11 +37,13 @@ from ..state.state import State, check_state, rest, with_optional_fields
 from .adaptive import adaptive
 from .events import Events
 from .failure import Failures
-from .held_inputs import GivenInputs, changes_within, given_from
+from .make_steps import StepPlan, make_steps
 from .methods import METHODS as IMPLICIT_METHODS
 from .mixed_forms import simulate_mixed
-from .rollout import check_room, march
+from .prepared import prepared
+from .rollout import check_room
 from .runaway import SENTENCE, stopped
+from .step_inputs import StepInputs, inputs_of_steps
 from .stepper import HALVINGS, Stepper
 from .tolerance import Tolerance
 from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
@@ -183,55 +185,52 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     interval, part = (torch.tensor(x, device=t.device) for x in zip(*plan, strict=True))
     lengths = (t.diff() / t.new_tensor(counts))[interval]
     begins = t[:-1][interval] + part * lengths
-    wanted = [i == counts[k] - 1 for k, i in plan]
-    stepper = Stepper(scene, step, method, **options)
-    moved = changing(inputs, len(counts))
+    stepper = prepared(scene, step, method, **options)
+    changing(inputs, len(counts))
     first = inputs_at(inputs, t[0], t)
     start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
+    begun = stepper.remember(start, stepper.reduced(start), well=False)
     check_room(stepper, start, first, len(plan), len(t), checkpoint)
-    names = tuple(vars(start))
+    names, reported = tuple(vars(start)), 0
 
     def kind(*values: Any) -> State:
         return type(start)(**dict(zip(names, values, strict=True)))
 
-    within, reported = changes_within(inputs, stepper.method), 0
+    def inputs_of(first: int, end: int) -> StepInputs:
+        rows = slice(first, end)
+        return inputs_of_steps(scene, inputs, stepper.method, begins[rows], lengths[rows], [k for k, _ in plan[rows]])
 
-    def held(first: int, end: int) -> dict[str, Any] | list[GivenInputs]:
-        """Inputs of steps of the plan."""
-        few = range(first, end if moved else first + 1)
-        if within:
-            return [given_from(inputs, begins[k], lengths[k], t, plan[k][0]) for k in few]
-        return inputs_over(inputs, few, lambda k: begins[k] + stepper.method.INSTANT * lengths[k], lambda k: plan[k][0], t)
+    steps = StepPlan(lengths, begins, inputs_of, wanted=[i == counts[k] - 1 for k, i in plan])
 
-    def carry_out(begin: int, end: int, state: State) -> tuple[list[State], State, Tensor]:
+    def carry_out(begin: int, end: int, state: State) -> tuple[list[State], Callable[[], State], Tensor]:
         """States that are wanted of a part of the plan, in the space's coordinates; the last, a public one; iterations."""
         nonlocal reported
-        made, done, part = [], begin, slice(begin, end)
-        steps = lengths[part], begins[part], lambda i, j: held(begin + i, begin + j), wanted[part]
-        for few in march(stepper, state, *steps):
-            made.append(few)
+        states, iterations, done = [], [], begin
+        for few in make_steps(stepper, state, steps.part(begin, end)):
+            states.append(few.states())
+            iterations.append(few.iterations)
             for _ in range(len(few.iterations)):
                 done += 1
                 if progress is not None and done > reported:  # not again where backward makes a part once more
                     reported = done
                     progress(done, len(plan))
-        return [few.states for few in made], made[-1].last(), joined(*(few.iterations for few in made))
+        return states, few.last, joined(*iterations)
 
     def flat(begin: int, end: int, *fields: Tensor) -> tuple[Tensor, ...]:
         """The same, from tensors to tensors."""
         states, last, iterations = carry_out(begin, end, kind(*fields))
-        return *vars(whole_of(states)).values(), *vars(last).values(), iterations
+        return *vars(whole_of(states)).values(), *vars(last()).values(), iterations
 
     checkpoint = checkpoint and not within_dual_numbers()  # hooks on saved tensors do not take them
     size, length = len(names), math.isqrt(len(plan)) if checkpoint else len(plan)
-    parts, state, iterations = [stepper.reduced(start).map(lambda x: x[None])], start, []
+    parts, state, iterations = [begun.map(lambda x: x[None])], start, []
     for done in range(0, len(plan), length):
         span = done, min(done + length, len(plan))
         if checkpoint:
             *found, count = recompute(flat, *span, *vars(state).values(), use_reentrant=False)
             states, state = [kind(*found[:size])], kind(*found[size:])
         else:
-            states, state, count = carry_out(*span, state)
+            states, _, count = carry_out(*span, state)
         parts += states
         iterations.append(count)
     stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=stepper.failures.reasons(),
@@ -252,7 +251,7 @@ def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, input
                          "wanted, or 'midpoint'")
     most, tolerance, events = count("max_steps", max_steps), Tolerance.of(scene, rtol, atol), Events.of(events)
     first = None if first_step is None else step_size("first_step", first_step)
-    stepper = Stepper(scene, (concrete(t[-1]) - concrete(t[0])).item() / STEPS, method, **options)
+    stepper = prepared(scene, (concrete(t[-1]) - concrete(t[0])).item() / STEPS, method, **options)
     changing(inputs, len(t) - 1)
     given = inputs_at(inputs, t[0], t)
     start = stepper._begin(_begin(stepper.model, initial, t[0]), inputs=given)
@@ -304,7 +303,8 @@ def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
 def _begin(model: Model, initial: State | None, t: Tensor) -> State:
     scene = model.scene
     start = rest(scene, t=t) if initial is None else check_state(initial, scene)
-    model.space.start(start)  # says so where it does not fit
+    if initial is not None or scene.has_prescribed_motion:
+        model.space.start(start)  # says so where it does not fit
     start = with_optional_fields(start.broadcast(), scene)
     if start.frame is not None:  # it turns on from the state's own time
         start = replace(start, frame=oriented(scene, start.frame, start.t, t))
@@ -329,7 +329,8 @@ def _energy(model: Model, states: State | ReducedStates, t: Iterable[Tensor], in
 
 def _judged(solution: Solution, throw: bool, warned: bool = False) -> Solution:
     """The solution, with a sentence on every kind of failure in its stats; raised, or warned of where the solver has not."""
-    status, steps = (concrete(x) for x in (solution.status, (solution.states.status == 0).sum(0)))
+    statuses = concrete(solution.states.status)
+    status, steps = statuses[-1], (statuses == 0).sum(0)
     for code in sorted(set(status.flatten().tolist()) - {0}):
         failed = (status == code).nonzero().tolist()
         which = f"sample {failed[0][0] if len(failed[0]) == 1 else tuple(failed[0])}" if failed[0] else "the sample"

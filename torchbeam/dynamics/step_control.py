@@ -19,8 +19,9 @@ from ..core.status import SUCCESS, TOO_MANY, UNDERFLOW
 from ..core.validation import concrete
 from ..state.state import State
 from .events import Events
+from .make_steps import StepPlan, part_of, states_after, without_parts
+from .step_inputs import inputs_by_sample
 from .step_sequence import StepSequence, picked
-from .step_series import inputs_by_sample, part_of, series, without_parts
 from .stepper import Stepper
 from .tolerance import Tolerance
 
@@ -208,10 +209,10 @@ class _Run:
         self.size = torch.where(well, (2 * self.size).clamp(max=AT_ONCE), (self.size // 2).clamp(min=1))
 
     def _series(self, state: State, dt: Tensor, t: Tensor) -> State:
-        """See `series`; samples that are not going stay."""
-        inputs = inputs_by_sample(self.inputs, t + self.stepper.method.INSTANT * dt, self.stops)
+        """States after each step; samples that are not going stay."""
+        inputs = inputs_by_sample(self.inputs, t + self.stepper.method.INSTANT * dt, self.stops).part
         active = (self.going & (self.state.status == SUCCESS)).expand(dt.shape[1:])
-        return series(self.stepper, state, dt, t, inputs, active)
+        return states_after(self.stepper, state, StepPlan(dt, t, inputs, active))
 
     def _compact(self) -> None:
         """Leave out samples that have arrived, where that is worth it."""

@@ -13,9 +13,9 @@ from torch import Tensor
 from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.leaves import Tree, leaf
 from ..state.state import State
-from .rollout import AT_ONCE
-from .step_series import inputs_by_sample, part_of, series
-from .stepper import ROOM, Stepper
+from .make_steps import AT_ONCE, ROOM, StepPlan, part_of, states_after
+from .step_inputs import inputs_by_sample
+from .stepper import Stepper
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,8 @@ class StepSequence(Tree):
             size = max(1, ROOM // (going.numel() * start.position.shape[-2]))
             stop = min(done + min(AT_ONCE, size), following)
             begin, length = sequence.steps(done, stop, level)
-            held = inputs_by_sample(inputs, begin + stepper.method.INSTANT * length, self.stops)
-            made = series(stepper, state, length, begin, held, going)
+            held = inputs_by_sample(inputs, begin + stepper.method.INSTANT * length, self.stops).part
+            made = states_after(stepper, state, StepPlan(length, begin, held, going))
             wanted = (numbers > done) & (numbers <= stop)
             rows, here = _rows(made, wanted, numbers - done - 1)
             parts.append(rows)

@@ -72,6 +72,13 @@ class StepSolver:
         held = dict(vars(self))
         return held if self.engine != "auto" else {**held, "_compiled": None, "_double": None, "_decided": False}
 
+    def again(self) -> StepSolver:
+        """The same, as if it had made no step yet."""
+        _ = self.compiled  # is decided once
+        other = object.__new__(StepSolver)
+        vars(other).update(vars(self), use=EngineUse(self.use.reason))
+        return other
+
     def of(self, model: Model) -> StepSolver:
         """The same for another model, of the same structure."""
         other = copy(self)
@@ -114,7 +121,7 @@ class StepSolver:
         return Made(after if concrete(good).all() else after.where(good, state), status, iterations)
 
     def natively(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, last: bool,
-                 K: int | None = None, repeat: int = 1, every: int = 1) -> Steps | None:
+                 K: int | None = None, every: int = 1) -> Steps | None:
         """A solve over dt with the middle t (...), or K, see `CompiledStep`; None where they are to be made eagerly."""
         compiled = self.compiled
         if compiled is None:  # another thread has given it up
@@ -125,8 +132,7 @@ class StepSolver:
             return None
         tolerance = TOLERANCE[state.position.dtype] if self.tolerance is None else float(self.tolerance)
         try:
-            found = compiled(state, dt, t, inputs, moving, tolerance, self._least, self._limit(last), K, repeat=repeat,
-                             every=every)
+            found = compiled(state, dt, t, inputs, moving, tolerance, self._least, self._limit(last), K, every=every)
         except (NotCompiled, NotTraceable) as error:
             if self.engine == "compiled":
                 raise
@@ -134,11 +140,11 @@ class StepSolver:
             self._compiled = None
             return None
         if found is not None:
-            self.use.native += K or repeat
+            self.use.native += K or 1
             return found
         self.use.reason = compiled.eager_because
         if compiled.eager_because is RIGID and state.position.dtype is torch.float32 and not self.model.law.rigid:
-            return self._in_double(state, dt, t, inputs, moving, last, K, repeat, every)
+            return self._in_double(state, dt, t, inputs, moving, last, K, every)
         return None
 
     def _in_double(self, state: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, *options: Any

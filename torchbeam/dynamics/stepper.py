@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -21,35 +19,22 @@ from ..core.validation import as_tensor, axis_last, broadcast, concrete, positiv
 from ..engine.chain.compiled_step import CompiledStep
 from ..engine.chain.coverage import ENGINES
 from ..nodal.discretise import discretise
-from ..scene.effects import PerInterval, first_of
+from ..scene.effects import Inputs
 from ..scene.scene import Scene
 from ..solvers.newton import LIMIT
 from ..state.start import on_supports
 from ..state.state import State, check_state, of_mesh, rest, with_optional_fields
 from .composed import in_parts, natively, step
 from .failure import Failures
-from .held_inputs import GivenInputs, HeldInputs, together
 from .known_state import KnownState
+from .make_steps import StepPlan, make_steps
 from .method import Method
 from .methods import METHODS
+from .step_inputs import GivenInputs, HeldInputs, StepInputs, in_line
 from .step_jacobian import Coordinates, step_jacobian
 from .step_solver import StepSolver
 
-
-class Ahead(NamedTuple):
-    """Steps that were made at once: the states that were asked for (time, ...), in the space's coordinates; the last, a public
-    one; iterations (steps, ...); whether the next one is for `advance`.
-    """
-
-    states: State
-    last: Callable[[], State]
-    iterations: Tensor
-    stopped: bool = False
-
-
-STILL = {"defect": 0, "straining": 2}  # of a state, and their own axes: what native code may leave as it is
 HALVINGS = 6  # a failed step is made again in at most 2^6 parts
-ROOM = 2**18  # nodes, over samples and steps, of the states that native code makes at once
 
 
 class Stepper:
@@ -98,10 +83,17 @@ class Stepper:
         self.solver = StepSolver(self.model, self.method, engine, tolerance, count("iterations", iterations))
         self.iterations: Tensor | None = None  # (...) of the last step
         self._last: KnownState | None = None
-        self.failures = Failures()
+        self.failures: Failures | None = Failures()  # None = nobody asks why a step has failed
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_last": None}
+
+    def again(self, dt: float | Tensor) -> Stepper:
+        """This stepper with steps of another length, as if it had made none yet."""
+        other = copy(self)
+        other.dt = duration("dt", dt, self.scene.dtype, self.scene.device)
+        other.solver, other.failures, other.iterations = self.solver.again(), Failures(), None
+        return other
 
     @property
     def compiled(self) -> CompiledStep | None:
@@ -143,8 +135,11 @@ class Stepper:
         """The same, with the time t (0-dim) of all samples where it is known; None = the state's. inputs: held over the step,
         or a function of the share of it that has passed.
         """
-        dt = self._length(dt)
-        given, state, well = self._given(state, inputs, dt)
+        dt, given = self._length(dt), HeldInputs(inputs).map(self.scene.tensors)
+        now = given(self.method.INSTANT)
+        state, well = self.started(state, dt, now)
+        broadcast("a scene, a state and inputs", self.scene.batch_shape, state.status.shape,
+                  *[x.shape[:-1] for x in now.values()])
         if active is None and self.compiled is not None and (t is not None or not self._changes or state.t.ndim == 0):
             found = self._quickly(state, well, dt, t, given)
             if found is not None:
@@ -160,7 +155,7 @@ class Stepper:
             again, well, more = in_parts(self.solver, self.model, state, dt, t, given, failed, self.halvings)
             after, status = again.where(well, after), torch.where(well, SUCCESS, status)
             self.iterations = self.iterations + more
-        if failed is not lost:
+        if failed is not lost and self.failures is not None:
             self.failures.remember(self.method, self.model, state, dt, t, given, torch.where(moving, status, SUCCESS))
         after = replace(after, status=torch.where(moving, status, state.status))
         if after.t.shape != after.status.shape:  # functions of time have brought axes along
@@ -195,103 +190,39 @@ class Stepper:
 
     def repeat(self, state: State, count: int, inputs: dict[str, Any], active: Tensor | None = None) -> State:
         """The state `count` steps later, with the inputs held: as so many calls."""
-        if count > 1 and active is None and self.compiled is not None and not self._changes:
-            given, start, well = self._given(state, inputs, self.dt)
-            found = self._quickly(start, well, self.dt, None, given, count)
-            if found is not None:
-                return found
-        for _ in range(count):
-            state = self.advance(state, inputs, active=active)
-        return state
+        if count == 1:
+            return self.advance(state, inputs, active=active)
+        held, t = StepInputs(self.scene.tensors(inputs)), shared(state.t) if self._changes else state.t
+        active = None if active is None else mask("active", active, state.status)
+        begins = t + in_line(torch.arange(count, dtype=t.dtype, device=t.device), t.shape) * self.dt
+        made, plan = None, StepPlan(self.dt.expand(count), begins, lambda i, j: held, active, [False] * (count - 1) + [True])
+        for made in make_steps(self, state, plan):
+            self.iterations = made.iterations[-1]
+        return made.last()
 
-    def _quickly(self, state: State, well: bool, dt: Tensor, t: Tensor | None, inputs: HeldInputs, repeat: int = 1
-                 ) -> State | None:
-        """The state one step later, or after as many alike, where native code makes it of all samples at once; None where there
-        is more to it. well: whether it is known that none has failed.
+    def _quickly(self, state: State, well: bool, dt: Tensor, t: Tensor | None, inputs: HeldInputs) -> State | None:
+        """The state one step later, where native code makes it of all samples at once; None where there is more to it. well:
+        whether it is known that none has failed.
         """
         alone = None if inputs.vary else self.method.alone(self.model, dt)
         if alone is None or not (well or not concrete(state.status).any()):
             return None
-        found = natively(alone, self.solver, state, dt, state.t if t is None else t, inputs.given, None, last=not self.halvings,
-                         repeat=repeat)
+        found = natively(alone, self.solver, state, dt, state.t if t is None else t, inputs.given, None, not self.halvings)
         if found is None or not found.well:
             return None
-        self.iterations, now = found.iterations, torch.add(state.t, dt, alpha=repeat)
+        self.iterations, now = found.iterations, state.t + dt
         now = now if now.shape == found.status.shape else now.expand(found.status.shape)
-        reduced = with_values(state, **found.fields, t=now, status=found.status)
-        return self._public(reduced, well=True)
+        return self.known(with_values(state, **found.fields, t=now, status=found.status), well=True)
 
-    def ahead(self, state: State, dt: Tensor, t: Tensor, inputs: dict[str, Any] | list[GivenInputs], wanted: list[bool]
-              ) -> Ahead | None:
-        """As many of the steps dt (K) from the times t (K) as native code makes at once and all samples make well; None where
-        `advance` has to make the first. inputs: held, or `PerInterval` of these steps, or what each is given; wanted: whether
-        the state after a step is asked for.
+    def started(self, state: State, dt: Tensor, inputs: Inputs) -> tuple[State, bool]:
+        """The state to start a step of dt from in the space's coordinates, checked; whether it is known that no sample of it
+        has failed.
         """
-        length = dt.detach()
-        alone = None if self.compiled is None else self.method.alone(self.model, length.amin())
-        if alone is None or self.method.alone(self.model, length.amax()) is not alone:
-            return None
-        varying = isinstance(inputs, list)
-        steps = [HeldInputs(one).map(self.scene.tensors) for one in inputs] if varying else []
-        given = steps[0](self.method.INSTANT) if varying else self.scene.tensors(first_of(inputs))
-        of_mesh(state, self.scene.beam, "a state")
-        start = self.reduced(self._begin(state, dt[0], inputs=given))
-        shape = broadcast("a scene, a state and inputs", self.scene.batch_shape, state.batch_shape,
-                          *(value.shape[:-1] for value in given.values()))
-        n, size = alone.solves, shape.numel() * self.scene.beam.node_count
-        every = _spacing(wanted) if n == 1 else 1
-        count = min(len(dt), every * max(1, ROOM // max(1, size * n)))
-        every, count = (every, count - count % every) if count >= every else (1, count)
-        dt, t = dt[:count], t[:count]
-        moving = (start.status == SUCCESS).expand(shape)
-        if varying:
-            given = together(steps[:count], alone.instants(self.method.INSTANT), shape)
-        else:
-            for name, one in inputs.items():
-                if isinstance(one, PerInterval):
-                    value = one.value[..., :count, :]
-                    value = value.expand(*shape, -1, -1).movedim(-2, 0) if shape else value
-                    given[name] = value if n == 1 else value.repeat_interleave(n, 0)
-        found = natively(alone, self.solver, start, dt, t, given, moving, last=not self.halvings, K=count, every=every)
-        if found is not None and found.every > 1 and not found.well:
-            found = natively(alone, self.solver, start, dt, t, given, moving, last=not self.halvings, K=count)
-        if found is None:
-            return None
-        if not found.well:
-            count = found.leading
-            if not count:
-                return None
-        shape = found.status.shape[1:]  # functions of time may bring axes along
-        each = dt[:count].reshape(-1, *(1,) * len(shape)).expand(-1, *shape)
-        now = torch.cat((start.t.expand(shape)[None], each)).cumsum(0)
-        now, status = torch.where(moving, now[1:], start.t), start.status.expand(shape)
-        places = [k for k in range(count) if wanted[k]]
-        asked = slice(None) if found.every > 1 else _rows(places, count)
-
-        def after(rows: Any, k: Any, *lead: int) -> State:
-            fields = {name: x[rows] for name, x in found.fields.items()}
-            same = {name: x.expand((*lead, *shape, *x.shape[x.ndim - axes:])) for name, axes in STILL.items()
-                    if name not in fields and (x := getattr(start, name, None)) is not None}
-            return with_values(start, **fields, **same, t=now[k], status=status.expand((*lead, *shape)))
-
-        def last() -> State:
-            return self._public(after(count // found.every - 1, count - 1), well=False)
-
-        return Ahead(after(asked, _rows(places, count), len(places)), last, found.iterations[:count], not found.well)
-
-    def _given(self, state: State, inputs: GivenInputs, dt: Tensor) -> tuple[HeldInputs, State, bool]:
-        """Inputs as tensors, and the state to start a step of dt from in the space's coordinates, checked; whether it is known
-        that no sample of it has failed.
-        """
-        given = HeldInputs(inputs).map(self.scene.tensors)
-        now, known = given(self.method.INSTANT), self._known(state)
-        if known is None:
-            of_mesh(state, self.scene.beam, "a state")
-        shape = state.batch_shape if known is None else known.reduced.status.shape
-        broadcast("a scene, a state and inputs", self.scene.batch_shape, shape, *[value.shape[:-1] for value in now.values()])
+        known = self._known(state)
         if known is not None:
-            return given, known.reduced, known.well
-        return given, self.reduced(self._begin(state, dt, inputs=now)), False
+            return known.reduced, known.well
+        of_mesh(state, self.scene.beam, "a state")
+        return self.reduced(self._begin(state, dt, inputs=inputs)), False
 
     def _known(self, state: State) -> KnownState | None:
         """The last state that native code has made, if it is this one, as it was."""
@@ -306,11 +237,16 @@ class Stepper:
         state = state if state.velocity.ndim == state.position.ndim else state.broadcast()
         return self.model.space.to_reduced(with_optional_fields(state, self.scene))
 
-    def _public(self, reduced: State, well: bool) -> State:
-        """A state that native code has made, to be known again."""
+    def known(self, reduced: State, well: bool) -> State:
+        """A state that native code has made, as a public one, to be known again."""
         after = self.model.space.to_public(reduced)
-        self._last = KnownState.of(after, reduced, self.model.space, well)
+        self.remember(after, reduced, well)
         return after
+
+    def remember(self, state: State, reduced: State, well: bool) -> State:
+        """A public state to be known again by itself in the space's coordinates; well: that no sample of it has failed."""
+        self._last = KnownState.of(state, reduced, self.model.space, well)
+        return reduced
 
     def _length(self, dt: float | Tensor | None) -> Tensor:
         """Of a step, s."""
@@ -348,18 +284,3 @@ class Stepper:
         merged.solver = self.solver.of(merged.model)
         merged.iterations, merged.failures = None, Failures()
         return merged
-
-
-def _spacing(wanted: list[bool]) -> int:
-    """So many steps lie from one that is wanted to the next, and from the first to the one before it; 1 where that differs."""
-    first = wanted.index(True) + 1 if True in wanted else 1
-    return first if all(asked == (k % first == 0) for k, asked in enumerate(wanted, 1)) else 1
-
-
-def _rows(places: list[int], count: int) -> slice | list[int]:
-    """Rows at these places among so many: by a slice where they are evenly spaced, which copies nothing."""
-    gaps = {b - a for a, b in pairwise(places)}
-    if not places or len(gaps) > 1:
-        return places
-    step = min(gaps, default=1)
-    return slice(0, count) if len(places) == count else slice(places[0], places[-1] + 1, step)

@@ -26,9 +26,9 @@ class EngineUse:
     reason  why "auto" makes them eagerly, for the warning; None where that is meant, or needs no word
     """
 
-    def __init__(self) -> None:
+    def __init__(self, reason: str | None = None) -> None:
         self.native = self.eager = 0
-        self.reason: str | None = None
+        self.reason = reason
         self._said = False
 
     def eagerly(self) -> None:

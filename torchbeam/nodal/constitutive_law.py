@@ -17,6 +17,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.leaves import Tree, leaf
+from ..core.remembered import remembered
 from ..scene.beam import Beam
 from ..scene.effects.damping import Damping, geometric_means
 from ..scene.scene import Scene
@@ -77,21 +78,27 @@ class ElasticLaw(Tree):
         if not (slim or self.rigid) or not S.shape[-3]:
             return self.C.detach()
         diagonal = S if slim else S.diagonal(dim1=-2, dim2=-1)[..., None]
-        L2 = h.sum(-2, keepdim=True)[..., None] ** 2
         moments = {6: 3, 3: 1}[S.shape[-2]]  # strains that a moment brings about, in space and in a plane
         sizes = S.shape[-2] - moments, moments
+        L2 = h.sum(-2, keepdim=True)[..., None] ** 2
         by_force, by_moment = (part.amax((-3, -2), keepdim=True) for part in diagonal.split(sizes, -2))
         softest = torch.maximum(by_force / L2, by_moment)
         moment = STIFFENED / torch.where(softest > 0, softest, torch.ones_like(softest))  # what bends round about, N m^2
         force = moment / L2
         if dt is not None:
-            h2 = h.amax(-2, keepdim=True)[..., None] ** 2
-            inertial = line_mass.detach().amax(-2, keepdim=True)[..., None] * h2 * (2 / dt[..., None, None, None]) ** 2
-            force, moment = force + inertial, moment + inertial * h2
+            inertial = remembered(_inertial_stiffness, h, line_mass.detach(), dt)
+            force, moment = (x + more for x, more in zip((force, moment), inertial, strict=True))
         parts = torch.broadcast_tensors(*[force] * sizes[0], *[moment] * sizes[1])
         least = REGULARISATION[S.dtype] / torch.cat(parts, -2)
         least = torch.where(diagonal == 0 if dt is None else diagonal < least, least, diagonal)
         return 1 / least if slim else torch.linalg.inv(S + torch.diag_embed((least - diagonal)[..., 0]))
+
+
+def _inertial_stiffness(h: Tensor, line_mass: Tensor, dt: Tensor) -> tuple[Tensor, Tensor]:
+    """(..., 1, 1, 1) N and N m^2: what the inertia of the longest element resists strains with, in a step of dt (...)."""
+    h2 = h.amax(-2, keepdim=True)[..., None] ** 2
+    force = line_mass.amax(-2, keepdim=True)[..., None] * h2 * (2 / dt[..., None, None, None]) ** 2
+    return force, force * h2
 
 
 @dataclass(frozen=True)
@@ -121,9 +128,10 @@ def law_of(scene: Scene, space: Space) -> ElasticLaw:
     """The law of a scene's sections and its damping. Raises ValueError for six values of tau on a section with an impossible
     strain.
     """
-    beam = scene.beam
-    compliance, rigid = _with_residual_bending(beam, beam.compliance), any(impossible(beam))
-    S, C = _slim(compliance, beam, space), _slim(_regular_inverse(beam, compliance), beam, space)
+    beam, rigid = scene.beam, any(impossible(scene.beam))
+    compliance = _with_residual_bending(beam, beam.compliance)
+    S = _slim(compliance, beam, space)
+    C = _slim(_regular_inverse(beam, compliance), beam, space) if rigid or beam.coupled else 1 / S
     if scene.damping is None:
         return ElasticLaw(S, C, rigid)
     found = [_retardation(damping, beam, space) for damping in scene.dampings]
@@ -169,8 +177,9 @@ def without_residual_bending(beam: Beam, strain: Tensor, elements: slice = slice
 
 
 def _slim(matrix: Tensor, beam: Beam, space: Space) -> Tensor:
-    matrix = space.project_section(matrix)
-    return matrix if beam.coupled else matrix.diagonal(dim1=-2, dim2=-1)[..., None]
+    if beam.coupled:
+        return space.project_section(matrix)
+    return space.project_diagonal(matrix.diagonal(dim1=-2, dim2=-1))[..., None]
 
 
 def _regular_inverse(beam: Beam, S: Tensor) -> Tensor:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..core.remembered import remembered
 from ..scene.scene import Scene
 from ..topology.protocols import MatrixRows, Topology, Unknowns
 from .coordinates.spatial import Space
@@ -33,16 +34,22 @@ class Constraints:
 
     @classmethod
     def of(cls, scene: Scene, space: Space, topology: Topology) -> Constraints:
+        rows = tuple((int(support.node), tuple(map(float, space.constrained(support.held)))) for support in scene.supports)
         like = scene.beam.nodes
-        rows = [space.constrained(s.held) for s in scene.supports]
-        fixed = torch.tensor(rows, dtype=like.dtype, device=like.device).reshape(len(rows), space.unknowns)
-        nodes = tuple(int(s.node) for s in scene.supports)
-        free = torch.ones(topology.node_count, space.unknowns, dtype=like.dtype, device=like.device)
+        return remembered(cls._of, rows, space.position, space.unknowns, topology, like.dtype, like.device)
+
+    @classmethod
+    def _of(cls, rows: tuple[tuple[int, tuple[float, ...]], ...], p: int, w: int, topology: Topology, dtype: torch.dtype,
+            device: torch.device) -> Constraints:
+        """rows: of each support its node and `fixed`; p of a node's w unknowns are its position's."""
+        nodes = tuple(node for node, _ in rows)
+        fixed = torch.tensor([row for _, row in rows], dtype=dtype, device=device).reshape(len(rows), w)
+        free = torch.ones(topology.node_count, w, dtype=dtype, device=device)
         free[list(nodes)] = 1 - fixed
-        slide, turn = free[:, :space.position], free[:, space.position:].amax(-1, keepdim=True)
-        about = [(node, 1 - row[space.position:]) for node, row in zip(nodes, fixed, strict=True)]
-        hinges = tuple((node, axis) for node, axis in about if 0 < axis.sum() < space.spin)
-        return cls(nodes, fixed, free > 0, topology.unknowns(free > 0, like), slide, turn, hinges)
+        slide, turn = free[:, :p], free[:, p:].amax(-1, keepdim=True)
+        about = [(node, 1 - row[p:]) for node, row in zip(nodes, fixed, strict=True)]
+        hinges = tuple((node, axis) for node, axis in about if 0 < axis.sum() < w - p)
+        return cls(nodes, fixed, free > 0, topology.unknowns(free > 0, free), slide, turn, hinges)
 
     @property
     def count(self) -> int:

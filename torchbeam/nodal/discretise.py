@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, instance
-from ..core.leaves import constant, own_leaves, sent
+from ..core.leaves import constant, own_leaves, sent, with_values
+from ..core.remembered import remembered
 from ..core.validation import concrete
 from ..scene.effects import PerElement
 from ..scene.scene import Scene
@@ -20,6 +21,7 @@ from .constitutive_law import law_of
 from .constraints import Constraints
 from .coordinates.planar import PLANES, Plane
 from .coordinates.selection import in_space, only_numbers, space_of
+from .coordinates.spatial import Space
 from .inertia import inertia_of
 from .joint_constraints import joints_of
 from .loads import Nodes, external
@@ -29,12 +31,11 @@ from .redundant import refuse_redundant
 ROUNDING = 1e-9  # of a vector, that may lie out of a plane
 
 
-def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = None, checked: bool = True) -> Model:
-    """The model of a scene; `lumped`: mass at the nodes alone; topology: None = the beam's own, a chain; checked:
-    whether constraints that others hold already are refused.
+def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = None) -> Model:
+    """The model of a scene; `lumped`: mass at the nodes alone; topology: None = the beam's own, a chain.
 
-    Raises ValueError for what the nodal form does not take: sections whose mass is not that of rigid ones, and loads and
-    motions that leave the scene's plane or do not fit small rotations.
+    Raises ValueError for what the nodal form does not take: sections whose mass is not that of rigid ones, loads and motions
+    that leave the scene's plane or do not fit small rotations, and constraints that others hold already.
     """
     instance("a scene", scene, Scene)
     boolean("lumped", lumped)
@@ -46,23 +47,27 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     if beam.linked_interpolation and any(isinstance(x.value, PerElement) for load in scene.loads for x in own_leaves(load)):
         raise ValueError("a load PerElement was given for a beam with linked interpolation; one Along the beam is wanted")
     h = beam.length[..., None]
-    whole = in_space(beam)
     assembly = Assembly(topology, space.interpolation, space.position)
-    rest = whole.strains(whole.kinematics(*assembly.poses(beam.nodes, beam.frames), h), h)
     inertia, section_mass, share = inertia_of(scene, space, assembly, lumped)
     model = Model(
         scene=scene, space=space, topology=topology, constraints=Constraints.of(scene, space, topology),
         inertia=inertia, length=h,
-        reference=space.project_strain(rest) if space.turns else torch.zeros_like(rest),
+        reference=remembered(_reference, space, assembly, in_space(beam), beam.nodes, beam.frames, beam.length),
         law=law_of(scene, space),
         section_mass=section_mass, tributary_length=share, s=topology.arclength(beam.length),
         joints=joints_of(scene, space, topology),
     )
     if space.plane is not None:
-        check_plane(model, discretise(replace(scene, plane=None), lumped, topology, checked=False))
-    if checked:
-        refuse_redundant(model)
+        check_plane(model, with_values(model, space=in_space(beam)))
+    refuse_redundant(model)
     return model
+
+
+def _reference(space: Space, assembly: Assembly, whole: Space, nodes: Tensor, frames: Tensor, length: Tensor) -> Tensor:
+    """Strain (..., N, k) of the undeformed beam, found in 3D."""
+    h = length[..., None]
+    rest = whole.strains(whole.kinematics(*assembly.poses(nodes, frames), h), h)
+    return space.project_strain(rest) if space.turns else torch.zeros_like(rest)
 
 
 def in_double(model: Model) -> Model:
@@ -81,8 +86,8 @@ def _in_a_plane(scene: Scene, lumped: bool, topology: Topology | None) -> Model:
 
 def check_plane(model: Model, whole: Model) -> None:
     """Refuse numbers that act out of the plane: loads on the beam at rest, the points that springs are tied to, what the beam
-    bends by itself, masses that are not alike on both sides, motions of the frame and of supports. `whole` is the model in 3D.
-    Raises ValueError.
+    bends by itself, masses that are not alike on both sides, motions of the frame and of supports. `whole`: the rows with the
+    space of 3D. Raises ValueError.
     """
     scene, space, beam = model.scene, model.space, model.scene.beam
     still = torch.zeros_like(beam.nodes)

@@ -24,6 +24,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.leaves import Tree
+from ..core.remembered import remembered
 from ..core.validation import concrete
 from ..core.warning import warn
 from ..math import quaternions as quat
@@ -116,7 +117,8 @@ def inertia_of(scene: Scene, space: Space, assembly: Assembly, lumped: bool) -> 
     """
     beam = scene.beam
     h = beam.length[..., None]
-    m = _mass(beam.mass, beam.offset)
+    remembered(_check_mass, beam.mass.detach(), beam.offset)
+    m = beam.mass[..., :1, 0]
     part = h[..., None] * beam.mass
     parts = (part,) * (beam.order + 1)
     if beam.curved:  # the section's mass, seen from the axes of the element's nodes
@@ -198,18 +200,17 @@ def _swung(mass: LumpedMass, x: Tensor) -> Tensor:
     return shared[..., None] * skew(x).mT @ skew(x)
 
 
-def _mass(mass: Tensor, offset: bool) -> Tensor:
-    """m (..., 1) of a section's mass matrix, which must be that of a rigid body."""
+def _check_mass(mass: Tensor, offset: bool) -> None:
+    """Refuse a section's mass matrix that is not that of a rigid body."""
     m = mass[..., :1, 0]
     eye = torch.eye(3, dtype=m.dtype, device=m.device)
     if concrete((mass[..., :3, :3] - m[..., None] * eye).abs() > 1e-6 * m[..., None]).any():
         raise ValueError("a mass per length that depends on the direction was given; M11 = m I is wanted")
     M21 = mass[..., 3:, :3]
-    size = (m * mass[..., 3:, 3:].diagonal(dim1=-2, dim2=-1)).detach().abs().amax(-1)[..., None, None].sqrt()
+    size = (m * mass[..., 3:, 3:].diagonal(dim1=-2, dim2=-1)).abs().amax(-1)[..., None, None].sqrt()
     if offset and concrete((M21 + M21.mT).abs() > 1e-6 * size).any():
         raise ValueError("a section mass that couples V and Omega otherwise than an offset centre of mass was given; M21 = m "
                          "~e is wanted")
-    return m
 
 
 def _vector(skew: Tensor) -> Tensor:

@@ -7,16 +7,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from ..core.arguments import boolean, choice, instance, listed
 from ..core.arguments import function as check_function
 from ..core.derivatives import cached
-from ..core.leaves import Tree, batch_shapes, bound, own_leaves, sent, with_values
+from ..core.leaves import Placeholder, Tree, batch_shapes, bound, leaves, own_leaves, sent, with_values
 from ..core.summary import kind, lines
 from ..core.validation import as_tensor, axis_last, broadcast, precision, shown
 from .beam import Beam
 from .body import Body
 from .effects import Damping, Effect, Inputs, PerElement, inputs_of
+from .effects.effect import of_library
 from .joined import joints_of
 from .joint import Joint
 from .structure import Structure
@@ -157,6 +159,15 @@ class Scene(Tree):
             except ValueError as error:
                 raise ValueError(f"{one.called} of {error}") from None
         return bound(given, self.dtype, self.device)
+
+    @cached
+    def numbers(self) -> tuple[Tensor, ...] | None:
+        """All tensors of a scene that holds, beside inputs, nothing else, and no effect of a user's own: two such scenes of one
+        structure differ in these alone. None where it holds functions.
+        """
+        values = [one.value for one in leaves(self)]
+        plain = all(isinstance(x, (Tensor, Placeholder)) for x in values) and all(map(of_library, self.effects))
+        return tuple(x for x in values if isinstance(x, Tensor)) if plain else None
 
     @property
     def has_prescribed_motion(self) -> bool:

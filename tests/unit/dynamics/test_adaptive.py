@@ -13,8 +13,8 @@ from torchbeam.core.status import TOO_MANY, UNDERFLOW
 from torchbeam.dynamics.adaptive import _again, _Runs
 from torchbeam.dynamics.dense_output import between, extrapolated
 from torchbeam.dynamics.events import Events
+from torchbeam.dynamics.make_steps import part_of
 from torchbeam.dynamics.step_sequence import StepSequence
-from torchbeam.dynamics.step_series import part_of
 from torchbeam.dynamics.stepper import Stepper
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal.discretise import discretise

@@ -189,3 +189,15 @@ def test_redundant_constraints_are_named():
             discretise(four_bar(last))
     model = discretise(four_bar(tb.Hinge, plane="xz"))
     assert model.joints.held_count == 8
+
+
+def test_sensors_read_what_the_state_does():
+    """Coordinate, rate and load of a hinge; a joint with other coordinates than one has no such reading."""
+    _, states = fly(2.0, 1)
+    state, read = states[-1], states[-1].joint[0]
+    found = tb.sensors.Stack((tb.sensors.JointCoordinate(0), tb.sensors.JointRate(0), tb.sensors.JointLoad(0)))(state)
+    assert_close(found, torch.cat((read.coordinate[None], read.rate[None], read.force, read.moment)))
+    ball = tb.rest(tb.Scene({"hub": tb.Body(1.0, 0.1)}, joints=[tb.Ball(None, "hub", at=(0, 0, 0))]))
+    for joint, words in ((0, "has none"), (1, "there are the joints 0 to 0")):
+        with pytest.raises(ValueError, match=words):
+            tb.sensors.JointCoordinate(joint)(ball)

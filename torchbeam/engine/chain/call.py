@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import threading
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -77,30 +78,44 @@ class Chain:
 
 class Table:
     """Where a program finds fields, or puts them: rows of integers, see `transfers.ENTRY`. Fields that the program does not
-    have are left out. varying: how many of them, the first, are other tensors at each call, of the same shapes and strides.
+    have are left out. varying: how many of them, the first, are other tensors at each call, of the same shapes and strides;
+    constants: how many of the next are told by `holding`.
     """
 
-    def __init__(self, chain: Chain, fields: Sequence[Field], batch: torch.Size, varying: int) -> None:
+    def __init__(self, chain: Chain, fields: Sequence[Field], batch: torch.Size, varying: int, constants: int = 0) -> None:
         self.chain, self.batch = chain, batch
         self.held: list[Tensor] = []
-        self.places: list[tuple[int, int, Field | None]] = []  # (which integer, which field, itself where it is copied)
+        # of those that vary, and of constants: (which integer, which of these fields, itself where it is copied)
+        self.places: list[tuple[int, int, Field | None]] = []
+        self.constants: list[tuple[int, int, Field | None]] = []
         rows: list[int] = []
         for k, one in enumerate(fields):
             if chain.has(one.record, one.name):
                 x = self._fitted(one, one.value)
-                if k < varying:
-                    copied = x.data_ptr() != one.value.data_ptr()
-                    self.places.append((len(rows), k, one._replace(value=None) if copied else None))
+                if k < varying + constants:
+                    copied = one._replace(value=None) if x.data_ptr() != one.value.data_ptr() else None
+                    places, first = (self.places, 0) if k < varying else (self.constants, varying)
+                    places.append((len(rows), k - first, copied))
                 else:
                     self.held.append(x)
                 rows += self._row(one, x)
         self.count, self.rows = len(rows) // len(ENTRY), _integers(rows)
 
+    def holding(self, constants: Sequence[Tensor]) -> Table:
+        """This table with these constants."""
+        other = copy(self)
+        other.rows, other.held = _copied(self.rows), [*self.held, *constants]
+        self._fill(self.constants, other.rows, constants, other.held)
+        return other
+
     def fill(self, rows: Any, values: Sequence[Tensor], held: list[Any]) -> None:
         """Write where the values of varying fields lie into a copy of `rows`; what has to last as long as the call is put into
         `held`.
         """
-        for place, k, copied in self.places:
+        self._fill(self.places, rows, values, held)
+
+    def _fill(self, places: list[tuple[int, int, Field | None]], rows: Any, values: Sequence[Tensor], held: list[Any]) -> None:
+        for place, k, copied in places:
             x = values[k]
             if copied is not None:
                 x = self._fitted(copied, x)
@@ -158,12 +173,21 @@ class Call:
         """For a flat field that is written."""
         return torch.empty(*(self.K,) * steps, self.B, *own, dtype=self.chain.dtype, device=CPU)
 
-    def bound(self, varying: dict[str, int], **tables: Iterable[Field]) -> Call:
+    def bound(self, varying: dict[str, int], constants: dict[str, int] | None = None, **tables: Iterable[Field]) -> Call:
         """This call with tables of these fields, by the names of the driver's arguments; varying: of how many of each, the
-        first, the tensors are told by `run`.
+        first, the tensors are told by `run`; constants: of how many of the next by `holding`.
         """
-        self.tables = {name: Table(self.chain, [*fields], self.batch, varying.get(name, 0)) for name, fields in tables.items()}
+        constants = constants or {}
+        self.tables = {name: Table(self.chain, [*fields], self.batch, varying.get(name, 0), constants.get(name, 0))
+                       for name, fields in tables.items()}
         return self
+
+    def holding(self, **constants: Sequence[Tensor]) -> Call:
+        """This call with these constants, by table."""
+        other = copy(self)
+        other._arguments = []
+        other.tables = self.tables | {name: self.tables[name].holding(values) for name, values in constants.items()}
+        return other
 
     def run(self, limit: int = 0, **values: Sequence[Tensor]) -> None:
         """values: tensors of the varying fields, by table."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
-from ...core.leaves import Tree, leaf, map_leaves
+from ...core.leaves import Tree, leaf, leaves_in_order, map_leaves
 from ...nodal.rows import ElementRows, NodeRows
 from ...scene.effects import Inputs
 
@@ -110,15 +110,7 @@ Trees = tuple[NodeConstants, ElementConstants, Common, SupportConstants | None]
 
 def flattened(tree: Any) -> list[tuple[Tensor, int]]:
     """The tensors of a tree, each with its number of own axes, in the order of `filled`."""
-    found: list[tuple[Tensor, int]] = []
-
-    def visit(x: Any, axes: int | None) -> Any:
-        if isinstance(x, Tensor):
-            found.append((x, axes))
-        return x
-
-    map_leaves(visit, tree)
-    return found
+    return [(x, axes) for x, axes in leaves_in_order(tree) if isinstance(x, Tensor)]
 
 
 def filled(tree: Any, value: Callable[[int], Tensor]) -> Any:

@@ -13,30 +13,30 @@ from torch.autograd import forward_ad
 from ...core.leaves import functions, wants_gradient
 from ...core.status import SUCCESS
 from ...core.surroundings import Surroundings
-from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...scene.effects import Inputs
+from ...scene.effects.effect import of_library
 from ...state.state import State
 from ..compiler.trace import NotTraceable
 from .alpha_functions import AlphaFunctions
-from .call import Call, Chain, Field, like, made_like
+from .call import Chain, Field, made_like
+from .chain_constants import Trees
 from .conserving_functions import ConservingFunctions
-from .constants import Constants, of_library
-from .cotangents import Adjoint, Backward, Differentiated, constant_fields, state_fields
+from .constants import Constants
+from .cotangents import Adjoint, Differentiated
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .node_kinds import kinds_of
-from .program import NOTHING, adjoint_of, program_of
+from .program import NOTHING, StepProgram, adjoint_of, program_of
+from .step_structure import FORMS, Form, StepStructure, keep_structure, key_of, known_structure
 from .user_functions import by_function, by_sample, known
 
-NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
 FUNCTIONS = {("midpoint", False): LocalFunctions, ("midpoint", True): ConservingFunctions,
              ("generalized_alpha", False): AlphaFunctions}  # by the method, and whether it conserves energy
 TRIED = 1e-6  # s, of the step that is traced; functions of time are asked near 0
 CLOSURE = "a function of the motion holds a tensor that carries gradient; tb.Load(values=) takes it natively"
 RIGID = ("a gradient is asked for where strains are impossible, or next to, in this dtype; lower stiffnesses of stretching and "
          "shear, or float64, are wanted")
-FORMS = 32  # that are kept; the oldest goes first
 
 
 class Steps(NamedTuple):
@@ -56,14 +56,6 @@ class Steps(NamedTuple):
         return [*(self.status == SUCCESS).reshape(len(self.status), -1).all(1).tolist(), False].index(False)
 
 
-class Form(NamedTuple):
-    """Calls with tensors of the same shapes and strides: the call, tensors like those that it makes, calls of the adjoint."""
-
-    call: Call
-    made: list[Tensor]
-    adjoints: dict[Any, Backward]
-
-
 class CompiledStep:
     """Steps of a model. Its program is traced at once, so that what cannot be traced is refused here (`NotTraceable`), and
     compiled at the first step.
@@ -73,56 +65,69 @@ class CompiledStep:
 
     def __init__(self, model: Model, method: str = "midpoint", conserve: bool = False, *, around: Surroundings | None = None,
                  **options: Any) -> None:
-        functions_of = FUNCTIONS[method, conserve]
+        functions_of = self._functions = FUNCTIONS[method, conserve]
         self.model, self.batch = model, model.scene.batch_shape
-        self._options = {"method": method, "conserve": conserve, **options}
+        self._own, self._options = options, {"method": method, "conserve": conserve, **options}
         self.constants = Constants(model, instant=functions_of.INSTANT, around=around)
-        length = model.length
-        nothing = {name: length.new_zeros(size) for name, size in model.scene.inputs.items()}
-        dt = length.new_full((), TRIED)
-        values = self.constants.changing(dt, functions_of.INSTANT * dt, nothing, self.constants.orientation)
-        values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
-        self.trees = self.constants.trees(values)
-        self.function = any(one.axes is None for one in functions((self.trees[0].now.loads, self.trees[2].now.loads)))
-        by_user = self.function or not all(map(of_library, self.constants.loads))
-        self.around = NOTHING if around is None and not by_user else around
-        self.kinds = kinds_of(model, self.constants.loads)
-        self.local = functions_of(model, *self.trees, **options)
-        self.program = program_of(self.local, self.kinds, bool(model.constraints.nodes), self.around)
-        if self.around is not None and not self.around.unchanged():
-            raise NotTraceable("a function of the motion writes to what it reads; one without memory is wanted")
-        self.chain = Chain(self.program, model, self.kinds)
-        samples = self.program.sample_state
-        self.state = state_fields(self.program)
-        self.axes = {name: 0 if name in samples else 2 for name in self.state}
-        names = {id(x): name for name, x in values.items()}
-        every = [*constant_fields(self.trees)]
-        # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
-        self.dims = max(1, *(one.value.ndim - one.axes for one in every))
-        self.changing = [(one._replace(value=None), names[id(one.value)]) for one in every if id(one.value) in names]
-        self.constant = [one for one in every if id(one.value) not in names]
-        self.takes_time = self.constants.asks or any(self.chain.has(one.record, one.name)
-                                                     for one, name in self.changing if name == "t")
+        self.none, self.all = model.length.new_zeros(()), model.length.new_ones(())
+        key = key_of(model, method, conserve, *sorted(options.items()))
+        self.structure = known_structure(key)
+        if self.structure is not None:
+            self.around, self.function = NOTHING, False
+            trees = self.constants.trees(dict.fromkeys(self.structure.values, self.none))
+        else:
+            self.structure, trees = self._traced(around)
+            keep_structure(key, self.structure)
+        self.constant, length = self.structure.constant(trees), model.length.detach()
+        total, longest = length.sum((-1, -2)), length.amax((-1, -2))
+        self._lengths = [Field("common", "total", total, 0), Field("common", "longest", longest, 0)]
         self.sources = [*(one.value for one in self.constant), *self.constants.sources]
-        self.none, self.all = length.new_zeros(()), length.new_ones(())
         self.eager_because: str | None = None  # of the last call: what a user may mend
         self._seen: tuple[int, ...] | None = None
         self._forms: dict[tuple, Form] = {}
-        self._adjoints: dict[frozenset[str], Chain] = {}
+
+    def _traced(self, around: Surroundings | None) -> tuple[StepStructure, Trees]:
+        """The structure, by a look at all trees; its program is that of an earlier one, or traced."""
+        model, instant = self.model, self._functions.INSTANT
+        nothing = {name: self.none.new_zeros(size) for name, size in model.scene.inputs.items()}
+        dt = torch.full_like(self.none, TRIED)
+        values = self.constants.changing(dt, instant * dt, nothing, self.constants.orientation)
+        values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
+        trees = self.constants.trees(values)
+        self.function = any(one.axes is None for one in functions((trees[0].now.loads, trees[2].now.loads)))
+        by_user = self.function or not all(map(of_library, self.constants.loads))
+        self.around = NOTHING if around is None and not by_user else around
+        kinds = kinds_of(model, self.constants.loads)
+        program = program_of(self.local(trees), kinds, bool(model.constraints.nodes), self.around)
+        if self.around is not None and not self.around.unchanged():
+            raise NotTraceable("a function of the motion writes to what it reads; one without memory is wanted")
+        return StepStructure(program, model, kinds, trees, values, self.constants.asks), trees
+
+    def local(self, trees: Trees) -> LocalFunctions:
+        """What programs are traced of."""
+        return self._functions(self.model, *trees, **self._own)
+
+    @property
+    def program(self) -> StepProgram:
+        return self.structure.program
+
+    @property
+    def takes_time(self) -> bool:
+        """Whether anything is a function of t."""
+        return self.structure.takes_time
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies, also in other processes, are made from the model."""
         return partial(_again, **self._options), (self.model,)
 
     def __call__(self, start: State, dt: Tensor, t: Tensor | None, inputs: Inputs, moving: Tensor | None, tolerance: float,
-                 least: float, limit: int, K: int | None = None, lanes: int | None = None, repeat: int = 1,
-                 every: int = 1) -> Steps | None:
+                 least: float, limit: int, K: int | None = None, lanes: int | None = None, every: int = 1
+                 ) -> Steps | None:
         """A step from `start`, in the space's coordinates, or K; differentiable once, backwards.
 
         dt, t   (...) s: lengths of the step, and its middle (None = not wanted, see `takes_time`); of K steps (K) or (K, ...)
         inputs  by name, (..., size) held over all steps; or (K, ..., size), with as many axes between as `moving`
         moving  (...) bool: samples that step; one whose step fails keeps its state and stops; None = all
-        repeat  in place of K: as many steps alike, of which the last is told; None where a gradient is wanted
         every   a divisor of K: the states after every so many steps are enough, where they are less work
         least   cosine of half the largest angle that a node may have turned by at mid step
 
@@ -130,16 +135,16 @@ class CompiledStep:
         make are 0. None where torch alone can do it: forward mode, torch.func, functions of the motion that hold what
         carries gradient, and gradients where strains are impossible, or next to.
         """
-        t, dims, self.eager_because = self.none if t is None else t, 0, None
+        structure, t, dims, self.eager_because = self.structure, self.none if t is None else t, 0, None
         if K is not None:
             axes = start.status.ndim if moving is None else moving.ndim
-            dims = max(axes, self.dims)
+            dims = max(axes, structure.dims)
             dt, t = (x if x.ndim == 0 else x.reshape(K, *(1,) * (dims + 1 - x.ndim), *x.shape[1:]) for x in (dt, t))
             inputs = {name: x.reshape(K, *(1,) * (dims + 2 - x.ndim), *x.shape[1:]) if x.ndim > axes + 1 else x
                       for name, x in inputs.items()}
         states = [self.constants.internal_rows(start.internal) if name == INTERNAL else getattr(start, name)
-                  for name in self.state]
-        if functorch.peek_interpreter_stack() is not None or (repeat > 1 and start.frame is not None):
+                  for name in structure.state]
+        if functorch.peek_interpreter_stack() is not None:
             return None
         if forward_ad._current_level >= 0 and any(forward_ad.unpack_dual(x).tangent is not None for x in (
                 *self.sources, dt, t, *inputs.values(), *states)):
@@ -148,7 +153,7 @@ class CompiledStep:
         self._look()
         middle, frame = (None, None) if start.frame is None else self._orientations(start.frame, dt, t, K, dims)
         values = self.constants.changing(dt, t, inputs, middle)
-        given = [values[name] for _, name in self.changing]
+        given = [values[name] for _, name in structure.changing]
         if forward_ad._current_level >= 0 and any(forward_ad.unpack_dual(x).tangent is not None for x in given):
             return None
         known = self.around is not None and forward_ad._current_level < 0  # what carries gradient is an input
@@ -157,23 +162,23 @@ class CompiledStep:
             return None
         held = [*given, *(one.value for one in self.constant), *states] if recorded else []
         wanted = [k for k, x in enumerate(held) if x.requires_grad]
-        if wanted and (repeat > 1 or not values["exact"].all()):
-            self.eager_because = RIGID if repeat == 1 else None
+        if wanted and not values["exact"].all():
+            self.eager_because = RIGID
             return None
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         every = 1 if wanted or frame is not None else every
-        form = self._form(tensors, K, dims, (tolerance, least, lanes, repeat, every))
+        form = self._form(tensors, K, dims, (tolerance, least, lanes, every))
         made = made_like(form.made)
         form.call.run(limit, inputs=tensors, outputs=made)
         *made, status, iterations = made
         if wanted:
             good = status == 0 if moving is None else (status == 0) & moving.expand(status.shape)
-            changing = [one._replace(value=x) for (one, _), x in zip(self.changing, given, strict=True)]
+            changing = [one._replace(value=x) for (one, _), x in zip(structure.changing, given, strict=True)]
             known = [*changing, *self.constant]
-            chain = self._adjoint(frozenset(known[k].name for k in wanted if k < len(known)))
+            chain = self.adjoint(frozenset(known[k].name for k in wanted if k < len(known)), values)
             adjoint = Adjoint(chain, form.call, form.adjoints, changing, self.constant, good.reshape(form.call.K, -1), wanted)
             made = Differentiated.apply(adjoint, states, made, *(held[k] for k in wanted))
-        fields = dict(zip(self.state, made, strict=True))
+        fields = dict(zip(structure.state, made, strict=True))
         if INTERNAL in fields:
             fields[INTERNAL] = self.constants.of_rows(fields[INTERNAL])
         if frame is not None:
@@ -203,48 +208,22 @@ class CompiledStep:
             self._seen = seen
 
     def _form(self, tensors: list[Tensor], K: int | None, dims: int, options: tuple[Any, ...]) -> Form:
+        """Of the structure, with this model's constants."""
         key = (K, dims, options, *[(x.shape, x.stride(), x.dtype) for x in tensors])
         found = self._forms.get(key)
         if found is None:
             if len(self._forms) >= FORMS:
                 self._forms.pop(next(iter(self._forms)), None)
-            found = self._forms[key] = self._new_form(tensors, K, dims, *options)
+            constants = [*self.constant, *self._lengths]
+            found = self.structure.form(tensors, constants, K, dims, options)
+            found = found._replace(call=found.call.holding(inputs=[one.value for one in constants]))
+            self._forms[key] = found
         return found
 
-    @torch.no_grad()
-    def _new_form(self, tensors: list[Tensor], K: int | None, dims: int, tolerance: float, least: float, lanes: int | None,
-                  repeat: int, every: int) -> Form:
-        *given, exact, moving = tensors[:-len(self.state)]
-        state = dict(zip(self.state, tensors[-len(self.state):], strict=True))
-        if any(x.device.type != "cpu" for x in tensors):
-            device = next(x.device for x in tensors if x.device.type != "cpu")
-            raise ValueError(f"a state, or an active, on {device} meets a scene on the CPU; one device is wanted")
-        length = self.model.length
-        changing = [one._replace(value=x) for (one, _), x in zip(self.changing, given, strict=True)]
-        numbers = {"total": length.sum((-1, -2)), "longest": length.amax((-1, -2)),
-                   "tolerance": length.new_tensor(tolerance), "least": length.new_tensor(least)}
-        fields = [*changing, Field("common", "exact", exact, 0), Field("sample", "moving", moving, 0),
-                  *(Field(*self.state[name], x, self.axes[name]) for name, x in state.items()), *self.constant,
-                  *(Field("common", name, x, 0) for name, x in numbers.items()),
-                  Field("free", "free", self.chain.free, 2), Field("sample", "last_status", self.none, 0)]
-        leads = [one.value.shape[:one.value.ndim - one.axes] for one in fields if one.record != "free"]
-        batch = broadcast_shapes(*(lead if K is None else lead[len(lead) > dims:] for lead in leads))
-        call = Call(self.chain, batch, K or repeat, lanes)
-        axes, own = moving.ndim or state["work"].ndim, batch
-        if K is not None and batch[:dims - axes].numel() == 1:
-            own = batch[dims - axes:]
-        parts = [*((x.shape[x.ndim - self.axes[name]:], every) for name, x in state.items()), *[((), 1)] * len(NUMBERS)]
-        outputs = [Field(*place, call.empty(*part, steps=K is not None), len(part), flat=True, every=each)
-                   for place, (part, each) in zip((self.state | NUMBERS).values(), parts, strict=True)]
-        call.bound({"inputs": len(tensors), "outputs": len(outputs)}, inputs=fields, outputs=outputs)
-        made = [like((*(() if K is None else (K // each,)), *own, *part), self.chain.dtype) for part, each in parts]
-        return Form(call, made, {})
-
-    def _adjoint(self, names: frozenset[str]) -> Chain:
-        """Of the cotangents of constants of these names."""
-        if names not in self._adjoints:
-            self._adjoints[names] = Chain(adjoint_of(self.program, self.local, names), self.model, self.kinds)
-        return self._adjoints[names]
+    def adjoint(self, names: frozenset[str], values: dict[str, Tensor]) -> Chain:
+        """Of the cotangents of constants of these names; values: of those that change."""
+        return self.structure.adjoint(names, self.model, lambda: adjoint_of(
+            self.program, self.local(self.constants.trees(values)), names))
 
 
 def _again(model: Model, **options: Any) -> CompiledStep:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ...core.derivatives import lasting
+from ...core.derivatives import cached, lasting
 from ...core.leaves import constant, detached, functions, own_leaves, with_values
 from ...core.surroundings import Surroundings
 from ...core.validation import concrete
@@ -19,8 +19,9 @@ from ...nodal.conditions import acting, conditions, supports
 from ...nodal.coordinates.planar import Plane
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
-from ...scene.effects import Effect, Input, Inputs, Pose
-from ...state.state import rest
+from ...scene.effects import Input, Inputs, Pose
+from ...scene.effects.effect import of_library
+from ...state.state import State, rest
 from .chain_constants import (
     HELD,
     Captured,
@@ -50,15 +51,12 @@ class Constants:
 
     def __init__(self, model: Model, steps: bool = True, instant: float = 0.5, around: Surroundings | None = None) -> None:
         self.model, self.prescribes = model, steps and model.scene.has_prescribed_motion
-        beam = model.scene.beam
-        still = model.space.to_reduced(rest(model.scene, broadcast_shapes(beam.nodes.shape[:-2], beam.frames.shape[:-2])))
-        self.still, self.orientation = Nodes(still.position, still.rotation), still.frame
         moving, dead = model.loads
         self.loads = (*moving, *(load for load in dead if load.internal or _by_inputs(load)))
         dead = [load for load in dead if load not in self.loads]
         self.given = tuple(load for load in dead if _given(load) and not (model.turning and load.wants_axes))
         self.asked = tuple(load for load in dead if load not in self.given)
-        none = {name: still.position.new_zeros(size) for name, size in model.scene.inputs.items()}
+        none = {name: model.length.new_zeros(size) for name, size in model.scene.inputs.items()}
         zero, elements = model.length.new_zeros(()), model.scene.beam.element_count
         self.by_place = tuple(load.at_sites(model.s, zero, none, elements) is not None for load in self.loads)
         self.valued = tuple(self._valued(load, zero, none) for load in self.loads)
@@ -79,6 +77,21 @@ class Constants:
         self.captured = tuple(Captured(x, x.ndim - (axes := batched.get(id(x), 0)), axes)
                               for x in (() if around is None else around.inputs))
         self._kept: dict[Any, Any] = {}
+
+    @cached
+    def _rest(self) -> State:
+        """The beam undeformed and at rest, in the space's coordinates."""
+        beam = self.model.scene.beam
+        shape = broadcast_shapes(beam.nodes.shape[:-2], beam.frames.shape[:-2])
+        return self.model.space.to_reduced(rest(self.model.scene, shape))
+
+    @property
+    def still(self) -> Nodes:
+        return Nodes(self._rest.position, self._rest.rotation)
+
+    @property
+    def orientation(self) -> Tensor | None:
+        return None if self.model.scene.frame is None else self._rest.frame
 
     def forget(self) -> None:
         """Take values afresh: a tensor that they were made from has been written to."""
@@ -109,7 +122,7 @@ class Constants:
         """Those that are dead, what the others have by time, and where the root's support stands."""
         model, found = self.model, {}
         if self.given or self.asked:
-            dead = self._held("dead", lambda: external(model, self.still, conditions(model, t, inputs, loads=self.given)))
+            dead = self._held("dead", lambda: self._dead(t, inputs))
             asked = conditions(model, t, inputs, loads=self.asked)
             found["dead"] = external(model, self.still._replace(frame=frame), asked, total=dead) if self.asked else dead
         if self.wants_support:
@@ -120,6 +133,12 @@ class Constants:
             if known is not load:
                 found |= self._values(k, load, t, inputs)
         return found
+
+    def _dead(self, t: Tensor, inputs: Inputs) -> Tensor | float:
+        """Loads that no motion and no time changes, wherever the beam is."""
+        model, beam = self.model, self.model.scene.beam
+        still = Nodes(*model.space.pose(beam.nodes, beam.frames))
+        return external(model, still, conditions(model, t, inputs, loads=self.given))
 
     def _values(self, k: int, load: Any, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Of a load that holds more than numbers."""
@@ -265,8 +284,3 @@ def _by_inputs(load: Any) -> bool:
     values = [one.value for one in own_leaves(load) if one.value is not None]
     return (of_library(load) and any(isinstance(x, Input) for x in values)
             and all(isinstance(x, (Tensor, Input)) for x in values) and not load.inputs)
-
-
-def of_library(effect: Any) -> bool:
-    """Whether an effect's class is torchbeam's own."""
-    return type(effect).__module__.startswith(f"{Effect.__module__.rpartition('.')[0]}.")

@@ -60,6 +60,7 @@ class Adjoint:
         if form not in self.calls:
             self.calls[form] = self._backward(fields, start)
         call, whole, stepwise = self.calls[form]
+        call = call.holding(inputs=[one.value for one in self.constant])
         whole, stepwise = (dict(zip(found, made_like(found.values()), strict=True)) for found in (whole, stepwise))
         call.run(inputs=[one.value for one in fields], outputs=[*whole.values()], stepwises=[*stepwise.values()])
         found = {k: x.reshape((*call.batch, *x.shape[1:])) for k, x in whole.items()}
@@ -117,7 +118,8 @@ class Adjoint:
                 own = x.shape[x.ndim - axes:]
             (stepwises if steps else outputs)[k] = Field(record, name, call.empty(*own, steps=steps), axes, flat=True)
         inputs = [*fields, *self.constant, Field("free", "free", chain.free, 2)]
-        call.bound({"inputs": len(fields), "outputs": len(outputs), "stepwises": len(stepwises)}, inputs=inputs,
+        call.bound({"inputs": len(fields), "outputs": len(outputs), "stepwises": len(stepwises)},
+                   {"inputs": len(self.constant)}, inputs=inputs,
                    outputs=outputs.values(), stepwises=stepwises.values())
         return Backward(call, *({k: like(one.value.shape, chain.dtype) for k, one in found.items()}
                                 for found in (outputs, stepwises)))

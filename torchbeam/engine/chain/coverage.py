@@ -11,10 +11,10 @@ from ...core.arguments import choice
 from ...core.leaves import own_leaves
 from ...core.surroundings import Unsteady
 from ...nodal.model import Model
+from ...scene.effects.effect import of_library
 from ..compiler.trace import NotTraceable
 from ..engine_use import slow_path
 from .compiled_step import FUNCTIONS, CompiledStep
-from .constants import of_library
 from .user_functions import by_function, by_sample, known, surroundings
 
 ENGINES = ("auto", "eager", "compiled")

@@ -219,7 +219,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
     """What the program of a step depends on; never the values of tensors, nor how many elements there are."""
     model = local.model
     space = model.space
-    plane = (space.name, tuple(space.section.flatten().tolist())) if isinstance(space, Plane) else None
+    plane = (space.name, space.section_axes) if isinstance(space, Plane) else None
     trees = (local.nodes, 1), (local.elements, 1), (local.common, 0), (local.supports, 1)
     return (type(local), local.options, type(space), plane, model.length.dtype, model.scene.beam.offset,
             bool(model.scene.loads), kinds, held, *(_static(_shapes(tree, rows)) for tree, rows in trees))

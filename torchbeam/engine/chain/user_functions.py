@@ -15,8 +15,9 @@ from ...core.surroundings import Read, Surroundings, Unsteady, of_class
 from ...nodal.conditions import conditions
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
+from ...scene.effects.effect import of_library
 from ..compiler.readings import Readings
-from .constants import Constants, of_library
+from .constants import Constants
 from .local_problem import OwnBatch
 
 Made = TypeVar("Made")

@@ -15,6 +15,7 @@ from torch.nn.functional import pad
 
 from ...core.derivatives import cached
 from ...core.leaves import leaf
+from ...core.remembered import remembered
 from ...core.validation import concrete
 from ...math import quaternions as quat
 from ...scene.scene import Scene
@@ -59,31 +60,45 @@ class Plane(Space):
     def of(cls, scene: Scene, name: str) -> Plane:
         """Raises ValueError where the beam or a section leaves the plane `name`."""
         beam = scene.beam
-        close = CLOSE.get(beam.nodes.dtype, 1e-5)
-        basis = torch.tensor(PLANES[name], dtype=beam.nodes.dtype, device=beam.nodes.device).mT
+        numbers = (x.detach() for x in (beam.nodes, beam.frames, beam.elements, beam.length))
+        plane = remembered(cls._through, name, bool(beam.parts), *numbers)
+        for what, given, whole in (("compliance", beam.compliance, beam.coupled),
+                                   ("mass", beam.mass, beam.offset or beam.rotary)):
+            if whole:
+                plane._check_section(what, given.detach())
+        return plane
+
+    @classmethod
+    def _through(cls, name: str, several: bool, nodes: Tensor, frames: Tensor, elements: Tensor, length: Tensor) -> Plane:
+        """Of a beam's nodes, see `Beam`; several: whether it has parts."""
+        close = CLOSE.get(nodes.dtype, 1e-5)
+        basis = torch.tensor(PLANES[name], dtype=nodes.dtype, device=nodes.device).mT
         normal = basis[:, 2]
-        place = beam.nodes.detach() @ normal
-        size = beam.length.detach().sum(-1).amax()
+        place = nodes @ normal
+        size = length.sum(-1).amax()
         if concrete((place - place.flatten()[0]).abs() > close * size).any():
             raise ValueError(f"nodes out of the plane {name!r} were given; a beam in a plane of that direction is wanted")
-        across = torch.cat([(quat.matrix(q.detach()).mT @ normal).flatten(0, -2) for q in (beam.frames, beam.elements)])
+        across = torch.cat([(quat.matrix(q).mT @ normal).flatten(0, -2) for q in (frames, elements)])
         n = concrete(across[0]).reshape(-1, 3)[0].round()  # within torch.func.vmap that of all samples
         if concrete((across - n).abs() > close).any() or n[0] != 0:
-            alike = ", the same in all parts (up= turns it)," if beam.parts else ""
+            alike = ", the same in all parts (up= turns it)," if several else ""
             raise ValueError(f"section axes at an angle to the plane {name!r} were given; y or z of every section{alike} is "
                              "wanted along its normal")
         e = torch.zeros_like(n)
         e[0] = 1
         section = torch.stack((e, torch.linalg.cross(n, e), n), -1)
-        both = torch.block_diag(section, section)
-        for what, given in (("compliance", beam.compliance), ("mass", beam.mass)):
-            local = (both.mT @ given.detach() @ both)
-            scale = local.diagonal(dim1=-2, dim2=-1).abs().sqrt()
-            coupling = local[..., INSIDE, :][..., OUTSIDE].abs()
-            if concrete(coupling > close * scale[..., INSIDE][..., :, None] * scale[..., OUTSIDE][..., None, :]).any():
-                raise ValueError(f"a section whose {what} couples the plane {name!r} to what is out of it was given; "
-                                 "plane=None takes it")
         return cls(name, basis, section, place.flatten()[0])
+
+    def _check_section(self, what: str, given: Tensor) -> None:
+        """Refuse a section's matrix that couples what is in the plane to what is out of it."""
+        both = torch.block_diag(self.section, self.section)
+        local = both.mT @ given @ both
+        scale = local.diagonal(dim1=-2, dim2=-1).abs().sqrt()
+        coupling = local[..., INSIDE, :][..., OUTSIDE].abs()
+        close = CLOSE.get(given.dtype, 1e-5)
+        if concrete(coupling > close * scale[..., INSIDE][..., :, None] * scale[..., OUTSIDE][..., None, :]).any():
+            raise ValueError(f"a section whose {what} couples the plane {self.name!r} to what is out of it was given; "
+                             "plane=None takes it")
 
     @cached
     def _rotation_map(self) -> Tensor:
@@ -101,6 +116,11 @@ class Plane(Space):
     def _load_map(self) -> Tensor:
         """(6, 3)"""
         return torch.block_diag(self.basis[:, :2], self.basis[:, 2:])
+
+    @cached
+    def section_axes(self) -> tuple[float, ...]:
+        """The numbers of `section`."""
+        return tuple(self.section.flatten().tolist())
 
     @cached
     def reversible(self) -> bool:
@@ -164,6 +184,9 @@ class Plane(Space):
     def project_section(self, matrix: Tensor) -> Tensor:
         return self._stress_map.mT @ matrix @ self._stress_map
 
+    def project_diagonal(self, diagonal: Tensor) -> Tensor:
+        return diagonal @ self._stress_map.abs()
+
     def project_inertia(self, J: Tensor) -> Tensor:
         n = self.section[:, 2:]
         return n.mT @ J @ n
@@ -190,7 +213,7 @@ class Plane(Space):
         return quat.matrix(rotation @ self._rotation_map)
 
     def constrained(self, letters: tuple[bool, ...]) -> tuple[bool, ...]:
-        at = [int(self.basis[:, i].abs().argmax()) for i in range(3)]
+        at = [[abs(x) for x in e].index(1.0) for e in PLANES[self.name]]
         return letters[at[0]], letters[at[1]], letters[3 + at[2]]
 
     def identity(self, like: Tensor) -> Tensor:

@@ -122,6 +122,10 @@ class Space(Tree):
         """6x6 of a section -> (..., k, k)."""
         return matrix
 
+    def project_diagonal(self, diagonal: Tensor) -> Tensor:
+        """The diagonal (..., 6) of such a matrix that has nothing beside it -> (..., k)."""
+        return diagonal
+
     def project_inertia(self, J: Tensor) -> Tensor:
         """(..., 3, 3), section axes -> (..., s, s)."""
         return J

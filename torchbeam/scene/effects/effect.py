@@ -33,3 +33,8 @@ class Effect(Tree):
         if "node" in vars(cls).get("__annotations__", {}) and "node" not in vars(cls):
             raise TypeError(f"{cls.__name__}.node is a field without a value; node: int = dataclasses.field() is wanted, or a "
                             "default")
+
+
+def of_library(effect: Any) -> bool:
+    """Whether an effect's class is torchbeam's own."""
+    return type(effect).__module__.startswith(f"{Effect.__module__.rpartition('.')[0]}.")

@@ -14,12 +14,13 @@ from ...core.results import measured_on, sentence, versions, write
 from ...engine.chain.coverage import MISSING
 from ...plot.canvas import where_installed
 from .. import peers
-from . import breakdown, first_use, gradients, growth, loads, operations, others, throughput
+from . import breakdown, calls, first_use, gradients, growth, loads, operations, others, throughput
 from .measurement import Row, progress
 from .report import markdown, picture
 
 PARTS: dict[str, Callable[[bool], Iterator[Row]]] = {
-    "throughput": throughput.rows, "gradients": gradients.rows, "environments": others.found, "first-use": first_use.rows,
+    "throughput": throughput.rows, "gradients": gradients.rows, "calls": calls.rows, "environments": others.found,
+    "first-use": first_use.rows,
     "breakdown": breakdown.rows, "growth": growth.rows, "operations": operations.rows,
 }
 ABOUT = (

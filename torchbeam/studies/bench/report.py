@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...core.results import table
 from ...plot.canvas import grid, save
-from . import breakdown, first_use, gradients, growth, operations, throughput
+from . import breakdown, calls, first_use, gradients, growth, operations, throughput
 from .measurement import CPU, WALL, Row
 from .others import PEERS
 
@@ -60,7 +60,7 @@ def _gradients(rows: Sequence[Row]) -> str:
 
 
 def _elsewhere(rows: Sequence[Row]) -> str:
-    known = {throughput.PART, gradients.PART, first_use.PART, breakdown.PART, growth.PART, operations.PART, PEERS}
+    known = {throughput.PART, gradients.PART, calls.PART, first_use.PART, breakdown.PART, growth.PART, operations.PART, PEERS}
     lines = [(r.what, f"{r.batch}", _number(r.best), _number(r.median), r.unit) for r in rows if r.part not in known]
     return _table(("environment", "batch", "best", "median", "unit"), lines, words=1)
 
@@ -95,7 +95,8 @@ def _operations(rows: Sequence[Row]) -> str:
 
 
 TABLES = {
-    "Throughput, one thread: best (median)": _throughput, "Gradients": _gradients, "Environments": _elsewhere,
+    "Throughput, one thread: best (median)": _throughput, "Gradients": _gradients,
+    "Calls": _pairs(calls.PART, "", f"{calls.STEPS} steps, {calls.ELEMENTS} elements"), "Environments": _elsewhere,
     "First use": _pairs(first_use.PART, "", "seconds"), "Breakdown": _pairs(breakdown.PART, "", "CPU us a step of the batch"),
     "Growth": _growth, "Operations": _operations,
 }

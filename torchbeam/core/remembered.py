@@ -1,0 +1,77 @@
+"""Remembered: what pure functions of tensors have given, for the last few arguments that they were asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from typing import Any, TypeVar
+
+import torch
+from torch import Tensor
+from torch._C import _functorch as functorch
+from torch.autograd import forward_ad
+
+from .derivatives import ABSENT, cache_of, lasting
+from .leaves import Tree, map_leaves
+
+T = TypeVar("T")
+LARGE = 2**14  # numbers in the arguments, from which on looking costs what computing does
+RECENT = 4  # values of a function, for arguments of one structure
+STRUCTURES = 64  # of all functions; the one that was not asked for for longest goes first
+
+_VALUES: dict[Hashable, tuple[tuple[list[Tensor], Any], ...]] = {}  # no result depends on it
+
+
+def remembered(function: Callable[..., T], *given: Any) -> T:
+    """function(*given), of trees, tensors and what is static, computed of copies of these; or what it gave for the same before:
+    of the same structure, and with the same numbers to the bit. Values are shared, and not to be written to.
+
+    Computed as it is where a derivative may be recorded, off the CPU, in torch.func, and for many numbers.
+    """
+    tensors: list[Tensor] = []
+    key = function, *(structure_of(x, tensors) for x in given)
+    if not _plain(tensors):
+        return function(*given)
+    try:
+        recent = _VALUES.pop(key, ())  # other threads may ask too: at worst two of them compute it
+    except TypeError:  # a part has no hash
+        return function(*given)
+    found = next((value for known, value in recent if all(map(torch.equal, known, tensors))), ABSENT)
+    if found is ABSENT:
+        with lasting():
+            copies, known = tuple(_copied(x) for x in given), []
+            for x in copies:
+                structure_of(x, known)
+            found = function(*copies)
+        recent = (known, found), *recent[:RECENT - 1]
+        for oldest in [*_VALUES][:max(0, len(_VALUES) + 1 - STRUCTURES)]:
+            _VALUES.pop(oldest, None)
+    _VALUES[key] = recent
+    return found
+
+
+def structure_of(x: Any, tensors: list[Tensor]) -> Hashable:
+    """What is static in x, as something that can be a key; its tensors are added to those."""
+    if isinstance(x, Tensor):
+        tensors.append(x)
+        return x.shape, x.dtype
+    if isinstance(x, Tree):
+        return type(x), *(structure_of(value, tensors) for name, value in vars(x).items() if not cache_of(x, name))
+    if isinstance(x, (tuple, list)):
+        return type(x), *(structure_of(value, tensors) for value in x)
+    return x
+
+
+def _copied(x: Any) -> Any:
+    """With tensors of its own."""
+    if isinstance(x, Tensor):
+        return x.detach().clone()
+    return map_leaves(lambda value, axes: _copied(value), x) if isinstance(x, Tree) else x
+
+
+def _plain(tensors: list[Tensor]) -> bool:
+    """Whether these are few numbers on the CPU, of which no derivative is recorded."""
+    if forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None:
+        return False
+    recorded = torch.is_grad_enabled()
+    return (all(type(x) is Tensor and x.device.type == "cpu" and not (recorded and x.requires_grad) for x in tensors)
+            and sum(x.numel() for x in tensors) <= LARGE)

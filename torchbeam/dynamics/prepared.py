@@ -1,0 +1,59 @@
+"""Prepared steppers: a scene that nothing was written to since is not discretised, nor looked through, again."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+from torch._C import _functorch as functorch
+from torch.autograd import forward_ad
+
+from ..engine.chain.coverage import meaning
+from ..scene.scene import Scene
+from .stepper import Stepper
+
+KEPT = " prepared steppers"  # of a scene, which its copies and pickles go without
+RECENT = 4  # of a scene
+
+
+class Prepared(NamedTuple):
+    """A stepper, and how often the scene's tensors had been written to when it was made."""
+
+    stepper: Stepper
+    versions: list[int]
+
+
+def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
+    """Stepper(scene, dt, method, **options), whose model and native code are those of the scene's last one where it had the
+    same options, and no tensor of the scene was written to since. Made anew where a derivative by the scene may be recorded,
+    and where the scene holds functions, whose surroundings may have changed.
+    """
+    tensors, steppers = scene.numbers, vars(scene).setdefault(KEPT, {})
+    if tensors is None or not _plain(tensors):
+        return Stepper(scene, dt, method, **options)
+    key, versions = (meaning(), method, *sorted(options.items())), [x._version for x in tensors]
+    found = steppers.pop(key, None)
+    if found is None or found.versions != versions:
+        # of a twin: the scene holds the stepper, which holds no scene that holds it
+        found = Prepared(Stepper(_twin(scene), dt, method, **options), versions)
+        for oldest in [*steppers][:max(0, len(steppers) + 1 - RECENT)]:
+            steppers.pop(oldest, None)
+    steppers[key] = found
+    return found.stepper.again(dt)
+
+
+def _twin(scene: Scene) -> Scene:
+    """The same scene, that holds no steppers."""
+    twin = object.__new__(Scene)
+    vars(twin).update((name, value) for name, value in vars(scene).items() if name != KEPT)
+    return twin
+
+
+def _plain(tensors: tuple[Tensor, ...]) -> bool:
+    """Whether no derivative of these is recorded, no function of them mapped, and each tells whether it is written to."""
+    if torch.is_inference_mode_enabled() or forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None:
+        return False
+    recorded = torch.is_grad_enabled()
+    return not any((recorded and x.requires_grad) or x.is_inference() or functorch.is_functorch_wrapped_tensor(x)
+                   for x in tensors)
