@@ -36,7 +36,7 @@ def element_of(space):
     """A midpoint element: forces, gap, and its tangent."""
     def element(r_i, r_j, q_i, q_j, qe_i, qe_j, qs_i, qs_j, stress, length, h, reference, S, tau, half_i, half_j):
         law, start = ViscoelasticLaw(S, S, False, tau), Ends(-r_i, -r_j, qs_i, qs_j)
-        local = MidpointElement(space, law, length, h, reference, start, 0.0)
+        local = MidpointElement(space, law, length, reference, 0.0, h, start)
         found = local.balance(stress, Ends(r_i, r_j, q_i, q_j), Ends(2 * r_i, 2 * r_j, qe_i, qe_j))
         return dict(forces=found.forces, gap=found.gap, tangent=local.tangent(found, stress, lambda: (half_i, half_j)))
     return element
