@@ -1,4 +1,4 @@
-"""Prepared steppers: a scene that nothing was written to since is not discretised, nor looked through, again."""
+"""Prepared steppers: a scene whose numbers are what they were is not discretised again, nor looked through."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ RECENT = 4  # of a scene
 
 
 class Prepared(NamedTuple):
-    """A stepper, and how often the scene's tensors had been written to when it was made."""
+    """A stepper, and copies of the scene's tensors as they were when it was made."""
 
     stepper: Stepper
-    versions: list[int]
+    numbers: list[Tensor]
 
 
 def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
     """Stepper(scene, dt, method, **options), whose model and native code are those of the scene's last one where it had the
-    same options, and no tensor of the scene was written to since. Made anew where a derivative by the scene may be recorded,
+    same options, and the scene has the same numbers, by whatever way it was written to. Made anew where a derivative by the scene may be recorded,
     and where the scene holds functions, whose surroundings may have changed.
     """
     tensors, steppers = scene.numbers, vars(scene).setdefault(KEPT, {})
     if tensors is None or not _plain(tensors):
         return Stepper(scene, dt, method, **options)
-    key, versions = (meaning(), method, *sorted(options.items())), [x._version for x in tensors]
+    key = meaning(), method, *sorted(options.items())
     found = steppers.pop(key, None)
-    if found is None or found.versions != versions:
+    if found is None or not all(map(torch.equal, found.numbers, tensors)):
         # of a twin: the scene holds the stepper, which holds no scene that holds it
-        found = Prepared(Stepper(_twin(scene), dt, method, **options), versions)
+        found = Prepared(Stepper(_twin(scene), dt, method, **options), [x.detach().clone() for x in tensors])
         for oldest in [*steppers][:max(0, len(steppers) + 1 - RECENT)]:
             steppers.pop(oldest, None)
     steppers[key] = found
@@ -51,7 +51,7 @@ def _twin(scene: Scene) -> Scene:
 
 
 def _plain(tensors: tuple[Tensor, ...]) -> bool:
-    """Whether no derivative of these is recorded, no function of them mapped, and each tells whether it is written to."""
+    """Whether no derivative of these is recorded, and no function of them mapped."""
     if torch.is_inference_mode_enabled() or forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None:
         return False
     recorded = torch.is_grad_enabled()

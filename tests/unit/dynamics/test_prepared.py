@@ -56,10 +56,13 @@ def test_a_second_run_makes_no_model(made, plane):
     assert len(made) == 3  # one of the scene that was made anew, one by other options
 
 
-def test_what_is_written_to_a_scene_is_seen(made):
+@pytest.mark.parametrize("write", [lambda x: x.mul_(2), lambda x: x.data.mul_(2), lambda x: x.numpy().__imul__(2)],
+                         ids=["in place", "data", "numpy"])
+def test_what_is_written_to_a_scene_is_seen(made, write):
+    """By ways as well that tensors keep no count of."""
     run = scene()
     before = tip(run)
-    run.effects[0].force.mul_(2)
+    write(run.effects[0].force)
     assert_close(tip(run), tip(scene(force=0.6)), rtol=0, atol=0)
     assert len(made) == 3 and not torch.equal(before, tip(run))
 
