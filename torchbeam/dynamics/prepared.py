@@ -26,8 +26,8 @@ class Prepared(NamedTuple):
 
 def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
     """Stepper(scene, dt, method, **options), whose model and native code are those of the scene's last one where it had the
-    same options, and the scene has the same numbers, by whatever way it was written to. Made anew where a derivative by the scene may be recorded,
-    and where the scene holds functions, whose surroundings may have changed.
+    same options, and the scene has the same numbers, by whatever way it was written to. Made anew where a derivative by the
+    scene may be recorded, and where the scene holds functions, whose surroundings may have changed.
     """
     tensors, steppers = scene.numbers, vars(scene).setdefault(KEPT, {})
     if tensors is None or not _plain(tensors):
