@@ -73,7 +73,7 @@ FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
                              spin=Quantity(0, 0, -1, "own axial"), stress=Quantity(kind="own wrench"),
                              reaction=Quantity(kind="wrench"),
                              work=ENERGY, defect=ENERGY, t=INSTANT, status=ONE, frame=Quantity(kind="frame"), internal=ONE,
-                             acceleration=ONE, straining=ONE),
+                             acceleration=ONE, straining=ONE, joints=ONE),
 }
 
 

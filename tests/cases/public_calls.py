@@ -11,6 +11,8 @@ SCENE = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
 DRIVEN = tb.Scene(BEAM, [tb.TipLoad(force=tb.Input("u", 3))])
 OTHER = tb.Scene(tb.Beam.straight(1.0, 3, SECTION))
 START = tb.rest(SCENE)
+HUB = tb.Body(0.2, 0.1, position=(1.0, 0, 0))
+HINGED = tb.rest(tb.Scene({"arm": BEAM, "hub": HUB}, joints=[tb.Hinge(("arm", -1), "hub")], supports=[tb.Support(("arm", 0))]))
 SOLUTION = tb.simulate(SCENE, [0.0, 0.1, 0.2], step=0.1)
 EQUILIBRIUM = tb.equilibrium(SCENE)
 MODES = tb.modes(SCENE)
@@ -107,6 +109,25 @@ CALLS = {
     "Table": (tb.Table, dict(s=[0.0, 1.0], values=[1.0, 2.0])),
     "Frame": (tb.Frame, dict(velocity=FORCE, angular_velocity=FORCE)),
     "RootMotion": (tb.RootMotion, dict(displacement=FORCE, rotation=FORCE)),
+    "Body": (tb.Body, dict(mass=1.0, inertia=0.1, position=FORCE, rotation=torch.eye(3))),
+    "Weld": (tb.Weld, dict(a=("arm", -1), b="hub", at=FORCE)),
+    "Ball": (tb.Ball, dict(a=("arm", -1), b="hub", at=FORCE)),
+    "Hinge": (
+        tb.Hinge,
+        dict(a=("arm", -1), b="hub", axis=FORCE, stiffness=1.0, damping=0.1, friction=0.1, slip_speed=0.1, limits=(-1.0, 1.0),
+             limit_stiffness=1.0, torque=1.0),
+    ),
+    "Slider": (
+        tb.Slider,
+        dict(a=("arm", -1), b=("hub", FORCE), axis=FORCE, stiffness=1.0, damping=0.1, friction=0.1, slip_speed=0.1,
+             limits=(-1.0, 1.0), limit_stiffness=1.0, force=1.0),
+    ),
+    "Hinge2": (tb.Hinge, dict(a=("arm", -1), b=None, at=FORCE, angle=0.1)),
+    "Slider2": (tb.Slider, dict(a=None, b="hub", travel=0.1)),
+    "Cylindrical": (tb.Cylindrical, dict(a=("arm", -1), b="hub", axis=FORCE, at=FORCE)),
+    "Universal": (tb.Universal, dict(a=("arm", -1), b="hub", axis=FORCE, second=(1.0, 0, 0), at=FORCE)),
+    "Distance": (tb.Distance, dict(a=None, b="hub", at=FORCE)),
+    "Scene of parts": (tb.Scene, dict(beam={"arm": BEAM, "hub": HUB}, joints=[tb.Weld(("arm", -1), "hub")], supports=[])),
     "Support": (tb.Support, dict(node=0, position="xyz", rotation="xyz", displacement=FORCE, turn=FORCE)),
     "rest": (tb.rest, dict(scene=SCENE, batch_shape=(2,), t=0.0)),
     "consistent_state": (
@@ -325,6 +346,10 @@ CALLS = {
     "S.NodeVelocity": (S.NodeVelocity, dict(node=0)),
     "S.Reaction": (S.Reaction, dict(support=0)),
     "S.RootSpringLoad": (S.RootSpringLoad, dict(scene=tb.Scene(BEAM, [tb.RootSpring((1e3, 20.0))]))),
+    "S.JointCoordinate": (S.JointCoordinate, dict(joint=0)),
+    "S.JointLoad": (S.JointLoad, dict(joint=0)),
+    "S.JointRate": (S.JointRate, dict(joint=0)),
+    "S.read.Joint": (lambda joint: S.JointCoordinate(joint)(HINGED), dict(joint=0)),
     "S.Spin": (S.Spin, dict(node=0, body=False)),
     "S.Stack": (S.Stack, dict(sensors=(S.TipPosition(),))),
     "S.TipPosition": (S.TipPosition, dict(reference=START)),

@@ -43,6 +43,25 @@ def scene(*effects, of=None, beam=None, **options) -> tb.Scene:
     return tb.Scene(beam, [PUSH, *effects], **options)
 
 
+def hub(**given) -> tb.Body:
+    return tb.Body(**dict(mass=0.05, inertia=1e-3, position=(0.6, 0.0, 0.0)) | given)
+
+
+def joined(joint, body=None) -> tb.Scene:
+    """A body at a beam's end, that turns or slides there."""
+    parts = {"arm": tb.Beam.straight(0.6, N, section()), "hub": hub() if body is None else body}
+    push = tb.PointLoad("hub", force=(0.2, 0.3, 0.4), moment=(0.1, -0.05, 0.08))
+    return tb.Scene(parts, [push], joints=[joint], supports=[tb.Support(("arm", 0))])
+
+
+ENDS = ("arm", -1), "hub"
+
+
+def acting(kind, name, least=True, **beside) -> Case:
+    """One number of what acts in a joint, with others beside it."""
+    return Case(lambda x: joined(kind(*ENDS, **beside, **{name: x[..., 0]})), 1, ("eager",), scale=1e-4, least=least)
+
+
 def effect(make, n=3, ways=ALL, **options) -> Case:
     return Case(lambda x: scene(make(x if n == 3 else x[..., 0])), n, ways, **options)
 
@@ -224,6 +243,17 @@ CASES = {
     "Support.turn": Case(lambda x: scene(supports=[tb.Support(0), tb.Support(-1, "yz", "xyz", turn=x)]), 3, STATIC, scale=1e-2),
     "Accelerogram.acceleration": Case(lambda x: scene(root=tb.RootMotion(displacement=tb.Accelerogram(
         (0.0, 0.03, 0.1), torch.stack((x, -x, x), -2)))), 3, MOVING, scale=1e-2),
+    "Body.position": Case(lambda x: joined(tb.Weld(*ENDS), hub(position=torch.tensor((0.6, 0.0, 0.0)) + x)), 3,
+                          ("eager", "equilibrium")),
+    **{f"{kind.__name__}.at": Case(lambda x, kind=kind: joined(kind(*ENDS, at=torch.tensor((0.6, 0, 0)) + x)), 3, ("eager",))
+       for kind in (tb.Weld, tb.Ball, tb.Hinge, tb.Slider, tb.Cylindrical, tb.Universal)},
+    "Distance.at": Case(lambda x: tb.Scene({"hub": hub()}, [tb.Gravity((0, 0, -9.81))], joints=[
+        tb.Distance(None, "hub", at=x)], supports=[tb.Support("hub", "", "xyz")]), 3, ("eager",)),
+    **{f"{kind.__name__}.{name}": acting(kind, name, least, **beside)
+       for kind, effort, coordinate in ((tb.Hinge, "torque", "angle"), (tb.Slider, "force", "travel"))
+       for name, least, beside in (
+           ("stiffness", True, {}), ("damping", True, {}), ("friction", True, dict(slip_speed=0.1)),
+           ("limit_stiffness", True, dict(limits=(-1e-4, 1e-4))), (effort, False, {}), (coordinate, False, {}))},
     "State.velocity": Case(moved(velocity=lambda x, v: v + free_nodes(x)), 3, MOVING, scale=1e-2),
     "State.spin": Case(moved(spin=lambda x, v: v + free_nodes(x)), 3, MOVING, scale=1e-2),
     "State.position": Case(moved(position=lambda x, v: v + free_nodes(x)), 3, MOVING),
@@ -247,6 +277,10 @@ NEVER_ZERO = {  # or not only; why there is no case
     "Beam.curve up": "as Beam.straight", "Beam.curve root": "as Beam.straight",
     "Beam.arc up": "as Beam.straight", "Beam.arc root": "as Beam.straight",
     "Stations.s": ORDERED, "Table.s": ORDERED, "History.t": ORDERED, "Accelerogram.t": ORDERED,
+    "Body.mass": POSITIVE, "Body.inertia": "as PointMass.inertia", "Body.rotation": "is a rotation",
+    **{f"{kind}.axis": "is a direction" for kind in ("Hinge", "Slider", "Cylindrical", "Universal")},
+    "Universal.second": "is a direction", "Hinge.slip_speed": POSITIVE, "Slider.slip_speed": POSITIVE,
+    "Hinge.limits": ORDERED, "Slider.limits": ORDERED, "State.joints": "turns and readings alone start from it",
     "State.stress": "a guess for the first solve", "State.reaction": "nothing starts from it",
     "State.work": "energies alone start from it", "State.defect": "energies alone start from it",
     "State.t": "an instant", "State.status": "whole numbers", "State.frame": "a rotation", "State.internal": "as Load.rate",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Any, NamedTuple
 
 import torch
@@ -30,9 +31,9 @@ def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
     scene may be recorded, and where the scene holds functions, whose surroundings may have changed.
     """
     tensors, steppers = scene.numbers, vars(scene).setdefault(KEPT, {})
-    if tensors is None or not _plain(tensors):
-        return Stepper(scene, dt, method, **options)
     key = meaning(), method, *sorted(options.items())
+    if tensors is None or not _plain(tensors) or not all(isinstance(x, Hashable) for x in options.values()):
+        return Stepper(scene, dt, method, **options)
     found = steppers.pop(key, None)
     if found is None or not all(map(torch.equal, found.numbers, tensors)):
         # of a twin: the scene holds the stepper, which holds no scene that holds it

@@ -21,7 +21,7 @@ from .rows import Rows
 class ActingLoad(NamedTuple):
     """A load; node: the row that it acts on, or the rows along which it does, None = all of them; what it reads of a node's
     motion; which of the internal states are its own, None = it has none; elements: along how many it acts, None = the beam's.
-    Of `Conditions` the load holds numbers alone, see `LoadEffect.at`.
+    Of `Conditions` the load holds numbers alone, see `LoadEffect.resolved`.
     """
 
     load: Any
@@ -138,7 +138,7 @@ def conditions(model: Model, t: Tensor, inputs: Inputs, end: Tensor | None = Non
 def _valued(model: Model, one: ActingLoad, t: Tensor, inputs: Inputs) -> Any:
     """A load with numbers for the rows along which it acts."""
     s = model.s[..., one.node] if isinstance(one.node, slice) else model.s
-    return one.load.at(s, t, inputs, one.elements or model.scene.beam.element_count)
+    return one.load.resolved(s, t, inputs, one.elements or model.scene.beam.element_count)
 
 
 def supports(model: Model, end: Tensor) -> tuple[SupportConditions, ...]:

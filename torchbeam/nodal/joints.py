@@ -108,7 +108,7 @@ class Joints(NoJoints):
         """Force N and moment N m (..., J, 6) on second parts, at the joints' points there, frame a."""
         by, arms = self._gradient(self.v.at(pose), w.at(pose)), self.w.at(pose).turning[..., 0, :]
         push, moment = torch.einsum("...jmk,...jm->...jk", by, -force).unflatten(-1, (2, 2, 3)).unbind(-2)
-        moment = moment - torch.linalg.cross(arms * arms.new_tensor([[-1.0], [1.0]]), push)
+        moment = moment - _cross(arms * arms.new_tensor([[-1.0], [1.0]]), push)
         ground = torch.tensor([pair[1] is None for pair in self.framework.joints], device=force.device)[:, None]
         first, second = torch.cat((push, moment), -1).unbind(-2)
         return torch.where(ground, -first, second)
@@ -138,8 +138,9 @@ class Joints(NoJoints):
         """(..., J, w, 12) its derivative by displacement and spin of both nodes, where it is that."""
         v, across = self.v.at(pose), self.across.at(pose).value
         w = self.turned(coordinate * self.angles).at(pose)
-        size = torch.hypot((v.value * self.w.at(pose).value).sum(-1), (v.value * across).sum(-1))
-        size = torch.where(self.angles > 0, size, 1.0)
+        turns = self.angles > 0
+        size = torch.hypot(torch.where(turns, (v.value * self.w.at(pose).value).sum(-1), 0.0),
+                           torch.where(turns, (v.value * across).sum(-1), 1.0))
         return ((self.angles + self.travels) / size)[..., None] * self._gradient(v, w)
 
     def rate(self, pose: Pose, velocity: Tensor, spin: Tensor) -> Tensor:
@@ -232,7 +233,7 @@ class Joints(NoJoints):
     def _gradient(self, v: Vector, w: Vector) -> Tensor:
         """dg/dq (..., J, m, 12): by displacement and spin of the first node, then of the second."""
         apart = self.v.shift * w.value + self.w.shift * v.value
-        a, b = (torch.linalg.cross(turning_v, w.value) + torch.linalg.cross(turning_w, v.value)
+        a, b = (_cross(turning_v, w.value) + _cross(turning_w, v.value)
                 for turning_v, turning_w in zip(v.turning.unbind(-3), w.turning.unbind(-3), strict=True))
         return torch.cat((-apart, a, apart, b), -1)
 
@@ -259,3 +260,8 @@ def stacked(rows: Tensor, more: Tensor) -> Tensor:
     """Both one after the other."""
     shape = broadcast_shapes(rows.shape[:-2], more.shape[:-2])
     return torch.cat((rows.expand(*shape, *rows.shape[-2:]), more.expand(*shape, *more.shape[-2:])), -2)
+
+
+def _cross(a: Tensor, b: Tensor) -> Tensor:
+    """a x b, of batch axes that broadcast."""
+    return torch.linalg.cross(*torch.broadcast_tensors(a, b))

@@ -124,6 +124,7 @@ class _Ran:
         if (state.status != 0).any():
             raise RuntimeError("the steps did not converge")
         self.path = torch.stack(path)
+        self.run()  # what is remembered is, when operations are counted
         self.operations = operations(self.run) / self.timed
 
     def run(self, batch: int = 1) -> None:

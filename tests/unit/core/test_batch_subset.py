@@ -13,7 +13,7 @@ from torchbeam.scene import effects
 
 B = 7
 SOFT = dict(EA=4e3, GA=2e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
-NAMES = [f.name for f in fields(tb.State) if f.name != "supports"]  # all tensors
+NAMES = [f.name for f in fields(tb.State) if f.metadata]  # all tensors
 
 
 def some(*shape, size=1.0):

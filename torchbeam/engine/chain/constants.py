@@ -149,7 +149,7 @@ class Constants:
         return {f"load {k} {i}": x for i, x in enumerate(found)}
 
     def _valued(self, load: Any, t: Tensor, inputs: Inputs) -> Any:
-        return load.at(self.model.s, t, inputs, self.model.scene.beam.element_count)
+        return load.resolved(self.model.s, t, inputs, self.model.scene.beam.element_count)
 
     def _prescribed(self, end: Tensor) -> dict[str, Tensor]:
         """The motion of supports at the time `end`."""

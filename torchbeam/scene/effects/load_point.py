@@ -127,7 +127,7 @@ class LoadEffect(Effect):
         """
         return None
 
-    def at(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LoadEffect:
+    def resolved(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LoadEffect:
         """The same with numbers in the place of functions of t, of inputs and of values by place, see `at_sites`; itself where
         there are none.
         """
