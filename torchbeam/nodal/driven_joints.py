@@ -95,6 +95,17 @@ class DrivenJoints(Joints):
 
         return self._blocks(motion.acting, motion.end, found.acting, found.closing, force, half, rate, more)
 
+    def damping(self, poses: Callable[[], JointMotion]) -> JointBlocks | None:
+        """Of dampers, and of friction as it is next to no motion."""
+        if not self.dissipative:
+            return None
+        motion, w = poses(), self.space.unknowns
+        by = self.coordinate_by(motion.end, self.driven(motion).step.after) @ torch.block_diag(self.moves, self.moves).mT
+        blocks = by.mT @ (self.laws.damper[..., None] * by)  # (..., J, 2 w, 2 w)
+        blocks = blocks.unflatten(-1, (2, w)).unflatten(-3, (2, w)).transpose(-3, -2)
+        none = torch.zeros_like(blocks[..., 0, :, :])
+        return JointBlocks(torch.zeros_like(self.held), blocks, none, none)
+
     def acting(self, stress: Tensor, motion: JointMotion) -> tuple[Tensor, Factor]:
         found = self.driven(motion)
         return stacked(self.split(stress)[0], self._forces(stress, found)), found.acting

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..math import quaternions as quat
+from ..math.shapes import broadcast_shapes
 from ..scene.scene import Scene
 from .coordinates.spatial import Space
 from .driven_joints import DrivenJoints
@@ -117,10 +118,13 @@ def _given(values: list[Tensor | None], rows: Tensor) -> Tensor | None:
 
 
 def _size(beam: Any, places: Tensor) -> Tensor:
-    """(...) m: how much of beams there is, and how far nodes and joints, at places (..., J, 3), are apart."""
-    lead = torch.broadcast_shapes(places.shape[:-2], beam.nodes.shape[:-2])
+    """(...) m: how much of beams there is, and how far nodes and joints, at places (..., J, 3), are apart; 1 m of a body that
+    turns about its own centre, where nothing has a length.
+    """
+    lead = broadcast_shapes(places.shape[:-2], beam.nodes.shape[:-2])
     points = torch.cat([x.detach().expand(*lead, *x.shape[-2:]) for x in (places, beam.nodes)], -2)
-    return beam.length.detach().sum(-1) + torch.linalg.vector_norm(points.amax(-2) - points.amin(-2), dim=-1)
+    size = beam.length.detach().sum(-1) + torch.linalg.vector_norm(points.amax(-2) - points.amin(-2), dim=-1)
+    return torch.where(size > 0, size, 1.0)
 
 
 class Row(NamedTuple):

@@ -71,6 +71,14 @@ class JointLaws(Tree):
     def dissipative(self) -> bool:
         return self.damping is not None or self.friction is not None
 
+    @property
+    def damper(self) -> Tensor | float:
+        """(..., J, w) -d(effort)/d(rate) at rest."""
+        total = 0.0 if self.damping is None else self.damping
+        if self.friction is None:
+            return total
+        return total + self.friction / torch.where(self.slip_speed > 0, self.slip_speed, 1.0)
+
     def effort(self, step: CoordinateStep) -> tuple[Tensor, Tensor]:
         """Effort (..., J, w) N or N m along the coordinates, and its derivative by those after the step."""
         total = by = torch.zeros_like(step.after)

@@ -119,6 +119,10 @@ class NoJoints(Tree):
         """A tangent stiffness of the nodes with that of the joints."""
         return stiffness
 
+    def damping(self, poses: Callable[[], tuple[Any, Any]]) -> Any | None:
+        """`JointBlocks` of the nodes' balances by their velocities, at rest; None = there is no damping."""
+        return None
+
     def measure(self, size: Tensor, gap: Tensor | None) -> Tensor:
         """(...) a scaled residual, with that of the joints."""
         return size

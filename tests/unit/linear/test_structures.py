@@ -63,6 +63,15 @@ def test_a_hinge_leaves_one_motion_of_no_frequency():
         tb.linearize(scene, tb.rest(scene))
 
 
+@pytest.mark.parametrize("rub", [dict(damping=0.02), dict(friction=0.002, slip_speed=0.1)], ids=["damping", "friction"])
+def test_what_damps_a_joint_damps_its_mode(rub):
+    """A body on a hinge with a spring: J q'' + c q' + k q = 0; friction is a damper of mu over the slip speed."""
+    scene = tb.Scene({"wheel": tb.Body(0.3, 0.01)}, joints=[tb.Hinge(None, "wheel", axis=(0, 1, 0), stiffness=0.5, **rub)])
+    found = tb.modes(scene, count=1)
+    assert_close(found.eigenvalue.abs(), torch.tensor([(0.5 / 0.01) ** 0.5]), rtol=1e-9, atol=0)
+    assert_close(found.damping_ratio, torch.tensor([0.02 / (2 * (0.5 * 0.01) ** 0.5)]), rtol=1e-9, atol=0)
+
+
 def test_derivative_of_modes_of_a_strut():
     """By a bending stiffness, with a rod to the ground, against a difference."""
 
