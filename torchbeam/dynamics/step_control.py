@@ -109,7 +109,7 @@ class _Run:
         """
         state, motion = self.state, self.stops[-1] - self.stops[0]
         speed = torch.linalg.vector_norm(state.velocity, dim=-1).amax(-1)
-        length = concrete(self.stepper.model.length).detach().sum((-1, -2))
+        length = concrete(self.stepper.model.scene.beam.extent).detach()
         h = torch.where(speed > 0, torch.minimum(0.01 * length / speed.clamp(min=torch.finfo(speed.dtype).tiny),
                                                  1e-3 * motion), 1e-4 * motion)
         h = torch.minimum(h, self.longest)

@@ -38,7 +38,7 @@ class Tolerance(Tree):
         rtol, atol = (
             as_tensor(check_tolerance(name, 0.0 if value is None else value, zero=True, each=True), scene.dtype, scene.device)
             for name, value in (("rtol", rtol), ("atol", atol)))
-        length = concrete(scene.beam.length).detach().sum(-1)
+        length = concrete(scene.beam.extent).detach()
         broadcast("a beam, rtol and atol", scene.batch_shape, rtol.shape, atol.shape)
         position = atol + rtol * length
         if not (position > 0).all():

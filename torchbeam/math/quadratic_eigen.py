@@ -60,8 +60,8 @@ def slowest_of_chain(M: SymmetricChain, K: SymmetricChain, count: int) -> Pairs 
 
 
 def _size(A: Tensor | SymmetricChain) -> Tensor:
-    """(...) the largest on the diagonal."""
-    return A.diagonal(dim1=-2, dim2=-1).amax(-1) if isinstance(A, Tensor) else A.largest
+    """(...) the largest on the diagonal, of whatever sign."""
+    return A.diagonal(dim1=-2, dim2=-1).abs().amax(-1) if isinstance(A, Tensor) else A.largest
 
 
 def _shift(M: Any, K: Any) -> Tensor:

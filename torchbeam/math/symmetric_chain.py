@@ -19,8 +19,8 @@ class SymmetricChain(NamedTuple):
 
     @property
     def largest(self) -> Tensor:
-        """(...) on the diagonal."""
-        return self.diagonal.diagonal(dim1=-2, dim2=-1).amax((-1, -2))
+        """(...) on the diagonal, of whatever sign."""
+        return self.diagonal.diagonal(dim1=-2, dim2=-1).abs().amax((-1, -2))
 
     def plus(self, factor: Tensor, other: SymmetricChain) -> SymmetricChain:
         """The sum with factor (...) times another one."""

@@ -45,6 +45,11 @@ class BeamRows(Tree):
         return self.station_count // self.order
 
     @property
+    def extent(self) -> Tensor:
+        """(...) m, the size of the whole that lengths and rotations are judged by: the beam's length."""
+        return self.length.sum(-1)
+
+    @property
     def stress_count(self) -> int:
         """How many rows a state's stress has: of the stations and, behind them, of the joints' forces."""
         return self.station_count + len(self.joined)

@@ -121,6 +121,14 @@ class Structure(Beam):
         """(...) m: how much of beams there is, and how far its nodes are apart."""
         return self.length.sum(-1) + torch.linalg.vector_norm(self.nodes.amax(-2) - self.nodes.amin(-2), dim=-1)
 
+    @property
+    def extent(self) -> Tensor:
+        """(...) m: `size`, or how far the mass of a body is from its centre, if that is more; 1 m of a point alone."""
+        spread = [(mass.inertia.diagonal(dim1=-2, dim2=-1).sum(-1) / (2 * mass.mass)).sqrt() for mass in self.masses
+                  if mass.inertia is not None]
+        extent = torch.stack(torch.broadcast_tensors(self.size, *spread)).amax(0)
+        return torch.where(extent > 0, extent, 1.0)
+
     def part_at(self, row: int) -> Part:
         """The part that a node belongs to."""
         return next(part for part in self.parts if part.first_node <= row < part.first_node + part.node_count)

@@ -30,7 +30,7 @@ def on_supports(state: State, scene: Any, t: Tensor) -> State:
     """
     prescribed_motion, beam = PrescribedMotion(scene), scene.beam
     judged = state.status == 0
-    length = beam.length.detach().sum(-1)
+    length = beam.extent.detach()
     position, rotation = state.position, state.rotation
     for support in scene.supports:
         node, (place, turn) = support.node, prescribed_motion.pose(support, t)

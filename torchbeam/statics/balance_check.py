@@ -22,6 +22,10 @@ def check_balance(problem: SteadyProblem, x: Configuration) -> None:
     with no_derivatives():
         residual = problem.residual(x)[0]
         size, p = residual.measure(), problem.model.space.position
+        if not problem.model.station_count:
+            _refuse(~(size <= CLOSE[size.dtype]), "{} that is no equilibrium was given (what is out of balance is {:.2g} of "
+                    "its largest force); one under these loads and inputs, as of `equilibrium`, is wanted", size)
+            return
         free, gap = (residual.nodes * problem.model.constraints.moving).abs(), residual.strain.abs()
         length, soft = problem.model.length.sum((-1, -2)), softest(problem.model)
         force, moment = (v.sum((-1, -2)) for v in (free[..., :p], free[..., p:]))
@@ -43,7 +47,8 @@ def check_rest(problem: SteadyProblem, state: State) -> None:
         velocity, spin = problem.velocity(x)
         velocity, spin = state.velocity - velocity, state.spin - space.to_section(x.rotation, spin)
         energy = model.kinetic_energy(x.rotation, velocity, spin)
-        still = energy <= OFF**2 * softest(model) / model.length.sum((-1, -2))
+        bends = OFF**2 * softest(model) / model.length.sum((-1, -2)) if model.station_count else 0.0  # bodies alone do not
+        still = energy <= bends
         fast, turning = (torch.linalg.vector_norm(v, dim=-1).amax(-1) for v in (velocity, spin))
         _refuse(~still, "{} that moves was given, by up to {:.3g} m/s and {:.3g} rad/s beside frame a; one at rest there, as "
                 "of `equilibrium`, is wanted (steady rotation is that of a `Frame`)", fast, turning)

@@ -72,6 +72,20 @@ def test_what_damps_a_joint_damps_its_mode(rub):
     assert_close(found.damping_ratio, torch.tensor([0.02 / (2 * (0.5 * 0.01) ** 0.5)]), rtol=1e-9, atol=0)
 
 
+@pytest.mark.parametrize("damping", [None, 0.1])
+def test_an_inverted_pendulum_falls(damping):
+    """A body that a spring of k holds up, pushed down by a force on its centre at the height h: F h = k, damped or not, though
+    past that nothing of its stiffness is positive.
+    """
+
+    def of(factor):
+        down = torch.as_tensor(factor)[..., None] * torch.tensor([0.0, 0.0, -1.0])
+        return tb.Scene({"pole": tb.Body(2.0, 0.05, position=(0, 0, 0.5))}, [tb.PointLoad("pole", force=down)],
+                        joints=[tb.Hinge(None, "pole", at=(0, 0, 0), axis=(0, 1, 0), stiffness=3.0, damping=damping)])
+
+    assert_close(tb.critical_load(of, 20.0, points=5).factor, torch.tensor(6.0), rtol=1e-6, atol=0)
+
+
 def test_derivative_of_modes_of_a_strut():
     """By a bending stiffness, with a rod to the ground, against a difference."""
 
