@@ -10,7 +10,7 @@ from torch import Tensor
 from torch._C import _functorch as functorch
 from torch.autograd import forward_ad
 
-from .derivatives import ABSENT, cache_of, lasting
+from .derivatives import cache_of, lasting
 from .leaves import Tree, map_leaves
 
 T = TypeVar("T")
@@ -35,18 +35,19 @@ def remembered(function: Callable[..., T], *given: Any) -> T:
         recent = _VALUES.pop(key, ())  # other threads may ask too: at worst two of them compute it
     except TypeError:  # a part has no hash
         return function(*given)
-    found = next((value for known, value in recent if all(map(torch.equal, known, tensors))), ABSENT)
-    if found is ABSENT:
+    at = next((k for k, (known, _) in enumerate(recent) if all(map(torch.equal, known, tensors))), None)
+    if at is not None:
+        recent = recent[at], *recent[:at], *recent[at + 1:]  # the last one asked for is looked at first
+    else:
         with lasting():
             copies, known = tuple(_copied(x) for x in given), []
             for x in copies:
                 structure_of(x, known)
-            found = function(*copies)
-        recent = (known, found), *recent[:RECENT - 1]
+            recent = (known, function(*copies)), *recent[:RECENT - 1]
         for oldest in [*_VALUES][:max(0, len(_VALUES) + 1 - STRUCTURES)]:
             _VALUES.pop(oldest, None)
     _VALUES[key] = recent
-    return found
+    return recent[0][1]
 
 
 def structure_of(x: Any, tensors: list[Tensor]) -> Hashable:
