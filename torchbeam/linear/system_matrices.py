@@ -115,8 +115,7 @@ def of_nodes(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
             D = model.topology.diagonal(rate) if D is None else D.plus(rate)
     dampers = model.joints.damping(lambda: problem.joint_poses(x))
     if dampers is not None:
-        none = x.position.new_zeros(model.node_count, space.unknowns, space.unknowns)
-        D = (model.topology.diagonal(none) if D is None else D).joined(dampers)
+        D = model.joints.alone(dampers) if D is None else D.joined(dampers)
     return M, D, model.joints.matrix(K, x.stress, lambda: problem.joint_poses(x)), lagging
 
 

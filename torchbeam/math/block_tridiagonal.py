@@ -15,22 +15,16 @@ def block_tridiagonal(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
     D (..., n, k, k), L and U (..., n-1, k, k), b (..., n, k); leading axes broadcast. A singular pivot block gives
     infinities or NaN in that sample alone.
     """
-    n = b.shape[-2]
-    ahead, y = [], []
-    for i in range(n):
-        above = U[..., i, :, :] if i < n - 1 else None
-        before = () if i == 0 else (L[..., i - 1, :, :], ahead[-1], y[-1])
-        *solved, right = eliminated(D[..., i, :, :], above, b[..., i, :, None], *before)
-        ahead.extend(solved)
-        y.append(right)
-    x = [y[-1]]
-    for i in range(n - 2, -1, -1):
-        x.append(y[i] - ahead[i] @ x[-1])
-    return torch.cat(torch.broadcast_tensors(*x[::-1]), -1).mT
+    return torch.cat(_rows(D, L, U, b[..., None]), -1).mT
 
 
 def block_tridiagonal_columns(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
     """The same for many right-hand sides: b and x (..., n, k, m)."""
+    return torch.stack(_rows(D, L, U, b), -3)
+
+
+def _rows(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> tuple[Tensor, ...]:
+    """The n rows of x (..., k, m)."""
     n = b.shape[-3]
     ahead, y = [], []
     for i in range(n):
@@ -42,7 +36,7 @@ def block_tridiagonal_columns(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Ten
     x = [y[-1]]
     for i in range(n - 2, -1, -1):
         x.append(y[i] - ahead[i] @ x[-1])
-    return torch.stack(torch.broadcast_tensors(*x[::-1]), -3)
+    return torch.broadcast_tensors(*x[::-1])
 
 
 def eliminated(diagonal: Tensor, above: Tensor | None, right: Tensor, below: Tensor | None = None, ahead: Tensor | None = None,

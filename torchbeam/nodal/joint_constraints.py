@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 
 from ..math import quaternions as quat
-from ..math.shapes import broadcast_shapes
 from ..scene.scene import Scene
 from .coordinates.spatial import Space
 from .driven_joints import DrivenJoints
@@ -74,7 +73,7 @@ class End:
 
 def joints_of(scene: Scene, space: Space, topology: Any) -> Any:
     """`Joints` of a scene, or `NoJoints`."""
-    if not getattr(scene, "joints", ()):
+    if not scene.joints:
         return NoJoints()
     each = [_rows(joint, scene.beam, space) for joint in scene.joints]
     J, m = len(each), space.unknowns
@@ -93,11 +92,12 @@ def joints_of(scene: Scene, space: Space, topology: Any) -> Any:
 
     like = scene.beam.nodes
     places = [x for joint in scene.joints for x in joint.drawn(scene.beam)[:2]]
+    size = scene.beam.size_with(torch.stack(torch.broadcast_tensors(*places), -2)).detach()
     fields = dict(
         space=space, framework=topology, held=mask(lambda row: row.held), v=factor("v"), w=factor("w"), across=factor("across"),
         c=stacked([row.c for rows in each for row in rows], 0),
         moves=space.embed(torch.eye(m, dtype=like.dtype, device=like.device)),
-        size=_size(scene.beam, torch.stack(torch.broadcast_tensors(*places), -2)),
+        size=torch.where(size > 0, size, 1.0),  # 1 m of a body that turns about its own centre, where nothing has a length
         angles=mask(lambda row: row.coordinate == "angle"), travels=mask(lambda row: row.coordinate == "travel"))
     if not any(joint.acts for joint in scene.joints):
         return Joints(**fields)
@@ -115,16 +115,6 @@ def _given(values: list[Tensor | None], rows: Tensor) -> Tensor | None:
     none = rows.new_zeros(())
     given = torch.broadcast_tensors(*(none if value is None else value for value in values))
     return torch.stack(given, -1)[..., None] * rows
-
-
-def _size(beam: Any, places: Tensor) -> Tensor:
-    """(...) m: how much of beams there is, and how far nodes and joints, at places (..., J, 3), are apart; 1 m of a body that
-    turns about its own centre, where nothing has a length.
-    """
-    lead = broadcast_shapes(places.shape[:-2], beam.nodes.shape[:-2])
-    points = torch.cat([x.detach().expand(*lead, *x.shape[-2:]) for x in (places, beam.nodes)], -2)
-    size = beam.length.detach().sum(-1) + torch.linalg.vector_norm(points.amax(-2) - points.amin(-2), dim=-1)
-    return torch.where(size > 0, size, 1.0)
 
 
 class Row(NamedTuple):

@@ -31,7 +31,7 @@ from ..core.leaves import leaf
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 from ..topology.framework import Framework
-from ..topology.framework_matrix import JointBlocks
+from ..topology.framework_matrix import FrameworkMatrix, JointBlocks
 from .coordinates.spatial import Space
 from .joint_motion import Factor, JointMotion, NoJoints, Pose, Vector
 
@@ -84,6 +84,11 @@ class Joints(NoJoints):
                rate: float) -> Any:
         blocks = self.blocks_of(poses(), self.split(stress)[1], None if half is None else half(), rate)
         return tangent._replace(matrix=tangent.matrix.joined(blocks))
+
+    def alone(self, blocks: JointBlocks) -> FrameworkMatrix:
+        """The matrix of joints and nothing else."""
+        w = self.space.unknowns
+        return self.framework.diagonal(self.held.new_zeros(self.framework.node_count, w, w)).joined(blocks)
 
     def matrix(self, stiffness: Any, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]) -> Any:
         return stiffness.joined(self.blocks_of(poses(), self.split(stress)[1], None, 1.0))

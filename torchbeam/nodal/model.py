@@ -15,6 +15,8 @@ from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
 from ..topology.chain import Chain
 from ..topology.chain_unknowns import ChainUnknowns
+from ..topology.framework import Framework
+from ..topology.framework_unknowns import FrameworkUnknowns
 from .assembly import Assembly
 from .frame import FixedFrame, frame_of
 from .linear_interpolation import LinearInterpolation
@@ -22,7 +24,8 @@ from .quadratic_interpolation import QuadraticInterpolation
 from .rows import Rows
 
 # beside trees: what a model that was saved holds, for torch.load(weights_only=True)
-torch.serialization.add_safe_globals([Assembly, Chain, ChainUnknowns, LinearInterpolation, QuadraticInterpolation])
+torch.serialization.add_safe_globals([Assembly, Chain, ChainUnknowns, Framework, FrameworkUnknowns, LinearInterpolation,
+                                      QuadraticInterpolation])
 
 
 @dataclass(frozen=True)

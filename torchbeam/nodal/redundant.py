@@ -45,8 +45,7 @@ def _gradient(model: Model) -> Tensor:
     ends = joints.framework.at_joints
     pose = Pose(ends(beam.nodes), ends(beam.axes.flatten(-2)).unflatten(-1, (3, 3)))
     none = beam.nodes.new_zeros(joints.held.shape)
-    diagonal = model.topology.diagonal(beam.nodes.new_zeros(model.node_count, *(model.space.unknowns,) * 2))
-    G = diagonal.joined(joints.blocks(pose, pose, none, None, 1.0)).constraints()
+    G = joints.alone(joints.blocks(pose, pose, none, None, 1.0)).constraints()
     size, p = joints.size.detach()[..., None, None], model.space.position
     along = torch.arange(model.space.unknowns, device=G.device).repeat(model.node_count) < p
     G = G * torch.where(along, size, 1.0) * model.constraints.moving.flatten()

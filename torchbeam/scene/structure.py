@@ -13,6 +13,7 @@ from ..core.leaves import bound, leaves
 from ..core.summary import kind, lines, point, span
 from ..core.validation import broadcast, common_dtype, shown
 from ..math import quaternions as quat
+from ..math.shapes import broadcast_shapes
 from ..topology.framework import Framework
 from .beam import Beam
 from .body import Body
@@ -119,7 +120,13 @@ class Structure(Beam):
     @property
     def size(self) -> Tensor:
         """(...) m: how much of beams there is, and how far its nodes are apart."""
-        return self.length.sum(-1) + torch.linalg.vector_norm(self.nodes.amax(-2) - self.nodes.amin(-2), dim=-1)
+        return self.size_with(self.nodes[..., :0, :])
+
+    def size_with(self, places: Tensor) -> Tensor:
+        """`size`, with other places (..., n, 3) m beside the nodes."""
+        lead = broadcast_shapes(places.shape[:-2], self.nodes.shape[:-2])
+        points = torch.cat([x.expand(*lead, *x.shape[-2:]) for x in (places, self.nodes)], -2)
+        return self.length.sum(-1) + torch.linalg.vector_norm(points.amax(-2) - points.amin(-2), dim=-1)
 
     @property
     def extent(self) -> Tensor:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -29,9 +29,13 @@ class _OfJoint(Sensor):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _OfCoordinate(_OfJoint):
-    """ValueError for a joint without a coordinate, or with two."""
+    """field: of a `JointReading`. ValueError for a joint without a coordinate, or with two."""
 
-    def number(self, reading: JointReading, x: Tensor | None) -> Tensor:
+    field: ClassVar[str]
+
+    def read(self, state: Any) -> Tensor:
+        reading = self.found(state)
+        x = getattr(reading, self.field)
         if x is None or x.ndim != reading.force.ndim - 1:
             have = "none" if x is None else "two"
             raise ValueError(f"the {self.name} was asked for, which has {have}; that of a Hinge or a Slider is wanted")
@@ -42,26 +46,20 @@ class _OfCoordinate(_OfJoint):
 class JointCoordinate(_OfCoordinate):
     """Angle rad of a hinge, counted over turns, or travel m of a slider (..., 1), zero as drawn."""
 
+    field = "coordinate"
     name = property(lambda self: f"coordinate of joint {self.joint}")
     unit = "rad or m"
     labels = ("q",)
-
-    def read(self, state: Any) -> Tensor:
-        found = self.found(state)
-        return self.number(found, found.coordinate)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointRate(_OfCoordinate):
     """Its rate (..., 1)."""
 
+    field = "rate"
     name = property(lambda self: f"rate of joint {self.joint}")
     unit = "rad/s or m/s"
     labels = ("q'",)
-
-    def read(self, state: Any) -> Tensor:
-        found = self.found(state)
-        return self.number(found, found.rate)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

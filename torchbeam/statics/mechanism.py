@@ -246,9 +246,8 @@ def _stiffness(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple
 
 def _joined(problem: SteadyProblem, x: Configuration) -> Any:
     """The matrix of the joints alone."""
-    model, w = problem.model, problem.model.space.unknowns
-    none = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
-    return model.joints.matrix(none, x.stress, lambda: problem.joint_poses(x))
+    joints = problem.model.joints
+    return joints.alone(joints.blocks_of(problem.joint_poses(x), joints.split(x.stress)[1], None, 1.0))
 
 
 def _in_space(problem: SteadyProblem, moves: tuple[Tensor, Tensor]) -> Tensor:

@@ -8,6 +8,9 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
+import torch
+from torch import Tensor
+
 Joints = tuple[tuple[int | None, int | None], ...]  # the nodes that each connects, None = the ground
 
 
@@ -64,3 +67,9 @@ def cut(chains: tuple[int, ...], singles: int, joints: Joints) -> Cut:
     by_length = tuple(tuple(run for run in runs if run.count == n) for n in sorted({run.count for run in runs}))
     ends = tuple(tuple(None if node is None else place[node] for node in pair) for pair in joints)
     return Cut(interface, by_length, tuple(direct), ends)
+
+
+@lru_cache(maxsize=256)
+def places(nodes: tuple[int, ...], device: torch.device) -> Tensor:
+    """As an index."""
+    return torch.tensor(nodes, dtype=torch.long, device=device)

@@ -5,7 +5,7 @@ other, the single ones last.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 from itertools import permutations
 
 import torch
@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..math.shapes import broadcast_shapes
 from .chain import Chain
+from .cut import places
 from .framework_matrix import FrameworkMatrix
 from .framework_unknowns import FrameworkUnknowns
 from .protocols import Blocks
@@ -41,24 +42,24 @@ class Framework:
     def element_count(self) -> int:
         return sum(self.chains)
 
-    @property
+    @cached_property
     def starts(self) -> tuple[int, ...]:
         """The first node of each chain."""
         return tuple(sum(self.order * N + 1 for N in self.chains[:k]) for k in range(len(self.chains)))
 
-    @property
+    @cached_property
     def elements(self) -> tuple[tuple[int, ...], ...]:
         """The first nodes of all elements, the second ones, and so on."""
         firsts = [start + self.order * e for start, N in zip(self.starts, self.chains, strict=True) for e in range(N)]
         return tuple(tuple(first + k for first in firsts) for k in range(self.order + 1))
 
-    @property
+    @cached_property
     def ends(self) -> tuple[int, ...]:
         """The nodes that are inside no element."""
         middle = set(self.elements[1]) if self.order == 2 else ()
         return tuple(node for node in range(self.node_count) if node not in middle)
 
-    @property
+    @cached_property
     def of_ends(self) -> Framework:
         """Of order 1, between these."""
         if self.order == 1:
@@ -77,17 +78,20 @@ class Framework:
 
     def at_joints(self, x: Tensor) -> Tensor:
         """Nodes (..., nodes, w) -> their values (..., J, 2, w) at both ends of each joint; zeros at the ground."""
-        nodes = tuple(0 if node is None else node for pair in self.joints for node in pair)
-        found = x.index_select(-2, places(nodes, x.device)).unflatten(-2, (-1, 2))
+        found = x.index_select(-2, places(self._joined, x.device)).unflatten(-2, (-1, 2))
         return found * self._not_ground(x) if self._grounded else found
 
     def from_joints(self, push: Tensor, total: Tensor) -> Tensor:
         """total (..., nodes, w) with (..., J, 2, w) of the joints' ends added."""
         push = (push * self._not_ground(push) if self._grounded else push).flatten(-3, -2)
-        nodes = tuple(0 if node is None else node for pair in self.joints for node in pair)
-        return added(total, nodes, push, total.shape[-2], 1)
+        return added(total, self._joined, push, total.shape[-2], 1)
 
-    @property
+    @cached_property
+    def _joined(self) -> tuple[int, ...]:
+        """The nodes of all joints' ends; 0 for the ground."""
+        return tuple(node or 0 for pair in self.joints for node in pair)
+
+    @cached_property
     def _grounded(self) -> bool:
         return any(node is None for pair in self.joints for node in pair)
 
@@ -120,9 +124,3 @@ def added(total: Tensor | None, nodes: tuple[int, ...], part: Tensor, count: int
     shape = broadcast_shapes(total.shape, shape)
     part = part.expand(*shape[:-1 - axes], len(nodes), *shape[len(shape) - axes:])
     return total.expand(shape).index_add(-1 - axes, places(nodes, part.device), part)
-
-
-@lru_cache(maxsize=256)
-def places(nodes: tuple[int, ...], device: torch.device) -> Tensor:
-    """As an index."""
-    return torch.tensor(nodes, dtype=torch.long, device=device)

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..math.shapes import broadcast_shapes
+from .cut import places
 from .framework_system import FrameworkSystem
 from .framework_unknowns import FrameworkUnknowns
 
@@ -165,7 +166,7 @@ def _dense(rows: int, columns: int, parts: list[tuple[Tensor, tuple[int, ...], t
     shape, total = broadcast_shapes(*(blocks.shape[:-3] for blocks, *_ in parts)), None
     w = parts[0][0].shape[-1]
     for blocks, row, column in parts:
-        at = torch.tensor([r * columns + c for r, c in zip(row, column, strict=True)], dtype=torch.long, device=blocks.device)
+        at = places(tuple(r * columns + c for r, c in zip(row, column, strict=True)), blocks.device)
         total = blocks.new_zeros(*shape, rows * columns, w, w) if total is None else total
         total = total.index_add(-3, at, blocks.expand(*shape, *blocks.shape[-3:]))
     return total.unflatten(-3, (rows, columns)).transpose(-3, -2).flatten(-4, -3).flatten(-2)

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ..math.block_tridiagonal import broadcast_matrices
+from .midside import following
 
 
 class FrameworkMidside(NamedTuple):
@@ -32,7 +33,7 @@ class FrameworkMidside(NamedTuple):
     def restore(self, x: Tensor, own: Tensor) -> Tensor:
         """(..., nodes, w) from the end nodes' and D^-1 b."""
         i, j = self.framework.of_ends.gather(x)
-        middle = own - (self.by_i @ i[..., None] + self.by_j @ j[..., None])[..., 0]
+        middle = following(own, self.by_i, self.by_j, i, j)
         both = torch.cat((x, middle.expand(*x.shape[:-2], *middle.shape[-2:])), -2)
         order = sorted(range(both.shape[-2]), key=(*self.framework.ends, *self.framework.elements[1]).__getitem__)
         return both[..., order, :]

@@ -21,7 +21,7 @@ from torch.nn.functional import pad
 from ..math.block_tridiagonal import block_tridiagonal_columns, finite_pivots, positive_definite, recorded
 from ..math.first_derivative import first_only
 from ..math.shapes import broadcast_shapes
-from .cut import Cut, Run, cut
+from .cut import Cut, Run, cut, places
 from .framework_midside import FrameworkMidside, condensed
 from .framework_unknowns import FrameworkUnknowns
 
@@ -158,10 +158,10 @@ def solve(how: Cut, b: Tensor, *parts: Tensor) -> Tensor:
     x, inner = system.b.new_zeros(*system.b.shape[:-2], n + forces, system.b.shape[-1]), None
     if system.count:
         inner = system.solution()
-        x = x.index_copy(-2, _at((*how.interface, *range(n, n + forces)), x), inner)
+        x = x.index_copy(-2, places((*how.interface, *range(n, n + forces)), x.device), inner)
     for own, columns in zip(how.runs, runs, strict=True):
-        at = [node for run in own for node in run.nodes]
-        x = x.index_copy(-2, _at(at, x), _restored(own, columns, inner).flatten(-3, -2))
+        at = tuple(node for run in own for node in run.nodes)
+        x = x.index_copy(-2, places(at, x.device), _restored(own, columns, inner).flatten(-3, -2))
     return x
 
 
@@ -174,14 +174,14 @@ class Interface:
 
     def add(self, blocks: Tensor, rows: Any, columns: Any) -> None:
         """(..., K, w, w) at K places."""
-        at = [row * self.count + column for row, column in zip(rows, columns, strict=True)]
+        at = tuple(row * self.count + column for row, column in zip(rows, columns, strict=True))
         if at:
             blocks = blocks.expand(*self.blocks.shape[:-3], *blocks.shape[-3:])
-            self.blocks = self.blocks.index_add(-3, _at(at, blocks), blocks)
+            self.blocks = self.blocks.index_add(-3, places(at, blocks.device), blocks)
 
     def load(self, b: Tensor, rows: Any) -> None:
         """(..., K, w) at K places."""
-        self.b = self.b.index_add(-2, _at(rows, b), b.expand(*self.b.shape[:-2], *b.shape[-2:]))
+        self.b = self.b.index_add(-2, places(tuple(rows), b.device), b.expand(*self.b.shape[:-2], *b.shape[-2:]))
 
     def dense(self) -> Tensor:
         """(..., count w, count w)"""
@@ -269,9 +269,9 @@ def _join(how: Cut, system: Interface, b: Tensor, held: Tensor, stiffness: Tenso
     rows = range(len(how.interface), system.count)
     for i in (0, 1):
         there = [k for k, pair in enumerate(how.joints) if pair[i] is not None]
-        places, own = [how.joints[k][i] for k in there], [rows[k] for k in there]
-        system.add(force[..., there, i, :, :], places, own)
-        system.add(constraint[..., there, i, :, :], own, places)
+        ends, own = [how.joints[k][i] for k in there], [rows[k] for k in there]
+        system.add(force[..., there, i, :, :], ends, own)
+        system.add(constraint[..., there, i, :, :], own, ends)
         for j in (0, 1):
             both = [k for k in there if how.joints[k][j] is not None]
             system.add(stiffness[..., both, i, j, :, :], *([how.joints[k][end] for k in both] for end in (i, j)))
@@ -289,7 +289,3 @@ def _block_pivots(K: Tensor, w: int) -> tuple[Tensor, Tensor, Tensor]:
     D = torch.stack(pivots, -3)[..., None, :, :, :]
     none = torch.zeros_like(D[..., 1:, :, :])
     return D, none, none
-
-
-def _at(places: Any, like: Tensor) -> Tensor:
-    return torch.tensor(list(places), dtype=torch.long, device=like.device)
