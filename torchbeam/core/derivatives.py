@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache, cached_property
 from typing import Any
 
 import torch
+from torch._C import _functorch as functorch
+from torch.autograd import forward_ad
 
 
 @contextmanager
@@ -15,6 +17,14 @@ def no_derivatives() -> Iterator[None]:
     """No backward graph and no forward tangents."""
     with torch.no_grad(), torch.autograd.forward_ad._set_fwd_grad_enabled(False):
         yield
+
+
+def untracked(tensors: Iterable[torch.Tensor]) -> bool:
+    """Whether no derivative of these is recorded, backward or forward, and no function of torch.func runs."""
+    if forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None:
+        return False
+    recorded = torch.is_grad_enabled()
+    return not any((recorded and x.requires_grad) or functorch.is_functorch_wrapped_tensor(x) for x in tensors)
 
 
 @contextmanager

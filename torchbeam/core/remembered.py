@@ -7,10 +7,8 @@ from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
-from torch._C import _functorch as functorch
-from torch.autograd import forward_ad
 
-from .derivatives import cache_of, lasting
+from .derivatives import cache_of, lasting, untracked
 from .leaves import Tree, map_leaves
 
 T = TypeVar("T")
@@ -71,8 +69,5 @@ def _copied(x: Any) -> Any:
 
 def _plain(tensors: list[Tensor]) -> bool:
     """Whether these are few numbers on the CPU, of which no derivative is recorded."""
-    if forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None:
-        return False
-    recorded = torch.is_grad_enabled()
-    return (all(type(x) is Tensor and x.device.type == "cpu" and not (recorded and x.requires_grad) for x in tensors)
+    return (untracked(tensors) and all(type(x) is Tensor and x.device.type == "cpu" for x in tensors)
             and sum(x.numel() for x in tensors) <= LARGE)

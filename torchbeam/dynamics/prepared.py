@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
-from torch._C import _functorch as functorch
-from torch.autograd import forward_ad
 
+from ..core.derivatives import untracked
 from ..engine.chain.coverage import meaning
 from ..scene.scene import Scene
 from .stepper import Stepper
@@ -32,7 +31,9 @@ def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
     """
     tensors, steppers = scene.numbers, vars(scene).setdefault(KEPT, {})
     key = meaning(), method, *sorted(options.items())
-    if tensors is None or not _plain(tensors) or not all(isinstance(x, Hashable) for x in options.values()):
+    if tensors is None or not untracked(tensors) or torch.is_inference_mode_enabled() or any(x.is_inference() for x in tensors):
+        return Stepper(scene, dt, method, **options)
+    if not all(isinstance(x, Hashable) for x in options.values()):  # for `Stepper` to refuse
         return Stepper(scene, dt, method, **options)
     found = steppers.pop(key, None)
     if found is None or not all(map(torch.equal, found.numbers, tensors)):
@@ -49,12 +50,3 @@ def _twin(scene: Scene) -> Scene:
     twin = object.__new__(Scene)
     vars(twin).update((name, value) for name, value in vars(scene).items() if name != KEPT)
     return twin
-
-
-def _plain(tensors: tuple[Tensor, ...]) -> bool:
-    """Whether no derivative of these is recorded, and no function of them mapped."""
-    if torch.is_inference_mode_enabled() or forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None:
-        return False
-    recorded = torch.is_grad_enabled()
-    return not any((recorded and x.requires_grad) or x.is_inference() or functorch.is_functorch_wrapped_tensor(x)
-                   for x in tensors)

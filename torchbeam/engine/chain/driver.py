@@ -250,10 +250,15 @@ class Driver(ChainCode):
             self._add_energies()
         if "energy" in records:
             self._project(good)
-        with code.loop(0, N) as e:
+        self._keep_forces(good)
+
+    def _keep_forces(self, good: str) -> None:
+        """Stress, and the loads of supports, of what has gone well."""
+        records = self.layout.records
+        with self.code.loop(0, self.args["elements"]) as e:
             self._take(self.at("start_stress", e), self.at("stress", e), good, records["stress"].size)
         if self.held:
-            with code.loop(0, self.args["supports"]) as k:
+            with self.code.loop(0, self.args["supports"]) as k:
                 self._take(self.at("support", k, "last"), self.at("support", k, "found"), good,
                            records["support"].fields["last"][1])
 

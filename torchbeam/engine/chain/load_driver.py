@@ -117,15 +117,10 @@ class LoadDriver(Driver):
 
     def _keep(self) -> None:
         """What has gone well."""
-        code, N, records = self.code, self.args["elements"], self.layout.records
+        code, records = self.code, self.layout.records
         good = self.at("sample", 0, "good")
         with code.loop(0, self.args["nodes"]) as j:
             self._take(self.at("kept", j), self.at("unknown", j), good, records["unknown"].size)
-        with code.loop(0, N) as e:
-            self._take(self.at("start_stress", e), self.at("stress", e), good, records["stress"].size)
-        if self.held:
-            with code.loop(0, self.args["supports"]) as k:
-                self._take(self.at("support", k, "last"), self.at("support", k, "found"), good,
-                           records["support"].fields["last"][1])
+        self._keep_forces(good)
 
 
