@@ -93,13 +93,13 @@ def error(id: str, **arguments: Any) -> float | None:
     def tips(**finer: Any) -> torch.Tensor | None:
         env = gymnasium.make_vec(id, num_envs=SWINGS, autoreset_mode="Disabled", **{**arguments, **finer})
         env.reset(seed=0)
-        way = [env.state.beam.position[:, -1]]
+        positions = [env.state.beam.position[:, -1]]
         steps = range(env.max_episode_steps)
         actions = np.random.default_rng(0).uniform(-0.5, 0.5, (len(steps) // HELD + 1, *env.action_space.shape))
         for k in steps:
             env.step(actions[k // HELD])
-            way.append(env.state.beam.position[:, -1])
-        return None if env.state.terminated.any() else torch.stack(way)
+            positions.append(env.state.beam.position[:, -1])
+        return None if env.state.terminated.any() else torch.stack(positions)
 
     coarse, fine = tips(), tips(**FINER)
     if coarse is None or fine is None:
@@ -123,7 +123,7 @@ def measure(id: str, batches: Sequence[int], seconds: float, **arguments: Any) -
     return rows
 
 
-def rows(quick: bool) -> Iterator[measurement.Row]:
+def rows(quick: bool) -> Iterator[measurement.Measured]:
     """Steps a second for `python -m torchbeam bench`: one env in space through `gymnasium.make`, and a batch in the plane."""
     for id, batch in (("torchbeam/TipReach-v0", 1), ("torchbeam/TipReachPlanar-v0", 64 if quick else 1024)):
         env = gymnasium.make(id) if batch == 1 else gymnasium.make_vec(id, num_envs=batch)
@@ -139,7 +139,7 @@ def rows(quick: bool) -> Iterator[measurement.Row]:
 
         (times,) = measurement.timed([run], 2 if quick else 5)
         yield (row := times.row("environments", id, unit="env steps a second", per=batch * len(actions), batch=batch))
-        yield measurement.Row.of("environments", f"{id}: stepping and observing, over simulation", overhead(id, batch), "",
+        yield measurement.Measured.of("environments", f"{id}: stepping and observing, over simulation", overhead(id, batch), "",
                                  batch=batch)
         measurement.progress(f"{id}, batch {batch}: {row.best:.0f} env steps a second")
         env.close()

@@ -80,7 +80,7 @@ def varied(beam: Beam, params: Mapping[str, Tensor], rows: Tensor) -> Beam:
     """The beam of the sub-envs `rows`: rows of whatever it has a batch axis (num_envs,) of, its stiffness and its mass
     multiplied by params["stiffness"] and params["mass"].
     """
-    own = {one.name: one.value[rows] for one in own_leaves(beam) if one.batch_shape}
+    own = {leaf.name: leaf.value[rows] for leaf in own_leaves(beam) if leaf.batch_shape}
     stiffness, mass = params["stiffness"], params["mass"]
     if stiffness.ndim or mass.ndim:
         own["compliance"] = own.get("compliance", beam.compliance) / stiffness[..., None, None, None]

@@ -93,8 +93,8 @@ def share_in_ball(unit: np.ndarray, axes: int) -> np.ndarray:
     if axes == 2:
         radius, turn = unit.T
         return (np.sqrt(radius) * np.array([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)])).T
-    way = torch.special.ndtri(torch.from_numpy(unit[:, 1:]).clamp(min=torch.finfo(torch.float64).tiny)).numpy()
-    return unit[:, :1] ** (1 / axes) * way / np.linalg.norm(way, axis=1, keepdims=True)
+    direction = torch.special.ndtri(torch.from_numpy(unit[:, 1:]).clamp(min=torch.finfo(torch.float64).tiny)).numpy()
+    return unit[:, :1] ** (1 / axes) * direction / np.linalg.norm(direction, axis=1, keepdims=True)
 
 
 def uniform_numbers(axes: int) -> int:

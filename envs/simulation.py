@@ -174,8 +174,8 @@ class Simulation:
         self.varying |= names
         if episodes is None or all(episodes.plant.params[name].ndim for name in self.varying):
             return episodes
-        kept = {name: value for name, value in episodes.plant.params.items() if value.ndim}
-        return replace(episodes, plant=self._plant(kept, self.members))
+        varying = {name: value for name, value in episodes.plant.params.items() if value.ndim}
+        return replace(episodes, plant=self._plant(varying, self.members))
 
     def options(self, given: dict[str, Any]) -> dict[str, Any]:
         """Parameters by name (n,) and goals (n, g) from the options of a reset, checked."""

@@ -73,7 +73,7 @@ class Task:
         self.plane = self.PLANE if config.planar else None
         self.usual = self.beam()
         self.dtype, self.device = self.usual.nodes.dtype, self.usual.nodes.device
-        self.elements = self.usual.count
+        self.elements = self.usual.station_count
         ends = self.usual.nodes[..., -1, :] - self.usual.nodes[..., 0, :]
         along = torch.linalg.vector_norm(ends, dim=-1) if self.straight else self.usual.length.sum(-1)
         self.length = along.detach().max().item()
@@ -219,8 +219,8 @@ class Task:
         """(3,) without its component across the plane; None where nothing is left."""
         if vector is None or self.plane is None:
             return None if vector is None else tuple(vector)
-        kept = tuple(v if axis in self.plane else 0.0 for axis, v in zip("xyz", vector, strict=True))
-        return kept if any(kept) else None
+        in_plane = tuple(v if axis in self.plane else 0.0 for axis, v in zip("xyz", vector, strict=True))
+        return in_plane if any(in_plane) else None
 
     def _across(self, force: Any) -> tuple[list[int], Tensor, Tensor]:
         """Axes of the tip section across the beam that lie in the motion, 1 for y and 2 for z; unit vectors (k, 3) along them
@@ -228,11 +228,11 @@ class Task:
         """
         frame = quat.matrix(self.usual.frames.reshape(-1, *self.usual.frames.shape[-2:])[0, -1].detach())
         normal = None if self.plane is None else ({0, 1, 2} - {"xyz".index(axis) for axis in self.plane}).pop()
-        kept = [i for i in (1, 2) if normal is None or abs(frame[normal, i]) < ALIGNED]
-        if normal is not None and len(kept) != 1:
+        axes_across = [i for i in (1, 2) if normal is None or abs(frame[normal, i]) < ALIGNED]
+        if normal is not None and len(axes_across) != 1:
             raise ValueError(f"planar = True was given for a beam whose tip has not one axis in the plane {self.plane!r}")
         if len(force) == 2:
-            force = [force[i - 1] for i in kept]
-        if len(force) != len(kept):
+            force = [force[i - 1] for i in axes_across]
+        if len(force) != len(axes_across):
             raise ValueError(f"force = {tuple(force)} was given; two positive finite numbers (N, along y and z) are wanted")
-        return kept, frame[:, kept].mT.contiguous(), torch.tensor(force, dtype=self.dtype, device=self.device)
+        return axes_across, frame[:, axes_across].mT.contiguous(), torch.tensor(force, dtype=self.dtype, device=self.device)

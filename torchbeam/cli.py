@@ -32,20 +32,20 @@ GROUP = "torchbeam.commands"
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line `argv` (default: the process's); returns the exit status."""
     argv = list(sys.argv[1:] if argv is None else argv)
-    found = commands()
-    if argv and argv[0] in found:
+    available = commands()
+    if argv and argv[0] in available:
         try:
-            return found[argv[0]].load()(argv[1:]) or 0
+            return available[argv[0]].load()(argv[1:]) or 0
         except NotWritten as error:
             print(f"python -m torchbeam {argv[0]}: error: {error}", file=sys.stderr)
             return 2
     parser = argparse.ArgumentParser(
         prog="python -m torchbeam", formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Batched, differentiable, geometrically exact beam dynamics.",
-        epilog=_listing(found) if set(argv) & {"-h", "--help"} or not argv else None,
+        epilog=_listing(available) if set(argv) & {"-h", "--help"} or not argv else None,
     )
     parser.add_argument("--version", action="version", version=f"torchbeam {versions('torchbeam')['torchbeam']}")
-    parser.add_argument("command", choices=sorted(found), help="what to do; `COMMAND --help` says more")
+    parser.add_argument("command", choices=sorted(available), help="what to do; `COMMAND --help` says more")
     if not argv:
         parser.print_help()
         return 0
@@ -132,12 +132,12 @@ def threads(count: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def _listing(found: dict[str, EntryPoint]) -> str:
-    width = max(map(len, found))
+def _listing(available: dict[str, EntryPoint]) -> str:
+    width = max(map(len, available))
     lines = []
-    for name in sorted(found):
+    for name in sorted(available):
         try:
-            text = (found[name].load().__doc__ or "").strip().splitlines() or [""]
+            text = (available[name].load().__doc__ or "").strip().splitlines() or [""]
         except (ImportError, AttributeError) as error:
             text = [f"cannot be loaded: {error}"]
         lines.append(f"  {name:<{width}}  {text[0]}")

@@ -158,6 +158,6 @@ def search(score: Callable[[Tensor], Tensor], first: Sequence[float], *, sets: i
     for width in widths:
         spread = torch.randn(sets, best.shape[-1], generator=generator, dtype=best.dtype)
         tried = best * torch.exp(width * spread * (torch.arange(sets) > 0)[:, None])
-        found = score(tried)
-        best, least = tried[found.argmin()][None], found.min().item()
+        scores = score(tried)
+        best, least = tried[scores.argmin()][None], scores.min().item()
     return best[0], least

@@ -10,12 +10,12 @@ from torchbeam.engine.compiler.llvm import Module
 from torchbeam.equations.step_element import Ends, MidpointElement
 from torchbeam.equations.step_kinematics import MidpointMotion, MidpointTangent
 from torchbeam.nodal.constitutive_law import ViscoelasticLaw
-from torchbeam.nodal.coordinates.planar import Plane
-from torchbeam.nodal.coordinates.spatial import Space
+from torchbeam.nodal.coordinates.planar import Planar
+from torchbeam.nodal.coordinates.spatial import Spatial
 from torchbeam.nodal.frame import TranslatingFrame, TurningFrame
 from torchbeam.nodal.inertia import Inertia
-from torchbeam.nodal.lever import Lever
 from torchbeam.nodal.mass import LumpedMass
+from torchbeam.nodal.mass_offset import MassOffset
 from torchbeam.nodal.rotary import RotaryInertia
 from torchbeam.state.state import State
 from torchbeam.topology.chain import Chain
@@ -24,12 +24,12 @@ torch.set_default_dtype(torch.float64)
 
 
 def space_of(kind):
-    return Space() if kind == "space" else Plane("xy", torch.eye(3), torch.eye(3), torch.tensor(0.0))
+    return Spatial() if kind == "space" else Planar("xy", torch.eye(3), torch.eye(3), torch.tensor(0.0))
 
 
 def rotations(space, *lead, turn=0.4):
     """Random rotations by about `turn` rad."""
-    return space.exponential(turn * torch.randn(*lead, space.spin))
+    return space.exponential(turn * torch.randn(*lead, space.dims.spin))
 
 
 def element_of(space):
@@ -38,12 +38,12 @@ def element_of(space):
         law, start = ViscoelasticLaw(S, S, False, tau), Ends(-r_i, -r_j, qs_i, qs_j)
         local = MidpointElement(space, law, length, reference, 0.0, h, start)
         found = local.balance(stress, Ends(r_i, r_j, q_i, q_j), Ends(2 * r_i, 2 * r_j, qe_i, qe_j))
-        return dict(forces=found.forces, gap=found.gap, tangent=local.tangent(found, stress, lambda: (half_i, half_j)))
+        return dict(forces=found.forces, gap=found.constitutive_residual, tangent=local.tangent(found, stress, lambda: (half_i, half_j)))
     return element
 
 
 def element_inputs(space, *lead):
-    p, s, k = space.position, space.spin, space.strain
+    p, s, k = space.dims.position, space.dims.spin, space.dims.strain
     q = {name: rotations(space, *lead, 1) for name in ("q_i", "q_j", "qe_i", "qe_j", "qs_i", "qs_j")}
     one = {"r_i": (p,), "r_j": (p,), "stress": (k,), "reference": (k,), "S": (k, k), "half_i": (s, s), "half_j": (s, s)}
     others = {name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}
@@ -56,7 +56,7 @@ def node_of(space):
     def node(mass, inertia, offset, position, rotation, velocity, spin, v, omega, h, u, m):
         state = State(position, rotation, velocity, spin, position, position, h, h, h, h)
         frame = TurningFrame(space, TranslatingFrame(space, v), omega)
-        local = Inertia(space, LumpedMass(Chain(1, 0), mass), RotaryInertia(space, inertia), Lever(space, offset))
+        local = Inertia(space, LumpedMass(Chain(1, 0), mass), RotaryInertia(space, inertia), MassOffset(space, offset))
         motion = MidpointMotion(local, state, h, frame, ())
         way = motion.kinematics(u, m)
         forces = motion.balance(way)
@@ -65,7 +65,7 @@ def node_of(space):
 
 
 def node_inputs(space, *lead):
-    p, s = space.position, space.spin
+    p, s = space.dims.position, space.dims.spin
     one = {"inertia": (s, s), "offset": (p,), "position": (p,), "velocity": (p,), "spin": (s,), "v": (p,), "omega": (s,),
            "u": (p,)}
     return {**{name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}, "mass": torch.rand(*lead, 1, 1),

@@ -158,7 +158,7 @@ class Case:
         if kind == "equilibrium":
             held = {name: v(t) if callable(v) else v for name, v in inputs.items()}
             return tb.equilibrium(scene, t=t, inputs=held, **EXACT)
-        state, free = tb.rest(scene, t=t), torch.ones(scene.beam.count + 1, 1)
+        state, free = tb.rest(scene, t=t), torch.ones(scene.beam.station_count + 1, 1)
         free[[s.node for s in scene.supports]] = 0
         move = free * self.disturbed(x)
         if kind == "rotation":

@@ -149,7 +149,7 @@ def nodal_loads(parts: Parts) -> Parts:
         if isinstance(e, tb.LineLoad) and not any(isinstance(v, placed) for v in (e.force, e.moment)):
             given = {name: v for name in ("force", "moment") if (v := getattr(e, name)) is not None}
             found += [tb.PointLoad(node=n, follower=e.follower, **{name: at(v, n) for name, v in given.items()})
-                      for n in range(beam.count + 1)]
+                      for n in range(beam.station_count + 1)]
         else:
             found.append(e)
     if len(found) == len(parts["effects"]):

@@ -141,7 +141,7 @@ def _per_element(parts: Parts) -> Parts:
 
 
 def _tip_as_point(parts: Parts) -> Parts:
-    last = parts["beam"].count
+    last = parts["beam"].station_count
 
     def point(e: Any) -> Any:
         same = isinstance(e, tb.TipLoad)
@@ -154,7 +154,7 @@ def supports_said(parts: Parts) -> Parts:
     if parts["supports"] is not None:
         if not parts["supports"]:
             raise NotHere
-        count = parts["beam"].count + 1
+        count = parts["beam"].station_count + 1
         turned = [replace(s, node=s.node + count if s.node < 0 else s.node - count) for s in parts["supports"]]
         return {**parts, "supports": tuple(turned[::-1])}
     if any(isinstance(e, tb.RootSpring) for e in parts["effects"]):
@@ -182,7 +182,7 @@ def beam_again(parts: Parts) -> Parts:
     S, mass = beam.compliance, beam.mass
     one = S.shape[-3] == 1
     section = (tb.Section(S[..., 0, :, :], mass[..., 0, :, :]) if one else
-               [tb.Section(S[..., i, :, :], mass[..., min(i, mass.shape[-3] - 1), :, :]) for i in range(beam.count)])
+               [tb.Section(S[..., i, :, :], mass[..., min(i, mass.shape[-3] - 1), :, :]) for i in range(beam.station_count)])
     made = tb.Beam.from_nodes(beam.nodes, section, axes)
     if beam.curved and not (quat.matrix(made.frames) - quat.matrix(beam.frames)).abs().max() < 1e-12:
         raise NotHere
@@ -194,7 +194,7 @@ def sections_again(parts: Parts) -> Parts:
     beam = parts["beam"]
     if beam.compliance.shape[-3] != 1 or beam.mass.shape[-3] != 1:
         raise NotHere
-    N = beam.count
+    N = beam.station_count
     return {**parts, "beam": replace(beam, compliance=beam.compliance.expand(*beam.compliance.shape[:-3], N, 6, 6).clone(),
                                      mass=beam.mass.expand(*beam.mass.shape[:-3], N, 6, 6).clone())}
 

@@ -230,9 +230,9 @@ class Brake(LoadEffect):
     node = -1
     depends = frozenset({VELOCITY})
 
-    def wrench(self, site, t, inputs):
-        speed = torch.sqrt(site.velocity.square().sum(-1, keepdim=True) + self.floor**2)
-        return -self.c[..., None] * speed * site.velocity, None
+    def wrench(self, point, t, inputs):
+        speed = torch.sqrt(point.velocity.square().sum(-1, keepdim=True) + self.floor**2)
+        return -self.c[..., None] * speed * point.velocity, None
 
 
 class Residual(nn.Module):

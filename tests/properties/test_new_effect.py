@@ -33,10 +33,10 @@ class Magnet(LoadEffect):
 
     depends = frozenset({POSITION, VELOCITY})
 
-    def wrench(self, site, t, inputs):
-        d = self.at - site.position
+    def wrench(self, point, t, inputs):
+        d = self.at - point.position
         size = self.width[..., None] ** 2 + d.square().sum(-1, keepdim=True)
-        return self.strength[..., None] * d / size**2 - self.friction[..., None] * site.velocity, None
+        return self.strength[..., None] * d / size**2 - self.friction[..., None] * point.velocity, None
 
 
 def number(*shape):
@@ -152,8 +152,8 @@ class Tie(LoadEffect):
     depends = frozenset({POSITION})
     conservative = True
 
-    def wrench(self, site, t, inputs):
-        return self.stiffness[..., None] * (self.anchor - site.position), None
+    def wrench(self, point, t, inputs):
+        return self.stiffness[..., None] * (self.anchor - point.position), None
 
     def in_free_vibration(self):
         return self

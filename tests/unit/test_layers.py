@@ -80,7 +80,7 @@ def test_folders_import_from_those_above_alone():
     assert wrong == []
 
 
-PHYSICS = ("nodal.assembly", "nodal.balance", "nodal.frame", "nodal.lever", "nodal.loads", "nodal.mass", "nodal.rotary",
+PHYSICS = ("nodal.assembly", "nodal.balance", "nodal.frame", "nodal.mass_offset", "nodal.loads", "nodal.mass", "nodal.rotary",
            "nodal.rows", "equations.alpha_kinematics", "equations.energy_projection", "equations.step_element",
            "equations.step_kinematics", "equations.support_motion", "equations.steady_motion")
 

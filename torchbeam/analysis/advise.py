@@ -105,12 +105,12 @@ def advise(scene: Scene, t: Any, quantity: Callable[[State], Tensor], tolerance:
     reference = quantity(run(scene).state)
     changes = dict(_changes(scene, considered))
     first = {what: _try(scene, alter, run, quantity, reference) for what, alter in changes.items()}
-    ran = {what: found for what, found in first.items() if isinstance(found, tuple)}
+    ran = {what: outcome for what, outcome in first.items() if isinstance(outcome, tuple)}
     base, *taken = seconds([lambda s=s: run(s) for s in (scene, *(s for s, _ in ran.values()))], repeats)
     share = dict(zip(ran, taken, strict=True))
     trials = tuple(
-        Trial(what, found[1], share[what] / base, not found[1] <= tolerance) if what in ran
-        else Trial(what, math.nan, math.nan, True, found) for what, found in first.items())
+        Trial(what, outcome[1], share[what] / base, not outcome[1] <= tolerance) if what in ran
+        else Trial(what, math.nan, math.nan, True, outcome) for what, outcome in first.items())
     together = _together(scene, changes, trials, run, quantity, reference, tolerance, repeats)
     advice = Advice(float(tolerance), base, trials, together)
     if show:
@@ -141,11 +141,11 @@ def _together(scene: Scene, changes: dict[str, Change], trials: tuple[Trial, ...
             which = changes[trial.what](which)
         return which
 
-    found = _try(scene, all_of, run, quantity, reference)
-    if isinstance(found, str):
-        return Trial("all that does not matter", math.nan, math.nan, True, found)
-    base, taken = seconds([lambda: run(scene), lambda: run(found[0])], repeats)
-    return Trial("all that does not matter", found[1], taken / base, not found[1] <= tolerance)
+    outcome_of_all = _try(scene, all_of, run, quantity, reference)
+    if isinstance(outcome_of_all, str):
+        return Trial("all that does not matter", math.nan, math.nan, True, outcome_of_all)
+    base, taken = seconds([lambda: run(scene), lambda: run(outcome_of_all[0])], repeats)
+    return Trial("all that does not matter", outcome_of_all[1], taken / base, not outcome_of_all[1] <= tolerance)
 
 
 def _changes(scene: Scene, consider: tuple[Effect, ...]) -> Iterator[tuple[str, Change]]:

@@ -83,7 +83,7 @@ def describe(scene: Scene) -> Description:
         **({"joints": tuple(_joints(scene))} if scene.beam.parts else {}),
         "frame": _frame(scene),
         "moves in": (_space(scene, plane, planes),),
-        "unknowns": (f"{unknowns}; {space.strain * scene.beam.order} stresses an element are condensed",),
+        "unknowns": (f"{unknowns}; {space.dims.strain * scene.beam.order} stresses an element are condensed",),
         "forms": tuple(f"{name}: " + (f"no, {refusals[name]}" if count is None else f"{count} states")
                        for name, count in states.items()),
         "engine": _engine(model),
@@ -227,23 +227,23 @@ def _space(scene: Scene, plane: str | None, planes: tuple[str, ...]) -> str:
 
 def _frequencies(scene: Scene) -> tuple[str, ...]:
     """Of the beam with its masses, springs and added mass, without loads, at rest; in double precision, whatever it has."""
-    kept = [e for e in (load.in_free_vibration() for load in scene.loads) if e is not None and constant(e)]
-    springs = [e for e in kept if POSITION in e.depends]
+    in_vibration = [e for e in (load.in_free_vibration() for load in scene.loads) if e is not None and constant(e)]
+    springs = [e for e in in_vibration if POSITION in e.depends]
     if not (scene.supports or springs):
         return ("free: none of a rigid motion",)
-    held = None if any(e.frees_root for e in kept) else tuple(
+    held = None if any(e.frees_root for e in in_vibration) else tuple(
         replace(s, displacement=None, turn=None) for s in scene.supports)
-    bare = _double(replace(scene, effects=(*scene.bodies, *kept), frame=None, root=None, supports=held))
+    bare = _double(replace(scene, effects=(*scene.bodies, *in_vibration), frame=None, root=None, supports=held))
     try:
         model = discretise(bare)
         count, loose = unheld(model, bare.beam.nodes.new_zeros(()), {}, (0,) * len(bare.batch_shape))
         if loose and springs:
             return (f"a mechanism: nothing holds {loose}",)
         at = equilibrium(bare) if springs else rest(bare)
-        found = modes(bare, at, count=min(3 + count, model.constraints.count)).frequency[..., count:]
+        frequencies = modes(bare, at, count=min(3 + count, model.constraints.count)).frequency[..., count:]
     except (ValueError, RuntimeError) as error:
         return (f"not found: {error}",)
-    numbers = ", ".join(map(_number, found.flatten(0, -2).unbind(-1) if found.ndim > 1 else found)) + " rad/s, without loads"
+    numbers = ", ".join(map(_number, frequencies.flatten(0, -2).unbind(-1) if frequencies.ndim > 1 else frequencies)) + " rad/s, without loads"
     return (f"a mechanism: nothing holds {loose}; beside that {numbers}" if loose else numbers,)
 
 

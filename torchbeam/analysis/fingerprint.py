@@ -117,8 +117,8 @@ class _Walk:
         elif isinstance(value, (set, frozenset)):
             yield from sorted(map(self.digest, value))
         elif isinstance(value, (dict, types.MappingProxyType)):
-            for key, one in value.items():
-                yield from (self.digest(key), self.digest(one))
+            for key, item in value.items():
+                yield from (self.digest(key), self.digest(item))
         elif isinstance(value, types.ModuleType):
             yield value.__name__
             if self.package(value) is None:  # all of it, where no code says what of it is read
@@ -163,16 +163,16 @@ class _Walk:
         else:
             try:
                 reduced = copyreg.dispatch_table.get(type(value))  # as pickle does: patterns, some releases' ufuncs
-                kept = value.__reduce_ex__(2) if reduced is None else reduced(value)
+                reduction = value.__reduce_ex__(2) if reduced is None else reduced(value)
             except Exception:
                 raise NoFingerprint(f"a {type(value).__module__}.{type(value).__qualname__}") from None
             own = type(value).__reduce_ex__ is object.__reduce_ex__ and type(value).__reduce__ is object.__reduce__
             if own and hasattr(value, "__dict__"):
-                has = {name: one for name, one in vars(value).items() if not _kept_for_later(type(value), name)}
+                has = {name: var for name, var in vars(value).items() if not _kept_for_later(type(value), name)}
                 slots = {name for kind in type(value).__mro__ for name in _names(vars(kind).get("__slots__", ()))}
                 has |= {name: getattr(value, name) for name in slots - {"__dict__", "__weakref__"} if hasattr(value, name)}
             else:
-                has = {"kept": kept if isinstance(kept, str) else [list(x) if isinstance(x, Iterator) else x for x in kept]}
+                has = {"kept": reduction if isinstance(reduction, str) else [list(x) if isinstance(x, Iterator) else x for x in reduction]}
         for name in sorted(has):
             yield from (name, self.digest(has[name]))
 
@@ -238,10 +238,10 @@ class _Walk:
 
     def package(self, value: Any) -> str | None:
         """See `package`; its version counts from here on."""
-        found = package(value)
-        if found is not None and found not in self.versions:
-            self.versions[found] = version_of(found)
-        return found
+        packaged = package(value)
+        if packaged is not None and packaged not in self.versions:
+            self.versions[packaged] = version_of(packaged)
+        return packaged
 
 
 def _unwrapped(value: Any) -> Any:
@@ -268,9 +268,9 @@ def _about(value: Any) -> Iterator[tuple[str, Any]]:
 
 def _given(value: Any) -> Iterator[tuple[str, Any]]:
     """Attributes that a function, or what is about it, was given."""
-    for name, one in sorted(getattr(value, "__dict__", {}).items()):
+    for name, item in sorted(getattr(value, "__dict__", {}).items()):
         if not name.startswith("__"):
-            yield f"attribute {name}", one
+            yield f"attribute {name}", item
 
 
 def _loaded(code: types.CodeType) -> set[int]:
@@ -281,8 +281,8 @@ def _loaded(code: types.CodeType) -> set[int]:
 def _kept_for_later(kind: type, name: str) -> bool:
     """Whether an attribute is what a lazy property of the class has found (functools.cached_property and its likes)."""
     name = name.partition(" ")[0]  # of `torchbeam.core.derivatives.cached`, after the name its mode
-    found = next((vars(k)[name] for k in kind.__mro__ if name in vars(k)), None)
-    return hasattr(found, "__get__") and not hasattr(found, "__set__") and not isinstance(found, types.FunctionType)
+    member = next((vars(k)[name] for k in kind.__mro__ if name in vars(k)), None)
+    return hasattr(member, "__get__") and not hasattr(member, "__set__") and not isinstance(member, types.FunctionType)
 
 
 def _names(slots: Any) -> tuple[str, ...]:

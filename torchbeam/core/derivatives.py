@@ -51,13 +51,13 @@ class cached(cached_property):
         if owner is None:
             return self
         held, key = owner.__dict__, self.keys[torch.is_grad_enabled(), torch._C._is_fwd_grad_enabled()]
-        found = held.get(key, ABSENT)
-        if found is ABSENT:
-            found = held.get(self.keys[True, True], ABSENT)
-        if found is ABSENT:
+        value = held.get(key, ABSENT)
+        if value is ABSENT:
+            value = held.get(self.keys[True, True], ABSENT)
+        if value is ABSENT:
             with lasting():
-                found = held[key] = self.func(owner)
-        return found
+                value = held[key] = self.func(owner)
+        return value
 
 
 ABSENT = object()

@@ -75,14 +75,14 @@ def at_time(function: Callable[[Tensor], Any], t: Tensor, own: int = 1) -> Any:
         form[0] = [x is not None for x in out] if isinstance(out, tuple) else None
         return tuple(x for x in out if x is not None) if isinstance(out, tuple) else (out,)
 
-    count, found, first = len(instants), None, 0
+    count, picked, first = len(instants), None, 0
     size = count if count <= MANY else 1  # the first tells how large an answer is
     while first < count:
         values = _each(present, instants[first:first + size])
-        found = _picked(values, found, first, place, t.shape, own)
+        picked = _picked(values, picked, first, place, t.shape, own)
         first += size
         size = max(1, ROOM // max(1, *(v[0].numel() for v in values)))
-    rest = iter(found)
+    rest = iter(picked)
     return next(rest) if form[0] is None else tuple(next(rest) if there else None for there in form[0])
 
 
@@ -95,7 +95,7 @@ def _each(function: Callable[[Tensor], tuple[Tensor, ...]], instants: Tensor) ->
         return tuple(torch.stack(torch.broadcast_tensors(*x)) for x in zip(*answers, strict=True))
 
 
-def _picked(values: tuple[Tensor, ...], found: list[Tensor] | None, first: int, place: Tensor | None, shape: torch.Size,
+def _picked(values: tuple[Tensor, ...], chosen: list[Tensor] | None, first: int, place: Tensor | None, shape: torch.Size,
             own: int) -> list[Tensor]:
     """Each sample's own entry of values (instants, ..., own axes), those of the instants from `first` on; the others' as
     `found`. `place` (...): numbers of the samples' instants; None = they stand in order.
@@ -111,7 +111,7 @@ def _picked(values: tuple[Tensor, ...], found: list[Tensor] | None, first: int, 
         value = value.reshape(len(value), *(1,) * (len(full) - len(lead)), *lead, *last).expand(-1, *full, *last)
         at = here.clamp(0, len(value) - 1).expand(full)[(None, ..., *(None,) * own)]
         one = value.gather(0, at.expand(1, *full, *last))[0]
-        picked.append(one if found is None else torch.where(inside[(..., *(None,) * own)], one, found[k]))
+        picked.append(one if chosen is None else torch.where(inside[(..., *(None,) * own)], one, chosen[k]))
     return picked
 
 

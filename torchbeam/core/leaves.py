@@ -117,11 +117,11 @@ def own_leaves(tree: Tree) -> Iterator[Leaf]:
 def leaves(tree: Any) -> Iterator[Leaf]:
     """All leaves of a tree, of trees in tuples, lists and dictionaries, but for None; what stands in two places comes twice."""
     if isinstance(tree, Tree):
-        for one in own_leaves(tree):
-            if isinstance(one.value, Tree):
-                yield from leaves(one.value)
-            elif one.value is not None:
-                yield one
+        for leaf in own_leaves(tree):
+            if isinstance(leaf.value, Tree):
+                yield from leaves(leaf.value)
+            elif leaf.value is not None:
+                yield leaf
         declared = _declared(type(tree))
         for name, value in vars(tree).items():
             if declared.get(name) is BRANCH:
@@ -154,18 +154,18 @@ def leaves_in_order(tree: Any, seen: set[int] | None = None) -> Iterator[tuple[A
             yield from leaves_in_order(part, seen)
 
 
-def map_leaves(function: Callable[..., Any], tree: Any, *others: Any, made: dict[int, Any] | None = None) -> Any:
+def map_leaves(function: Callable[..., Any], tree: Any, *others: Any, results: dict[int, Any] | None = None) -> Any:
     """The tree with `function(value, axes, *values of the others)` in place of each leaf that is not None; trees in tuples,
     lists and dictionaries likewise. Objects are copied without checking them again and without what they had cached, and not
     at all where nothing in them changes; one that stands in several places is made once. Static fields are the first tree's.
     """
-    made = {} if made is None else made
+    results = {} if results is None else results
     if isinstance(tree, Tree):
-        if id(tree) not in made:
-            made[id(tree)] = tree, _mapped(function, tree, others, made)  # held, so that its id stays its own
-        return made[id(tree)][1]
+        if id(tree) not in results:
+            results[id(tree)] = tree, _mapped(function, tree, others, results)  # held, so that its id stays its own
+        return results[id(tree)][1]
     if isinstance(tree, (tuple, list)):
-        parts = [map_leaves(function, part, *(o[i] for o in others), made=made) for i, part in enumerate(tree)]
+        parts = [map_leaves(function, part, *(o[i] for o in others), results=results) for i, part in enumerate(tree)]
         if all(a is b for a, b in zip(parts, tree, strict=True)):
             return tree
         new = type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)
@@ -173,33 +173,33 @@ def map_leaves(function: Callable[..., Any], tree: Any, *others: Any, made: dict
             vars(new).update(vars(tree))
         return new
     if isinstance(tree, dict):
-        return {name: map_leaves(function, part, *(o[name] for o in others), made=made) for name, part in tree.items()}
+        return {name: map_leaves(function, part, *(o[name] for o in others), results=results) for name, part in tree.items()}
     return tree
 
 
-def _mapped(function: Callable[..., Any], tree: Tree, others: tuple, made: dict[int, Any]) -> Any:
-    kept, same, declared = {}, True, _declared(type(tree))
+def _mapped(function: Callable[..., Any], tree: Tree, others: tuple, results: dict[int, Any]) -> Any:
+    mapped, same, declared = {}, True, _declared(type(tree))
     for name, value in vars(tree).items():
         if name not in declared:
             if not cache_of(tree, name):
-                kept[name] = value
+                mapped[name] = value
             continue
         theirs, axes = tuple(getattr(o, name) for o in others), declared[name]
         axes = axes(tree) if callable(axes) else axes
         if axes is BRANCH or isinstance(value, Tree):
-            kept[name] = map_leaves(function, value, *theirs, made=made)
+            mapped[name] = map_leaves(function, value, *theirs, results=results)
         elif isinstance(value, dict):
-            kept[name] = {key: function(part, axes, *(t[key] for t in theirs)) for key, part in value.items()}
-            kept[name] = value if all(kept[name][key] is part for key, part in value.items()) else kept[name]
+            mapped[name] = {key: function(part, axes, *(t[key] for t in theirs)) for key, part in value.items()}
+            mapped[name] = value if all(mapped[name][key] is part for key, part in value.items()) else mapped[name]
         elif hasattr(value, "_fields"):
-            kept[name] = type(value)(*(function(part, axes, *(t[i] for t in theirs)) for i, part in enumerate(value)))
+            mapped[name] = type(value)(*(function(part, axes, *(t[i] for t in theirs)) for i, part in enumerate(value)))
         else:
-            kept[name] = None if value is None else function(value, axes, *theirs)
-        same = same and kept[name] is value
+            mapped[name] = None if value is None else function(value, axes, *theirs)
+        same = same and mapped[name] is value
     if same:
         return tree
     new = object.__new__(type(tree))
-    vars(new).update(kept)
+    vars(new).update(mapped)
     return new
 
 
@@ -224,19 +224,19 @@ def _declared(kind: type) -> dict[str, Any]:
 
 def batch_shapes(tree: Any) -> list[torch.Size]:
     """The batch axes of every leaf that is a tensor."""
-    return [shape for shape in (one.batch_shape for one in leaves(tree)) if shape is not None]
+    return [shape for shape in (leaf.batch_shape for leaf in leaves(tree)) if shape is not None]
 
 
 def constant(tree: Any) -> bool:
     """Whether every leaf is a tensor or numbers: none a function, none given later."""
     if isinstance(tree, Tree):
-        return not isinstance(tree, FunctionOfTime) and all(constant(one.value) for one in own_leaves(tree))
+        return not isinstance(tree, FunctionOfTime) and all(constant(leaf.value) for leaf in own_leaves(tree))
     return isinstance(tree, Tensor) or not (callable(tree) or isinstance(tree, Placeholder))
 
 
 def functions(tree: Any) -> list[Leaf]:
     """Leaves that are functions; tensors that these close over are unknown."""
-    return [one for one in leaves(tree) if callable(one.value) and not isinstance(one.value, Tensor)]
+    return [leaf for leaf in leaves(tree) if callable(leaf.value) and not isinstance(leaf.value, Tensor)]
 
 
 def detached(tree: Any) -> Any:
@@ -273,8 +273,8 @@ def bound(tree: Any, dtype: torch.dtype, device: torch.device) -> Any:
 
 def wants_gradient(*trees: Any) -> bool:
     """Whether a derivative, backward or forward, is being recorded for a tensor among these, or in one of the trees."""
-    found = (part for tree in trees for part in ((tree,) if isinstance(tree, Tensor) else (x.value for x in leaves(tree))))
-    return any(_recorded(x) for x in found if isinstance(x, Tensor))
+    tensors = (part for tree in trees for part in ((tree,) if isinstance(tree, Tensor) else (x.value for x in leaves(tree))))
+    return any(_recorded(x) for x in tensors if isinstance(x, Tensor))
 
 
 def _recorded(x: Tensor) -> bool:

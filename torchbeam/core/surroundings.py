@@ -88,7 +88,7 @@ class Surroundings:
             pass
 
     def unchanged(self) -> bool:
-        return all(one.unchanged() for one in self.variables)
+        return all(variable.unchanged() for variable in self.variables)
 
     @property
     def tensors(self) -> list[Tensor]:
@@ -101,7 +101,7 @@ class Surroundings:
         other = copy(self)
         other.batched = {id(x): axes for x in tensors}
         other.inputs = [*self.inputs, *(x for x in tensors if all(x is not y for y in self.inputs))]
-        other.variables = [one._replace(version=None) if id(one.value) in other.batched else one for one in self.variables]
+        other.variables = [variable._replace(version=None) if id(variable.value) in other.batched else variable for variable in self.variables]
         return other
 
     @property
@@ -111,8 +111,8 @@ class Surroundings:
         """
         return tuple(map(self._word, self.variables))
 
-    def _word(self, one: Variable) -> Hashable:
-        value = one.value
+    def _word(self, variable: Variable) -> Hashable:
+        value = variable.value
         if _steady(value):
             return type(value), value
         if any(value is x for x in self.inputs):
@@ -129,7 +129,7 @@ class Surroundings:
                 _followed(value) and not isinstance(value, types.ModuleType)):
             what = type(value)
         # by which it is of those that were met, as the same one may stand in two places
-        return (id(value), one.version) if what is None else (what, self._met[id(value)][0])
+        return (id(value), variable.version) if what is None else (what, self._met[id(value)][0])
 
     def _hold(self, name: str, read: Callable[[], Any]) -> None:
         value = read()
@@ -203,7 +203,7 @@ class Surroundings:
 
     def _class(self, kind: type) -> None:
         """What a user's class gives its objects: what is done to them without a name, and what functions name."""
-        if any(not _of_package(one) for one in kind.__mro__):
+        if any(not _of_package(parent) for parent in kind.__mro__):
             self._holders.append((kind.__name__, kind, set()))
 
     def _look(self) -> bool:
@@ -263,10 +263,10 @@ class Surroundings:
 def of_class(kind: type) -> Iterator[Read]:
     """What the classes that a user wrote give their objects beside fields: methods, functions of properties, values."""
     own = {*getattr(kind, "__dataclass_fields__", ()), *getattr(kind, "_fields", ())} | MADE
-    for one in kind.__mro__:
-        for name, value in () if _of_package(one) else vars(one).items():
+    for parent in kind.__mro__:
+        for name, value in () if _of_package(parent) else vars(parent).items():
             if name not in own and (not name.startswith("__") or isinstance(value, types.FunctionType)):
-                yield name, lambda one=one, name=name: _function_of(vars(one).get(name, ABSENT))
+                yield name, lambda parent=parent, name=name: _function_of(vars(parent).get(name, ABSENT))
 
 
 def _function_of(value: Any) -> Any:
@@ -314,8 +314,8 @@ def _put_on(module: types.ModuleType, names: set[str]) -> list[str]:
 def _attributes(value: Any) -> list[str]:
     """Names of what an object holds: of a frozen dataclass its fields, else what it was given, also in slots."""
     if _frozen(value):
-        return [one.name for one in fields(value)]
-    slots = (one.__dict__.get("__slots__", ()) for one in type(value).__mro__)
+        return [field.name for field in fields(value)]
+    slots = (parent.__dict__.get("__slots__", ()) for parent in type(value).__mro__)
     return [*getattr(value, "__dict__", ()), *(name for some in slots for name in ((some,) if isinstance(some, str) else some))]
 
 

@@ -84,11 +84,11 @@ class _Runs:
         states = sequence.states(self.stepper, self.start, self.inputs, level, numbers)
         return [states[k:k + len(t)] for k in range(0, len(numbers), len(t))]
 
-    def own(self, sequence: StepSequence, level: int, t: Tensor, found: list[State]) -> list[State]:
+    def own(self, sequence: StepSequence, level: int, t: Tensor, states: list[State]) -> list[State]:
         """States before and after the step of the level itself."""
         if level == 0:
-            return found
-        first, middle, last = found
+            return states
+        first, middle, last = states
         second = sequence.bracket(t, level) % 2 == 1
         return [middle.where(second, first), last.where(second, middle)]
 
@@ -99,9 +99,9 @@ class _Runs:
         width = high.t - low.t
         share = (t - low.t) / torch.where(width > 0, width, torch.ones_like(width))
         place = self.stepper.method.stress_at(self.stepper.model, width / 2)
-        found = with_means(between(low, high, t, self.motion), middle, last, share, place)
+        state = with_means(between(low, high, t, self.motion), middle, last, share, place)
         failed = sum(x.status for x in (*coarse, *fine))
-        return found if not failed.any() else found.where(failed == SUCCESS, last)
+        return state if not failed.any() else state.where(failed == SUCCESS, last)
 
 
 def adaptive(stepper: Stepper, start: State, t: Tensor, inputs: dict[str, Any], tolerance: Tolerance, events: Events, most: int,
@@ -154,15 +154,15 @@ def _proof(runs: _Runs, steps: Controlled, times: Tensor, tolerance: Tolerance, 
         coarse = runs.own(sequence, now - 1, times, coarse)
         fine = runs.run(sequence.only(remaining), now, times)
         limit = runs.limit(coarse, fine, times)
-        found = torch.maximum(tolerance.distance(coarse[0], fine[0]), tolerance.distance(coarse[1], fine[2])) / RUN
+        largest_error = torch.maximum(tolerance.distance(coarse[0], fine[0]), tolerance.distance(coarse[1], fine[2])) / RUN
         if previous is not None:
-            found = torch.minimum(found, tolerance.distance(limit, previous) / LIMIT)
-        worst, broken = found.amax(0), (fine[2].status != SUCCESS).any(0)
+            largest_error = torch.minimum(largest_error, tolerance.distance(limit, previous) / LIMIT)
+        worst, broken = largest_error.amax(0), (fine[2].status != SUCCESS).any(0)
         spent = (worst > 1) & (counts * 2**(now + 1) > most)
         leaving = remaining & ((worst <= 1) | spent | broken)
         states = limit.where(leaving, states)
         level, error = torch.where(leaving, now, level), torch.where(leaving, worst, error)
-        good = torch.where(leaving & spent, (found[:count] <= 1).long().cumprod(0).sum(0), good)
+        good = torch.where(leaving & spent, (largest_error[:count] <= 1).long().cumprod(0).sum(0), good)
         lost = torch.where(broken, fine[2].status.amax(0), torch.where(spent, TOO_MANY, SUCCESS))
         status = torch.where(leaving & (lost != SUCCESS), lost, status)
         remaining, previous, coarse = remaining & ~leaving, limit, fine
@@ -225,8 +225,8 @@ def _held(states: State, start: State, t: Tensor, steps: Controlled, proof: Proo
     k = torch.arange(len(t), device=t.device)[own]
     late = (k >= proof.good) | ((steps.status != SUCCESS) & (times > steps.sequence.end))
     if late.any() and (proof.good < len(t)).any():
-        kept = picked(states, last).map(lambda x: x[None])
-        states = states.where(k < proof.good, kept.map(lambda x: x.expand(len(t), *x.shape[1:])))
+        last_states = picked(states, last).map(lambda x: x[None])
+        states = states.where(k < proof.good, last_states.map(lambda x: x.expand(len(t), *x.shape[1:])))
     if event is not None and event.state is not None:
         stopped = (steps.event >= 0) & (times > concrete(event.t))
         states = event.state.map(lambda x: x[None].expand(len(t), *x.shape)).where(stopped, states)

@@ -62,12 +62,12 @@ def between(a: State, b: State, t: Tensor, motion: PrescribedMotion) -> State:
     frame = None
     if a.frame is not None:
         frame = quat.normalize(quat.multiply(a.frame, quat.exponential(s[..., 0] * _turn(a.frame, b.frame))))
-    found = replace(a, **fields, position=a.position + position, rotation=rotation, velocity=velocity, spin=spin, frame=frame,
+    state = replace(a, **fields, position=a.position + position, rotation=rotation, velocity=velocity, spin=spin, frame=frame,
                     t=torch.zeros_like(a.t) + t, status=b.status)
     if moves:
-        f, g = frame_motion(found, motion)
-        found = replace(found, velocity=found.velocity + f, spin=found.spin + g)
-    return found
+        f, g = frame_motion(state, motion)
+        state = replace(state, velocity=state.velocity + f, spin=state.spin + g)
+    return state
 
 
 def with_means(state: State, first: State, second: State, share: Tensor, place: Tensor | float) -> State:

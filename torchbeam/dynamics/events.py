@@ -39,15 +39,15 @@ class Events:
         """(events, ...); None without events. Raises ValueError where a function gives anything but a number a sample."""
         if not self.functions:
             return None
-        found = []
+        values = []
         for function in self.functions:
             value = function(states)
             if not isinstance(value, Tensor) or value.shape != states.status.shape or not value.is_floating_point():
                 shown = f"shape {tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
                 raise ValueError(f"an event of {shown} was given for states of shape {tuple(states.status.shape)}; one real "
                                  "number a state is wanted")
-            found.append(value)
-        return torch.stack(found)
+            values.append(value)
+        return torch.stack(values)
 
     def crossed(self, before: Tensor, values: Tensor) -> Tensor:
         """Number of the event (K, ...) that has crossed zero at each of the values (events, K, ...), from `before` (events,
@@ -87,8 +87,8 @@ class Events:
                 g = value(trial)
                 left = g.sign() * g_low.sign() > 0  # the zero lies behind it
                 side = torch.where(left, 1.0, -1.0).to(before)
-                kept = torch.where(side == before, 0.5, 1.0).to(before)  # the value at an end that stays for the second time
-                g_low, g_high = torch.where(left, g, g_low * kept), torch.where(left, g_high * kept, g)
+                weight = torch.where(side == before, 0.5, 1.0).to(before)  # the value at an end that stays for the second time
+                g_low, g_high = torch.where(left, g, g_low * weight), torch.where(left, g_high * weight, g)
                 low, high, before = torch.where(left, trial, low), torch.where(left, high, trial), side
                 moved, at = (trial - at).abs(), torch.where(apart, trial, at)
                 if not (apart & (moved > 4 * torch.finfo(at.dtype).eps * (at.abs() + width))).any():

@@ -65,11 +65,11 @@ class Failure(NamedTuple):
 
     def _iterates(self) -> list[Any]:
         problem, x = self.problem, self.problem.predictor()
-        found = [x]
+        iterates = [x]
         for _ in range(ITERATES):
             x = newton(problem, x, self.failed, limit=1).x
-            found.append(x)
-        return found
+            iterates.append(x)
+        return iterates
 
     def _in_motion(self) -> Iterator[tuple[str, Callable[[Any], Tensor]]]:
         """The loads (..., N+1, w) that depend on how the beam stands or moves, as functions of the unknowns."""

@@ -55,5 +55,5 @@ def _off_its_node(model: Model) -> bool:
     lever = model.inertia.offset
     if not lever.present:
         return False
-    x = concrete(lever.x)
-    return x is not lever.x or wants_gradient(x) or bool((x != 0).any())
+    x = concrete(lever.offset)
+    return x is not lever.offset or wants_gradient(x) or bool((x != 0).any())

@@ -19,7 +19,7 @@ from ..core.validation import broadcast
 from ..scene.effects import PerInterval
 from ..state.reduced import whole_of
 from ..state.state import State
-from .composed import natively
+from .composition import natively
 from .failure import Failures
 from .step_inputs import StepInputs, in_line
 
@@ -119,35 +119,35 @@ def _natively(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) ->
         return natively(scheme, solver, start, dt[:count], t[:count], given, moving, not stepper.halvings, count, every)
 
     lasting = not stepper.halvings and stepper.failures is None
-    found = found_of(every)
-    if found is not None and found.every > 1 and not found.well:
-        found = found_of(1)
-    if found is None:
+    result = found_of(every)
+    if result is not None and result.every > 1 and not result.well:
+        result = found_of(1)
+    if result is None:
         return None
-    stopped = not found.well and not lasting
-    count = found.leading if stopped else count
+    stopped = not result.well and not lasting
+    count = result.leading if stopped else count
     if not count:
         return None
-    shape = found.status.shape[1:]  # functions of time may bring axes along
+    shape = result.status.shape[1:]  # functions of time may bring axes along
     now, status = in_line(t[:count], shape) + in_line(dt[:count], shape), start.status.expand(count, *shape)
-    if found.well or stopped:
+    if result.well or stopped:
         now = torch.where(moving, now, start.t)
     else:
-        now = torch.where((found.status == SUCCESS) & moving, now, start.t).cummax(0).values
-        status = torch.where(moving, found.status, start.status)
+        now = torch.where((result.status == SUCCESS) & moving, now, start.t).cummax(0).values
+        status = torch.where(moving, result.status, start.status)
     places = [k for k in range(count) if wanted[k]]
-    asked = slice(None) if found.every > 1 else _rows(places, count)
+    asked = slice(None) if result.every > 1 else _rows(places, count)
 
     def after(rows: Any, k: Any, *lead: int) -> State:
-        fields = {name: x[rows] for name, x in found.fields.items()}
+        fields = {name: x[rows] for name, x in result.fields.items()}
         same = {name: x.expand((*lead, *shape, *x.shape[x.ndim - axes:])) for name, axes in STILL.items()
                 if name not in fields and (x := getattr(start, name, None)) is not None}
         return with_values(start, **fields, **same, t=now[k], status=status[k])
 
     def last() -> State:
-        return stepper.known(after(count // found.every - 1, count - 1), well=False)
+        return stepper.known(after(count // result.every - 1, count - 1), well=False)
 
-    return MadeSteps(lambda: after(asked, _rows(places, count), len(places)), last, found.iterations[:count], stopped)
+    return MadeSteps(lambda: after(asked, _rows(places, count), len(places)), last, result.iterations[:count], stopped)
 
 
 def _spacing(wanted: list[bool]) -> int:

@@ -18,16 +18,16 @@ from ..state.state import State, plain
 class Composition(NamedTuple):
     """Solves one after the other: `shares` of the step that each makes, their sum 1; one that is negative goes back in time."""
 
-    shares: tuple[float, ...]
+    fractions: tuple[float, ...]
 
     @property
     def begins(self) -> tuple[float, ...]:
         """Where each begins, as a share of the step."""
-        return tuple(sum(self.shares[:k]) for k in range(len(self.shares)))
+        return tuple(sum(self.fractions[:k]) for k in range(len(self.fractions)))
 
     def instants(self, part: float) -> tuple[float, ...]:
         """Where each takes loads and inputs, this part of it having passed, as a share of the step."""
-        return tuple(begin + part * share for begin, share in zip(self.begins, self.shares, strict=True))
+        return tuple(begin + part * share for begin, share in zip(self.begins, self.fractions, strict=True))
 
 
 WHOLE = Composition((1.0,))
@@ -41,11 +41,11 @@ class Scheme(NamedTuple):
 
     @property
     def solves(self) -> int:
-        return sum(len(one.shares) for one in self.compositions)
+        return sum(len(composition.fractions) for composition in self.compositions)
 
     def instants(self, part: float) -> tuple[float, ...]:
         """Of all solves, one composition after the other."""
-        return tuple(at for one in self.compositions for at in one.instants(part))
+        return tuple(at for composition in self.compositions for at in composition.instants(part))
 
 
 class Method:
@@ -94,15 +94,15 @@ class Method:
 
     def alone(self, model: Model, dt: Tensor) -> Scheme | None:
         """The one scheme that a step of dt, or steps of dt (K, ...), are made by, of all samples; None where there are more."""
-        found = self.schemes(model, dt)
-        return found[0][0] if len(found) == 1 else None
+        schemes = self.schemes(model, dt)
+        return schemes[0][0] if len(schemes) == 1 else None
 
     def stress_at(self, model: Model, dt: Tensor) -> Tensor | float:
         """Share (...) of a step of dt (...) at which its stress is: the middle of the last solve, whose mean it is."""
         place: Tensor | float = 0.5
         for scheme, own in self.schemes(model, dt):
             last = scheme.compositions[0]
-            at = last.begins[-1] + last.shares[-1] / 2
+            at = last.begins[-1] + last.fractions[-1] / 2
             place = at if own is None else torch.where(own, at, place)
         return place
 

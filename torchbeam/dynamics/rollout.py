@@ -64,5 +64,5 @@ def check_room(stepper: Stepper, state: State, inputs: Inputs, steps: int, wante
     elif checkpoint:
         check_memory(f"{what}, with their gradient and checkpoint=True,", least, "a smaller batch takes less")
     else:
-        told = "" if checkpoint is None else f"checkpoint=True takes {least / 1e9:.3g} GB, and "
-        check_memory(f"{what}, with their gradient,", most, f"{told}a smaller batch {'takes ' if not told else ''}less")
+        checkpointed = "" if checkpoint is None else f"checkpoint=True takes {least / 1e9:.3g} GB, and "
+        check_memory(f"{what}, with their gradient,", most, f"{checkpointed}a smaller batch {'takes ' if not checkpointed else ''}less")

@@ -49,12 +49,12 @@ def stopped(model: Model, states: State, energies: Callable[[], Energy]) -> tupl
         last = torch.where(lost, wrong.long().argmax(0) - 1, len(wrong) - 1)  # the first one is what it starts with
         late = k > last
     before = picked(states, last).map(lambda x: x[None].expand(len(k), *x.shape))
-    kept = replace(before, t=states.t, status=torch.full_like(states.status, FAILED))
-    return kept.where(late, states), lost
+    last_good = replace(before, t=states.t, status=torch.full_like(states.status, FAILED))
+    return last_good.where(late, states), lost
 
 
 def _rounding(model: Model) -> Tensor:
     """(...) J: what strains of the root of the arithmetic's precision store, by the largest stiffness against forces."""
-    C, p = model.law.C, model.space.position
+    C, p = model.law.C, model.space.dims.position
     stiffness = (C if C.shape[-1] == 1 else C.diagonal(dim1=-2, dim2=-1)[..., None])[..., :p, 0]
     return torch.finfo(C.dtype).eps * (stiffness.amax(-1) * model.length[..., 0]).sum(-1).detach()

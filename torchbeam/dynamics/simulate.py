@@ -166,8 +166,8 @@ def simulate(
                          "take it, and ExplicitStepper holds inputs over its steps")
     if mixed:
         return _judged(simulate_mixed(scene, t, form, initial, method, inputs=inputs, **given), throw)
-    made = _adaptive if controlled else _implicit if implicit else _explicit
-    return _judged(made(scene, t, initial, method, inputs, **given), throw, warned=implicit)
+    run = _adaptive if controlled else _implicit if implicit else _explicit
+    return _judged(run(scene, t, initial, method, inputs, **given), throw, warned=implicit)
 
 
 def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,
@@ -227,8 +227,8 @@ def _implicit(scene: Scene, t: Tensor, initial: State | None, method: str, input
     for done in range(0, len(plan), length):
         span = done, min(done + length, len(plan))
         if checkpoint:
-            *found, count = recompute(flat, *span, *vars(state).values(), use_reentrant=False)
-            states, state = [kind(*found[:size])], kind(*found[size:])
+            *tensors, count = recompute(flat, *span, *vars(state).values(), use_reentrant=False)
+            states, state = [kind(*tensors[:size])], kind(*tensors[size:])
         else:
             states, _, count = carry_out(*span, state)
         parts += states
@@ -261,12 +261,12 @@ def _adaptive(scene: Scene, t: Tensor, initial: State | None, method: str, input
     stepper.failures = Failures()
     held = {name: v if isinstance(v, PerInterval) or callable(v) else scene_value for name, scene_value in
             scene.tensors(given).items() for v in (inputs[name],)}
-    made = adaptive(stepper, start, t, held, tolerance, events, most, first)
-    lengths, level = made.steps.sequence.instants.diff(dim=0), made.proof.level
-    stats = Stats(steps=int((made.steps.sequence.counts * 2**level).max()), lengths=lengths, level=level,
-                  rejected=made.steps.rejected, error=made.proof.error * tolerance.position,
+    solution = adaptive(stepper, start, t, held, tolerance, events, most, first)
+    lengths, level = solution.steps.sequence.instants.diff(dim=0), solution.proof.level
+    stats = Stats(steps=int((solution.steps.sequence.counts * 2**level).max()), lengths=lengths, level=level,
+                  rejected=solution.steps.rejected, error=solution.proof.error * tolerance.position,
                   reason=stepper.failures.reasons(), engine=stepper.engine)
-    return Solution(t, made.states, partial(_energy, stepper.model, made.states, t, inputs), stats, made.event)
+    return Solution(t, solution.states, partial(_energy, stepper.model, solution.states, t, inputs), stats, solution.event)
 
 
 def _explicit(scene: Scene, t: Tensor, initial: State | None, method: str, inputs: dict[str, Any], *,

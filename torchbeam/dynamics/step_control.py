@@ -186,13 +186,13 @@ class _Run:
         going, K, k = self.going, len(error), 1 / (self.order + 1)
         refused = going & (taken < allowed)
         at = torch.arange(K, device=h.device).reshape(-1, *(1,) * h.ndim)
-        made = torch.where(at < taken, error, 0.0).amax(0)
+        largest = torch.where(at < taken, error, 0.0).amax(0)
         wrong = error.gather(0, taken.clamp(max=K - 1)[None])[0]
-        made, wrong = made.clamp(min=1e-8), wrong.clamp(min=1e-8)
-        factor = SAFETY * made**(-0.8 * k) * self.before**(0.2 * k)
+        largest, wrong = largest.clamp(min=1e-8), wrong.clamp(min=1e-8)
+        factor = SAFETY * largest**(-0.8 * k) * self.before**(0.2 * k)
         factor = torch.where(self.refused, factor.clamp(max=1.0), factor).clamp(SMALLEST, LARGEST)
         smaller = torch.where(torch.isfinite(wrong), (SAFETY * wrong**-k).clamp(SMALLEST, SAFETY), LOST)
-        self.before = torch.where(taken > 0, made, self.before)
+        self.before = torch.where(taken > 0, largest, self.before)
         proposed = torch.where(refused, h * smaller, h * factor)
         shortened = ~refused & (h < 0.9 * self.h)  # by a stop: what comes after it is not bound by that
         self.h = torch.where(shortened, torch.maximum(proposed, self.h), proposed)

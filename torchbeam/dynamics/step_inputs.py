@@ -107,8 +107,8 @@ def inputs_by_sample(inputs: dict[str, Any], t: Tensor, stops: Tensor) -> StepIn
             values = values.to(stops).expand(*t.shape, *values.shape[-2:])
             interval = torch.bucketize(t, stops, right=True).sub(1).clamp(0, len(stops) - 2)
             return values.gather(-2, interval[..., None, None].expand(*t.shape, 1, values.shape[-1]))[..., 0, :]
-        found = at_time(lambda now: taken(f"the input {name!r}", v(now), stops), t)
-        return found.expand(*t.shape, found.shape[-1])
+        value_at_t = at_time(lambda now: taken(f"the input {name!r}", v(now), stops), t)
+        return value_at_t.expand(*t.shape, value_at_t.shape[-1])
 
     each = {name: value(name, v) for name, v in inputs.items() if isinstance(v, PerInterval) or callable(v)}
     return StepInputs({name: v for name, v in inputs.items() if name not in each}, each)
@@ -126,8 +126,8 @@ def together(steps: Sequence[HeldInputs], instants: Sequence[float], shape: torc
     if len(steps) == 1 and not steps[0].vary:
         return steps[0].given
     rows: list[Inputs] = []
-    for one in steps:
-        rows += [one(share) for share in instants] if one.vary else [one.given] * len(instants)
+    for step in steps:
+        rows += [step(share) for share in instants] if step.vary else [step.given] * len(instants)
 
     def stacked(name: str) -> Tensor:
         return torch.stack([row[name].expand(*shape, -1) for row in rows])

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..core.validation import broadcast
-from ..nodal.coordinates.spatial import Space
+from ..nodal.coordinates.spatial import Spatial
 from ..nodal.moves import move_between, moved
 from ..scene.effects import Inputs
 from ..state.state import State
@@ -24,7 +24,7 @@ class Coordinates(Protocol):
         """dz/dm (..., n, moves) and dm/dz (..., moves, n) by moves of a state in the space's coordinates."""
 
 
-def step_jacobian(step: Callable[[State, Inputs], State], space: Space, coordinates: Coordinates, state: State, inputs: Inputs
+def step_jacobian(step: Callable[[State, Inputs], State], space: Spatial, coordinates: Coordinates, state: State, inputs: Inputs
                   ) -> tuple[Tensor, Tensor]:
     """A (..., n, n) and B (..., n, m) of one step(state, inputs) of public states: dz after = A dz before + B d(inputs, side by
     side).

@@ -73,8 +73,8 @@ class StepSequence(Tree):
         the way stays where it is, with a status.
         """
         total, width = self.counts * 2**level, self.counts.numel()
-        found, places = _rows(start.map(lambda x: x[None]), numbers == 0, numbers * 0)
-        parts, spots, state = [found], [places], start
+        states, places = _rows(start.map(lambda x: x[None]), numbers == 0, numbers * 0)
+        parts, spots, state = [states], [places], start
         done, sequence, place = 0, self, torch.arange(width, device=numbers.device)
         while done < int(total.max()):
             going = total > done
@@ -91,13 +91,13 @@ class StepSequence(Tree):
             stop = min(done + min(AT_ONCE, size), following)
             begin, length = sequence.steps(done, stop, level)
             held = inputs_by_sample(inputs, begin + stepper.method.INSTANT * length, self.stops).part
-            made = states_after(stepper, state, StepPlan(length, begin, held, going))
+            after = states_after(stepper, state, StepPlan(length, begin, held, going))
             wanted = (numbers > done) & (numbers <= stop)
-            rows, here = _rows(made, wanted, numbers - done - 1)
+            rows, here = _rows(after, wanted, numbers - done - 1)
             parts.append(rows)
             columns = here % max(1, going.numel())
             spots.append(here // max(1, going.numel()) * width + place[columns])
-            state, done = made[-1], stop
+            state, done = after[-1], stop
         order = torch.cat(spots).argsort()
         shape = (len(numbers), *self.counts.shape)
         joined = parts[0].map(lambda *x: torch.cat(x)[order], *parts[1:])

@@ -99,11 +99,11 @@ class StepSolver:
         """A solve over dt, with loads as at t, of the model or of a part of its batch. Without `last`, its parts can follow."""
         if self.compiled is not None and model is self.model:
             shape = broadcast_shapes(self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values()))
-            found = self.natively(state, dt, t, inputs, moving.expand(shape), last)
-            if found is not None:
-                good = moving & (found.status == SUCCESS)
-                after = replace(state, **found.fields, t=torch.where(good, state.t + dt, state.t))
-                return Made(after, found.status, found.iterations)
+            solution = self.natively(state, dt, t, inputs, moving.expand(shape), last)
+            if solution is not None:
+                good = moving & (solution.status == SUCCESS)
+                after = replace(state, **solution.fields, t=torch.where(good, state.t + dt, state.t))
+                return Made(after, solution.status, solution.iterations)
         self.use.eagerly()
         problem = self.method.problem(model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(problem, problem.predictor(), moving, self.tolerance, self._limit(last))
@@ -132,16 +132,16 @@ class StepSolver:
             return None
         tolerance = TOLERANCE[state.position.dtype] if self.tolerance is None else float(self.tolerance)
         try:
-            found = compiled(state, dt, t, inputs, moving, tolerance, self._least, self._limit(last), K, every=every)
+            solution = compiled(state, dt, t, inputs, moving, tolerance, self._least, self._limit(last), K, every=every)
         except (NotCompiled, NotTraceable) as error:
             if self.engine == "compiled":
                 raise
             given_up(error)
             self._compiled = None
             return None
-        if found is not None:
+        if solution is not None:
             self.use.native += K or 1
-            return found
+            return solution
         self.use.reason = compiled.eager_because
         if compiled.eager_because is RIGID and state.position.dtype is torch.float32 and not self.model.law.rigid:
             return self._in_double(state, dt, t, inputs, moving, last, K, every)
@@ -159,12 +159,12 @@ class StepSolver:
                 self._double.engine = "auto"  # where a user's function takes float32 alone, this gradient is made eagerly
         if self._double.compiled is None:
             return None
-        found = self._double.natively(state.map(lambda x: wide(x) if x.is_floating_point() else x), wide(dt),
+        solution = self._double.natively(state.map(lambda x: wide(x) if x.is_floating_point() else x), wide(dt),
                                       None if t is None else wide(t), {name: wide(x) for name, x in inputs.items()}, moving,
                                       *options)
-        if found is None:
+        if solution is None:
             return None
-        return found._replace(fields={name: x.to(state.position) for name, x in found.fields.items()})
+        return solution._replace(fields={name: x.to(state.position) for name, x in solution.fields.items()})
 
     def _limit(self, last: bool) -> int:
         """Iterations of a solve; fewer where the step can still be made in parts."""

@@ -24,12 +24,12 @@ from ..scene.scene import Scene
 from ..solvers.newton import LIMIT
 from ..state.start import on_supports
 from ..state.state import State, check_state, of_mesh, rest, with_optional_fields
-from .composed import in_parts, natively, step
+from .composition import in_parts, natively, step
 from .failure import Failures
-from .known_state import KnownState
 from .make_steps import StepPlan, make_steps
 from .method import Method
 from .methods import METHODS
+from .state_cache import StateCache
 from .step_inputs import GivenInputs, HeldInputs, StepInputs, in_line
 from .step_jacobian import Coordinates, step_jacobian
 from .step_solver import StepSolver
@@ -82,7 +82,7 @@ class Stepper:
         self.halvings = count("halvings", halvings, least=0)
         self.solver = StepSolver(self.model, self.method, engine, tolerance, count("iterations", iterations))
         self.iterations: Tensor | None = None  # (...) of the last step
-        self._last: KnownState | None = None
+        self._last: StateCache | None = None
         self.failures: Failures | None = Failures()  # None = nobody asks why a step has failed
 
     def __getstate__(self) -> dict[str, Any]:
@@ -141,9 +141,9 @@ class Stepper:
         broadcast("a scene, a state and inputs", self.scene.batch_shape, state.status.shape,
                   *[x.shape[:-1] for x in now.values()])
         if active is None and self.compiled is not None and (t is not None or not self._changes or state.t.ndim == 0):
-            found = self._quickly(state, well, dt, t, given)
-            if found is not None:
-                return found
+            result = self._quickly(state, well, dt, t, given)
+            if result is not None:
+                return result
         moving = state.status == SUCCESS
         if active is not None:
             moving = moving & mask("active", active, moving)
@@ -207,12 +207,12 @@ class Stepper:
         alone = None if inputs.vary else self.method.alone(self.model, dt)
         if alone is None or not (well or not concrete(state.status).any()):
             return None
-        found = natively(alone, self.solver, state, dt, state.t if t is None else t, inputs.given, None, not self.halvings)
-        if found is None or not found.well:
+        result = natively(alone, self.solver, state, dt, state.t if t is None else t, inputs.given, None, not self.halvings)
+        if result is None or not result.well:
             return None
-        self.iterations, now = found.iterations, state.t + dt
-        now = now if now.shape == found.status.shape else now.expand(found.status.shape)
-        return self.known(with_values(state, **found.fields, t=now, status=found.status), well=True)
+        self.iterations, now = result.iterations, state.t + dt
+        now = now if now.shape == result.status.shape else now.expand(result.status.shape)
+        return self.known(with_values(state, **result.fields, t=now, status=result.status), well=True)
 
     def started(self, state: State, dt: Tensor, inputs: Inputs) -> tuple[State, bool]:
         """The state to start a step of dt from in the space's coordinates, checked; whether it is known that no sample of it
@@ -224,7 +224,7 @@ class Stepper:
         of_mesh(state, self.scene.beam, "a state")
         return self.reduced(self._begin(state, dt, inputs=inputs)), False
 
-    def _known(self, state: State) -> KnownState | None:
+    def _known(self, state: State) -> StateCache | None:
         """The last state that native code has made, if it is this one, as it was."""
         last = self._last  # taken once: other threads may step too
         return None if last is None else last.if_same(state)
@@ -245,7 +245,7 @@ class Stepper:
 
     def remember(self, state: State, reduced: State, well: bool) -> State:
         """A public state to be known again by itself in the space's coordinates; well: that no sample of it has failed."""
-        self._last = KnownState.of(state, reduced, self.model.space, well)
+        self._last = StateCache.of(state, reduced, self.model.space, well)
         return reduced
 
     def _length(self, dt: float | Tensor | None) -> Tensor:

@@ -55,5 +55,5 @@ class Tolerance(Tree):
         """
         apart = torch.linalg.vector_norm(a.position - b.position, dim=-1).amax(-1)
         angle = torch.linalg.vector_norm(quat.logarithm(quat.multiply(quat.conjugate(a.rotation), b.rotation)), dim=-1).amax(-1)
-        found = torch.maximum(apart / self.position, angle / self.rotation)
-        return torch.where(torch.isfinite(found), found, torch.inf)
+        distance = torch.maximum(apart / self.position, angle / self.rotation)
+        return torch.where(torch.isfinite(distance), distance, torch.inf)

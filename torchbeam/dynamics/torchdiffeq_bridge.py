@@ -120,7 +120,7 @@ def leaves(rhs: Rates, y: Tensor, t: Tensor, throughout: bool) -> tuple[Tensor, 
     if throughout:
         share = torch.linspace(0, 1, INSTANTS, dtype=t.dtype, device=t.device)
         instants = torch.cat((t.detach(), t.detach()[0] + share * (t.detach()[-1] - t.detach()[0])))
-    found: dict[int, Tensor] = {}
+    tensors: dict[int, Tensor] = {}
     for now in instants:  # one after the other, as a graph is large
         seen, todo = set(), [rhs(now, y).grad_fn]
         while todo:
@@ -129,9 +129,9 @@ def leaves(rhs: Rates, y: Tensor, t: Tensor, throughout: bool) -> tuple[Tensor, 
                 continue
             seen.add(node)
             if hasattr(node, "variable"):
-                found[id(node.variable)] = node.variable
+                tensors[id(node.variable)] = node.variable
             todo.extend(parent for parent, _ in node.next_functions)
-    return tuple(found.values())
+    return tuple(tensors.values())
 
 
 def known_options(method: str) -> list[str]:

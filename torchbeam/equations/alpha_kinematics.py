@@ -13,8 +13,8 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..nodal.inertia import Inertia, InertiaForces
-from ..nodal.lever import NoLever
 from ..nodal.loads import Nodes
+from ..nodal.mass_offset import NoMassOffset
 from ..scene.effects import INERTIAL
 from ..state.state import State
 from ..topology.protocols import Matrix
@@ -85,37 +85,37 @@ class EndMotion:
     @cached
     def Z(self) -> Tensor:
         """The same of positions, (..., 1, p, p)."""
-        return self.by_a * torch.eye(self.inertia.space.position, dtype=self.h.dtype, device=self.h.device)
+        return self.by_a * torch.eye(self.inertia.space.dims.position, dtype=self.h.dtype, device=self.h.device)
 
     @cached
     def masses(self) -> Matrix:
         """M Z, with a turn's rows and columns: no mass lies off its node here."""
-        return NoLever().prepared(self.inertia.translational.matrix(self.Z), self.inertia.space.spin)
+        return NoMassOffset().prepared(self.inertia.translational.matrix(self.Z), self.inertia.space.dims.spin)
 
     def kinematics(self, u: Tensor, m: Tensor) -> EndKinematics:
         """Over u (..., N+1, p) m and the rotation m, both to the end."""
         space, start, method, h = self.inertia.space, self.start, self.method, self.h
         a_n = start.acceleration[..., space.unknowns:]
         v_n = torch.cat((start.velocity, start.spin), -1)
-        way = torch.cat((u, space.logarithm(m)), -1)
-        a = ((way / h - v_n) / h - (0.5 - method.beta) * a_n) / method.beta
+        move = torch.cat((u, space.logarithm(m)), -1)
+        a = ((move / h - v_n) / h - (0.5 - method.beta) * a_n) / method.beta
         v = v_n + h * ((1 - method.gamma) * a_n + method.gamma * a)
         return EndKinematics(start.position + u, space.normalize(space.multiply(start.rotation, m)), m, v,
                              method.true(a, start.acceleration), a)
 
-    def balance(self, way: EndKinematics) -> InertiaForces:
+    def balance(self, kinematics: EndKinematics) -> InertiaForces:
         """At the end; `angular` is J Omega, section axes."""
-        inertia, space, p = self.inertia, self.inertia.space, self.inertia.space.position
-        rotary, spin = inertia.rotary, way.v[..., p:]
+        inertia, space, p = self.inertia, self.inertia.space, self.inertia.space.dims.position
+        rotary, spin = inertia.rotary, kinematics.v[..., p:]
         H = rotary.section_momentum(spin)
         moment = rotary.present_or(H, lambda: space.to_frame(
-            way.q_end, rotary.section_momentum(way.true[..., p:]) + (space.spin_skew(spin) @ H[..., None])[..., 0]))
-        return InertiaForces(torch.cat((inertia.translational.momentum(way.true[..., :p]), moment), -1), H)
+            kinematics.q_end, rotary.section_momentum(kinematics.true[..., p:]) + (space.spin_skew(spin) @ H[..., None])[..., 0]))
+        return InertiaForces(torch.cat((inertia.translational.momentum(kinematics.true[..., :p]), moment), -1), H)
 
-    def nodes(self, way: EndKinematics, read: frozenset[str]) -> Nodes:
+    def nodes(self, kinematics: EndKinematics, read: frozenset[str]) -> Nodes:
         """What loads see: the end of the step."""
-        p = self.inertia.space.position
-        return self._nodes(way.position_end, way.q_end, way.v[..., :p], way.v[..., p:], way.true, read)
+        p = self.inertia.space.dims.position
+        return self._nodes(kinematics.position_end, kinematics.q_end, kinematics.v[..., :p], kinematics.v[..., p:], kinematics.true, read)
 
     def nodes_before(self, read: frozenset[str]) -> Nodes:
         """The same at the start."""
@@ -123,9 +123,9 @@ class EndMotion:
         return self._nodes(start.position, start.rotation, start.velocity, start.spin, start.acceleration[..., :w], read)
 
     def _nodes(self, r: Tensor, q: Tensor, velocity: Tensor, spin: Tensor, true: Tensor, read: frozenset[str]) -> Nodes:
-        p, to_frame = self.inertia.space.position, self.inertia.space.to_frame
-        found = {"acceleration": lambda: true[..., :p], "angular_acceleration": lambda: to_frame(q, true[..., p:])}
-        return Nodes(r, q, velocity, to_frame(q, spin), **{name: found[name]() for name in INERTIAL if name in read})
+        p, to_frame = self.inertia.space.dims.position, self.inertia.space.to_frame
+        accelerations = {"acceleration": lambda: true[..., :p], "angular_acceleration": lambda: to_frame(q, true[..., p:])}
+        return Nodes(r, q, velocity, to_frame(q, spin), **{name: accelerations[name]() for name in INERTIAL if name in read})
 
 
 @dataclass(frozen=True)
@@ -135,16 +135,16 @@ class EndTangent:
     """
 
     motion: EndMotion
-    way: EndKinematics
+    kinematics: EndKinematics
 
     @cached
     def R(self) -> Tensor:
-        return self.motion.inertia.space.spin_matrix(self.way.q_end)
+        return self.motion.inertia.space.spin_matrix(self.kinematics.q_end)
 
     @cached
     def psi(self) -> Tensor:
         """d(psi) by what R turns by, section axes, (..., N+1, s, s)."""
-        return self.motion.inertia.space.logarithm_by_turn(self.way.m)
+        return self.motion.inertia.space.logarithm_by_turn(self.kinematics.m)
 
     @cached
     def turn(self) -> Tensor:
@@ -154,10 +154,10 @@ class EndTangent:
     def inertia(self, forces: InertiaForces) -> Matrix:
         """Of `EndMotion.balance`."""
         motion, space, rotary = self.motion, self.motion.inertia.space, self.motion.inertia.rotary
-        p = space.position
+        p = space.dims.position
 
         def angular() -> Tensor:
-            gyroscopic = space.spin_skew(self.way.v[..., p:]) @ rotary.J - space.spin_skew(forces.angular)
+            gyroscopic = space.spin_skew(self.kinematics.v[..., p:]) @ rotary.J - space.spin_skew(forces.angular)
             by = motion.by_spin * gyroscopic + motion.by_a * rotary.J
             return self.R @ by @ self.psi @ self.R.mT - space.spin_skew(forces.wrench[..., p:])
 
@@ -166,11 +166,11 @@ class EndTangent:
     @property
     def velocity(self) -> Tensor:
         like = self.motion.by_spin
-        return like * torch.eye(self.motion.inertia.space.position, dtype=like.dtype, device=like.device)
+        return like * torch.eye(self.motion.inertia.space.dims.position, dtype=like.dtype, device=like.device)
 
     @property
     def spin(self) -> Tensor:
-        return self._vector_by(self.motion.by_spin, self.way.v)
+        return self._vector_by(self.motion.by_spin, self.kinematics.v)
 
     @property
     def acceleration(self) -> Tensor:
@@ -178,9 +178,9 @@ class EndTangent:
 
     @property
     def angular_acceleration(self) -> Tensor:
-        return self._vector_by(self.motion.by_a, self.way.true)
+        return self._vector_by(self.motion.by_a, self.kinematics.true)
 
     def _vector_by(self, rate: Tensor, x: Tensor) -> Tensor:
         """d(R x) of what turns with the section, x (..., N+1, w) rising at a rate with psi."""
         space = self.motion.inertia.space
-        return rate * self.turn - space.spin_skew(space.to_frame(self.way.q_end, x[..., space.position:]))
+        return rate * self.turn - space.spin_skew(space.to_frame(self.kinematics.q_end, x[..., space.dims.position:]))

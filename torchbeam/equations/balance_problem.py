@@ -78,11 +78,11 @@ class BalanceProblem(Tree):
         """
         raise NotImplementedError
 
-    def node_tangent(self, way: Any, inertia: InertiaForces | None) -> tuple[Any, Matrix | None]:
+    def node_tangent(self, kinematics: Any, inertia: InertiaForces | None) -> tuple[Any, Matrix | None]:
         """Derivatives of the motion, and those of inertia less loads, by the nodes' moves; None = none."""
         raise NotImplementedError
 
-    def joint_poses(self, way: Any) -> JointMotion:
+    def joint_poses(self, kinematics: Any) -> JointMotion:
         """Where joints are, and what acts in them."""
         raise NotImplementedError
 
@@ -90,32 +90,32 @@ class BalanceProblem(Tree):
         """Half the spin of a node's end by that of its move (..., N+1, s, s), of derivatives `nodes`; None = the end moves."""
         return None
 
-    def element_balance(self, x: Any, way: Any) -> ElementBalance:
+    def element_balance(self, x: Any, kinematics: Any) -> ElementBalance:
         """The elements, whose nodes move so."""
         model = self.model
-        return self.element.balance(model.joints.split(x.stress)[0], *(model.assembly.poses(*pose) for pose in way.poses))
+        return self.element.balance(model.joints.split(x.stress)[0], *(model.assembly.poses(*pose) for pose in kinematics.poses))
 
     def residual(self, x: Any) -> tuple[Residual, Any, ElementBalance, InertiaForces | None]:
         """The balance at x; with it what the nodes and the elements do there."""
         model = self.model
         x = self.apply_supports(x)
-        way, inertia, load = self.node_balance(x)
-        element = self.element_balance(x, way)
+        kinematics, inertia, load = self.node_balance(x)
+        element = self.element_balance(x, kinematics)
         nodes, asked = model.assembly.to_nodes(element.forces), () if inertia is None else (inertia.wrench,)
         nodes = sum(asked, nodes if isinstance(load, float) else nodes - load)
-        nodes, gap = model.joints.balance(nodes, element.gap, x.stress, lambda: self.joint_poses(way))
+        nodes, constitutive_residual = model.joints.balance(nodes, element.constitutive_residual, x.stress, lambda: self.joint_poses(kinematics))
         restrained = restrained_forces(model, element.acting, self.eigenstrain, model.length)
-        sizes = largest(model.space.position, model.spans, element.forces, load, *asked, restrained, *self.least)
-        sizes = *sizes, size_of_strain(element.felt, self.eigenstrain)
-        return Residual(model.constraints, nodes, gap, *sizes, model.joints), way, element, inertia
+        sizes = largest(model.space.dims.position, model.spans, element.forces, load, *asked, restrained, *self.least)
+        sizes = *sizes, size_of_strain(element.effective_strain, self.eigenstrain)
+        return Residual(model.constraints, nodes, constitutive_residual, *sizes, model.joints), kinematics, element, inertia
 
-    def tangent(self, x: Any, way: Any, element: ElementBalance, inertia: InertiaForces | None) -> CondensedTangent:
+    def tangent(self, x: Any, kinematics: Any, element: ElementBalance, inertia: InertiaForces | None) -> CondensedTangent:
         """By the nodes' moves."""
         assembly, joints = self.model.assembly, self.model.joints
-        nodes, matrix = self.node_tangent(way, inertia)
+        nodes, matrix = self.node_tangent(kinematics, inertia)
         tangent = self.element.tangent(element, joints.split(x.stress)[0], lambda: assembly.ends(nodes.half, 2))
-        condensed = CondensedTangent.of(assembly, tangent.stiffness, matrix, tangent.hB, self.C, tangent.E)
-        return joints.joined(condensed, x.stress, lambda: self.joint_poses(way), self.half_turns(nodes), self.RATE)
+        condensed = CondensedTangent.of(assembly, tangent.stiffness, matrix, tangent.force_operator, self.C, tangent.strain_by_move)
+        return joints.joined(condensed, x.stress, lambda: self.joint_poses(kinematics), self.half_turns(nodes), self.RATE)
 
-    def linearise(self, x: Any, way: Any, element: ElementBalance, inertia: InertiaForces | None) -> Linearisation:
-        return Linearisation.of(self.model, self.tangent(x, way, element, inertia))
+    def linearise(self, x: Any, kinematics: Any, element: ElementBalance, inertia: InertiaForces | None) -> Linearisation:
+        return Linearisation.of(self.model, self.tangent(x, kinematics, element, inertia))

@@ -10,30 +10,31 @@ from torch import Tensor
 
 from ..core.leaves import Tree, leaf
 from ..nodal.constitutive_law import ElasticLaw
-from ..nodal.coordinates.spatial import Space
+from ..nodal.coordinates.spatial import Spatial
 from ..nodal.linear_interpolation import Ends
 
 
 class ElementBalance(NamedTuple):
-    """acting, end: kinematics where the forces are taken, and at the end; forces (..., N, p + 2 s); felt strain and gap
-    (..., N, k).
+    """acting, end: kinematics where the forces are taken, and at the end; forces (..., N, p + 2 s); effective_strain
+    and constitutive_residual (..., N, k).
     """
 
     acting: Any
     end: Any
     forces: Tensor
-    felt: Tensor
-    gap: Tensor
+    effective_strain: Tensor
+    constitutive_residual: Tensor
 
 
 class ElementTangent(NamedTuple):
-    """stiffness (..., N, p + 2 s, p + 2 s) at fixed stress; hB and E (..., N, k, p + 2 s): h times the strain operator where
-    the forces are taken, and the derivative of the gap by the moves.
+    """stiffness (..., N, p + 2 s, p + 2 s) at fixed stress; force_operator and strain_by_move (..., N, k, p + 2 s):
+    h B, the strain operator by the length, where the forces are taken, and E, the derivative of the constitutive residual by
+    the moves.
     """
 
     stiffness: Tensor
-    hB: Tensor
-    E: Tensor
+    force_operator: Tensor
+    strain_by_move: Tensor
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class BalancedElement(Tree):
     (..., N or 1, k) or 0.0.
     """
 
-    space: Space
+    space: Spatial
     law: ElasticLaw
     length: Tensor = leaf(2)
     reference: Tensor = leaf(2)
@@ -58,11 +59,11 @@ class BalancedElement(Tree):
 
     def _kinematics(self, nodes: Ends) -> tuple[Any, Tensor]:
         """With the strain."""
-        kin = self.space.kinematics(*nodes, self.length)
-        return kin, self.space.strains(kin, self.length, self.reference)
+        kinematics = self.space.kinematics(*nodes, self.length)
+        return kinematics, self.space.strains(kinematics, self.length, self.reference)
 
-    def _balance(self, acting: Any, end: Any, felt: Tensor, stress: Tensor) -> ElementBalance:
-        return ElementBalance(acting, end, self.space.forces(acting, stress, self.length), felt, self.law.gap(felt, stress))
+    def _balance(self, acting: Any, end: Any, effective_strain: Tensor, stress: Tensor) -> ElementBalance:
+        return ElementBalance(acting, end, self.space.forces(acting, stress, self.length), effective_strain, self.law.constitutive_residual(effective_strain, stress))
 
     def _tangent(self, acting: Any, stress: Tensor, B: Tensor, E: Tensor) -> ElementTangent:
         return ElementTangent(self.space.geometric_stiffness(acting, stress, self.length), self.length[..., None] * B, E)
@@ -73,8 +74,8 @@ class ElementAtRest(BalancedElement):
     """In an equilibrium: n, m_i, m_j = h B^T [F; M], gap = strain - S [F; M]."""
 
     def balance(self, stress: Tensor, nodes: Ends) -> ElementBalance:
-        kin, strain = self._kinematics(nodes)
-        return self._balance(kin, kin, strain - self.eigenstrain, stress)
+        kinematics, strain = self._kinematics(nodes)
+        return self._balance(kinematics, kinematics, strain - self.eigenstrain, stress)
 
     def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
         B = self.space.strain_operator(found.end, self.length)

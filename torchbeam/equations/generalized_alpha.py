@@ -103,33 +103,33 @@ class GeneralizedAlphaProblem(StepProblem):
         turn = self.model.space.exponential(self.start.spin * self.h)
         return self.apply_supports(EndUnknowns(self.start.velocity * self.h, turn, self.start.stress))
 
-    def joint_poses(self, way: EndKinematics) -> JointMotion:
+    def joint_poses(self, kinematics: EndKinematics) -> JointMotion:
         """Forces act at the end, where joints are closed (Arnold and Bruels 2007)."""
         joints = self.model.joints
-        start, end = joints.pose(self.start.position, self.start.rotation), joints.pose(way.position_end, way.q_end)
+        start, end = joints.pose(self.start.position, self.start.rotation), joints.pose(kinematics.position_end, kinematics.q_end)
         return JointMotion(end, end, start, self.joint_drive._replace(dt=None))
 
     def finish(self, x: EndUnknowns, reaction: Tensor) -> AlphaState:
         """The state at the end of the step; the work by the mean of the loads at its two ends."""
         model, space, start = self.model, self.model.space, self.start
         x = self.apply_supports(x)
-        way = self.motion.kinematics(x.u, x.m)
-        v, true, a = way.v, way.true, way.algorithmic
-        p = space.position
-        made = torch.cat((x.u, space.to_frame(way.q_end, space.logarithm(x.m))), -1)
-        work, load = start.work, self.external(way)
+        kinematics = self.motion.kinematics(x.u, x.m)
+        v, true, a = kinematics.v, kinematics.true, kinematics.algorithmic
+        p = space.dims.position
+        moves = torch.cat((x.u, space.to_frame(kinematics.q_end, space.logarithm(x.m))), -1)
+        work, load = start.work, self.external(kinematics)
         if not isinstance(load, float):
-            work = work + ((self.external_before() + load) / 2 * made).sum((-1, -2))
+            work = work + ((self.external_before() + load) / 2 * moves).sum((-1, -2))
         for k, node in enumerate(self.support_motions.nodes):
-            work = work + ((start.reaction[..., k, :] + reaction[..., k, :]) / 2 * made[..., node, :]).sum(-1)
+            work = work + ((start.reaction[..., k, :] + reaction[..., k, :]) / 2 * moves[..., node, :]).sum(-1)
         if not self.support_motions.nodes:
-            free = torch.cat((model.constraints.slide, model.constraints.turn.expand(-1, space.spin)), -1)
+            free = torch.cat((model.constraints.slide, model.constraints.turn.expand(-1, space.dims.spin)), -1)
             v, true, a = free * v, free * true, free * a
-            v = torch.cat((v[..., :p], self.about_hinges(v[..., p:], way.q_end)), -1)
-        after = replace(start, position=way.position_end, rotation=way.q_end, velocity=v[..., :p], spin=v[..., p:],
+            v = torch.cat((v[..., :p], self.about_hinges(v[..., p:], kinematics.q_end)), -1)
+        after = replace(start, position=kinematics.position_end, rotation=kinematics.q_end, velocity=v[..., :p], spin=v[..., p:],
                        reaction=reaction, work=work, t=start.t + self.dt,
-                       acceleration=torch.cat((true, a), -1), straining=self.straining(way))
-        return replace(after, **model.joints.finished(x.stress, lambda: self.joint_poses(way),
+                       acceleration=torch.cat((true, a), -1), straining=self.straining(kinematics))
+        return replace(after, **model.joints.finished(x.stress, lambda: self.joint_poses(kinematics),
                                                       lambda: self.relative_motion(after), work, start.stress))
 
     @cached
@@ -142,12 +142,12 @@ class GeneralizedAlphaProblem(StepProblem):
         before = self.conditions_before
         return external.external(self.model, self.motion.nodes_before(before.reads), before, total=before.dead)
 
-    def straining(self, way: EndKinematics) -> Tensor:
+    def straining(self, kinematics: EndKinematics) -> Tensor:
         """See `AlphaState`, at the end; nothing asks for it where strains are not damped."""
         model = self.model
         if not model.law.damped:
             return self.start.straining
-        return torch.cat(self.element.rates(model.strain(model.kinematics(way.position_end, way.q_end))), -1)
+        return torch.cat(self.element.rates(model.strain(model.kinematics(kinematics.position_end, kinematics.q_end))), -1)
 
 
 torch.serialization.add_safe_globals([AlphaState])

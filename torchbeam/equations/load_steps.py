@@ -54,7 +54,7 @@ def _first_step(problem: SteadyProblem, x: Configuration) -> Tensor:
     """
     residual, *about = problem.residual(x)
     move, *_ = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
-    turn = torch.linalg.vector_norm(move[..., problem.model.space.position:], dim=-1).amax(-1)
+    turn = torch.linalg.vector_norm(move[..., problem.model.space.dims.position:], dim=-1).amax(-1)
     return first_step(turn)
 
 
@@ -71,14 +71,14 @@ def shares(reached: Tensor, step: Tensor, status: Tensor) -> tuple[Tensor, Tenso
     return climbing, torch.where(climbing, (reached + step).clamp(max=1), reached)
 
 
-def advanced(climbing: Tensor, share: Tensor, reached: Tensor, step: Tensor, status: Tensor, found: Tensor, cosine: Tensor,
+def advanced(climbing: Tensor, share: Tensor, reached: Tensor, step: Tensor, status: Tensor, found_status: Tensor, cosine: Tensor,
              iterations: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """After a step that Newton's method has `found` a status for in so many iterations; cosine: of half the largest angle that
     a node turned by. Whether it went well, reached, step, status.
     """
     direct = (iterations <= QUICK) | (share - reached <= FEWEST)
-    good = climbing & (found == SUCCESS) & (cosine > math.cos(TURN / 2)) & direct
+    good = climbing & (found_status == SUCCESS) & (cosine > math.cos(TURN / 2)) & direct
     turned = 2 * torch.arccos(cosine.clamp(max=1))
     step = torch.where(good, (EASY / turned).clamp(1.5, 4.0) * step, step / 2)
     stuck = climbing & ~good & (step < LEAST)
-    return good, torch.where(good, share, reached), step, torch.where(stuck, found.clamp(min=DIVERGED), status)
+    return good, torch.where(good, share, reached), step, torch.where(stuck, found_status.clamp(min=DIVERGED), status)

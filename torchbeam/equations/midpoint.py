@@ -81,10 +81,10 @@ class MidpointProblem(StepProblem):
         m = self.model.space.cayley(spin * self.h / 2)
         return self.apply_supports(MidpointUnknowns(velocity * self.h / 2, m, start.stress))
 
-    def joint_poses(self, way: StepKinematics) -> JointMotion:
+    def joint_poses(self, kinematics: StepKinematics) -> JointMotion:
         """Forces act at the means over the step, joints are closed at its end."""
         joints = self.model.joints
-        start, end = joints.pose(self.start.position, self.start.rotation), joints.pose(way.position_end, way.q_end)
+        start, end = joints.pose(self.start.position, self.start.rotation), joints.pose(kinematics.position_end, kinematics.q_end)
         return JointMotion(start.mean(end), end, start, self.joint_drive)
 
     def half_turns(self, nodes: MidpointTangent) -> Callable[[], Tensor]:
@@ -94,21 +94,21 @@ class MidpointProblem(StepProblem):
         """The state at the end of the step."""
         model, start, space = self.model, self.start, self.model.space
         x = self.apply_supports(x)
-        way = self.motion.kinematics(x.u, x.m)
-        spin, velocity = way.spin_end, way.velocity_end
-        load = self.external(way)
-        work, turn = start.work, space.to_frame(way.q, way.theta)
+        kinematics = self.motion.kinematics(x.u, x.m)
+        spin, velocity = kinematics.spin_end, kinematics.velocity_end
+        load = self.external(kinematics)
+        work, turn = start.work, space.to_frame(kinematics.q, kinematics.theta)
         if not isinstance(load, float):
-            work = work + (load * torch.cat((self.h * way.velocity, turn), -1)).sum((-1, -2))
+            work = work + (load * torch.cat((self.h * kinematics.velocity, turn), -1)).sum((-1, -2))
         for k, node in enumerate(self.support_motions.nodes):
-            made = torch.cat((self.dt[..., None] * way.velocity[..., node, :], turn[..., node, :]), -1)
-            work = work + (reaction[..., k, :] * made).sum(-1)
+            moves = torch.cat((self.dt[..., None] * kinematics.velocity[..., node, :], turn[..., node, :]), -1)
+            work = work + (reaction[..., k, :] * moves).sum(-1)
         if not self.support_motions.nodes:  # what stands still has no velocity, whatever rounding has left
-            velocity, spin = model.constraints.slide * velocity, self.about_hinges(model.constraints.turn * spin, way.q_end)
+            velocity, spin = model.constraints.slide * velocity, self.about_hinges(model.constraints.turn * spin, kinematics.q_end)
         after = replace(
-            start, position=way.position_end, rotation=way.q_end, velocity=velocity, spin=spin,
+            start, position=kinematics.position_end, rotation=kinematics.q_end, velocity=velocity, spin=spin,
             reaction=reaction, work=work, t=start.t + self.dt, frame=self.frame.orientation(start.frame, self.dt),
-            internal=external.advanced(model, self.nodes(way), self.conditions))
-        after = replace(after, **model.joints.finished(x.stress, lambda: self.joint_poses(way),
+            internal=external.advanced(model, self.nodes(kinematics), self.conditions))
+        after = replace(after, **model.joints.finished(x.stress, lambda: self.joint_poses(kinematics),
                                                        lambda: self.relative_motion(after), work))
         return conserved(self.model, start, after, self.dt, self.eigenstrain) if self.conserve else after

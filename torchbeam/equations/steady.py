@@ -13,7 +13,7 @@ from ..core.leaves import leaf
 from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
-from ..nodal.coordinates.spatial import Space
+from ..nodal.coordinates.spatial import Spatial
 from ..nodal.joint_motion import JointDrive, JointMotion
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
@@ -83,10 +83,10 @@ class SteadyProblem(BalanceProblem):
 
     def update(self, x: Configuration, move: Tensor, dstress: Tensor) -> Configuration:
         space = self.model.space
-        turn = move[..., space.position:]
+        turn = move[..., space.dims.position:]
         turn = space.cayley(turn if space.turns else space.to_section(x.rotation, turn))
         rotation = space.normalize(space.multiply(turn, x.rotation))
-        return Configuration(x.position + move[..., :space.position], rotation, x.stress + dstress)
+        return Configuration(x.position + move[..., :space.dims.position], rotation, x.stress + dstress)
 
     @cached
     def least(self) -> tuple[Tensor, ...]:
@@ -120,7 +120,7 @@ class SteadyProblem(BalanceProblem):
 
     def velocity(self, x: Configuration) -> tuple[Tensor, Tensor]:
         """Of nodes that move with frame a, and their spin, absolute, frame a."""
-        spin = torch.zeros_like(x.position[..., :self.model.space.spin])
+        spin = torch.zeros_like(x.position[..., :self.model.space.dims.spin])
         return self.frame.velocity(torch.zeros_like(x.position), x.position), self.frame.spin(spin)
 
     def load(self, x: Configuration) -> Tensor | float:
@@ -144,11 +144,11 @@ class SteadyProblem(BalanceProblem):
         """The loads are less the inertia."""
         return x, None, self.load(x)
 
-    def node_tangent(self, way: Configuration, inertia: None) -> tuple[None, Matrix | None]:
-        return None, self.load_tangent(way)
+    def node_tangent(self, kinematics: Configuration, inertia: None) -> tuple[None, Matrix | None]:
+        return None, self.load_tangent(kinematics)
 
-    def joint_poses(self, way: Configuration) -> JointMotion:
-        pose = self.model.joints.pose(*way[:2])
+    def joint_poses(self, kinematics: Configuration) -> JointMotion:
+        pose = self.model.joints.pose(*kinematics[:2])
         return JointMotion(pose, pose, None, JointDrive(self.conditions.joints, share=self.load_factor))
 
     def state(self, x: Configuration, reaction: Tensor, status: Tensor) -> State:
@@ -183,16 +183,16 @@ def rounding_stress(model: Model) -> Tensor:
     """(..., N, k) N and N m, the stress of strains that are rounding alone, in differences of places over an element: what a
     balance is measured against where nothing acts.
     """
-    p, C = model.space.position, model.tangent_stiffness()
+    p, C = model.space.dims.position, model.tangent_stiffness()
     h = model.length.detach()
     eps = torch.finfo(h.dtype).eps
     strain = torch.cat((torch.full_like(h, eps).expand(*h.shape[:-1], p), (eps / h).expand(*h.shape[:-1], C.shape[-2] - p)), -1)
     return times(C.abs(), strain[..., None])[..., 0]
 
 
-def placed(space: Space, fixed: Tensor, pose: tuple[Tensor, Tensor], position: Tensor, rotation: Tensor
+def placed(space: Spatial, fixed: Tensor, pose: tuple[Tensor, Tensor], position: Tensor, rotation: Tensor
            ) -> tuple[Tensor, Tensor | None]:
     """Position and rotation (None = as it is) of a node that a support has in a pose, as far as its freedoms are fixed (w)."""
     r, q = space.pose(*pose)
-    p = space.position
+    p = space.dims.position
     return torch.where(fixed[:p] > 0, r, position), q if bool(fixed[p:].all()) else None

@@ -54,7 +54,7 @@ class SteadyRotation(AtRest):
 
     def _wrench(self, position: Tensor, rotation: Tensor) -> Tensor:
         inertia, frame, still = self.inertia, self.frame, torch.zeros_like
-        lever, spin = inertia.offset.turned(rotation), frame.spin(still(position[..., :inertia.space.spin]))
+        lever, spin = inertia.offset.turned(rotation), frame.spin(still(position[..., :inertia.space.dims.spin]))
         velocity = lever.velocity(frame.velocity(still(position), position), lambda: spin)
         momentum, H = inertia.momenta(rotation, velocity, inertia.space.to_section(rotation, spin))
         moment = inertia.rotary.present_or(H, lambda: frame.spin_rate(still(H), lambda: H))
@@ -63,7 +63,7 @@ class SteadyRotation(AtRest):
     def _spin(self, position: Tensor, rotation: Tensor) -> Tensor:
         """Section axes."""
         space = self.inertia.space
-        return space.to_section(rotation, self.frame.spin(torch.zeros_like(position[..., :space.spin])))
+        return space.to_section(rotation, self.frame.spin(torch.zeros_like(position[..., :space.dims.spin])))
 
     def tangent(self, position: Tensor, rotation: Tensor) -> Matrix:
         inertia, space, turning = self.inertia, self.inertia.space, self.frame.spin_skew
@@ -71,7 +71,7 @@ class SteadyRotation(AtRest):
 
         def angular() -> Tensor:
             R, H = space.spin_matrix(rotation), rotary.momentum(rotation, self._spin(position, rotation))
-            return turning @ rotary.momentum_by(R, R.mT @ turning, H, torch.eye(space.spin, dtype=R.dtype, device=R.device))
+            return turning @ rotary.momentum_by(R, R.mT @ turning, H, torch.eye(space.dims.spin, dtype=R.dtype, device=R.device))
 
         masses = inertia.masses(self.frame.skew @ self.frame.skew)
         moved = lever.tangent(masses, lambda: lever.A, lambda: self._wrench(position, rotation))

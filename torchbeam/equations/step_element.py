@@ -31,8 +31,8 @@ class StepElement(BalancedElement):
         """(..., N, k) at the start."""
         return self._kinematics(self.start)[1]
 
-    def _felt(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
-        return self.law.felt(strain - self.eigenstrain, rate)
+    def _effective_strain(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
+        return self.law.effective_strain(strain - self.eigenstrain, rate)
 
 
 @dataclass(frozen=True)
@@ -48,15 +48,15 @@ class MidpointElement(StepElement):
         """stress (..., N, k); nodes at mid step and at the end."""
         acting = self.space.kinematics(*middle, self.length)
         end, after = self._kinematics(end)
-        felt = self._felt((self.strain + after) / 2, lambda: (after - self.strain) / self.h)
-        return self._balance(acting, end, felt, stress)
+        effective_strain = self._effective_strain((self.strain + after) / 2, lambda: (after - self.strain) / self.h)
+        return self._balance(acting, end, effective_strain, stress)
 
-    def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
+    def tangent(self, balance: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
         space = self.space
-        by_r, *by_spin = space.interpolation.by_spins(space.strain_operator(found.end, self.length), space.position)
+        by_r, *by_spin = space.interpolation.by_spins(space.strain_operator(balance.end, self.length), space.dims.position)
         turned = (by @ own for by, own in zip(by_spin, half(), strict=True))
-        E = self.law.felt_by(space.interpolation.by_numbers(by_r, *turned), self.rate)
-        return self._tangent(found.acting, stress, space.strain_operator(found.acting, self.length), E)
+        E = self.law.effective_strain_by(space.interpolation.by_numbers(by_r, *turned), self.rate)
+        return self._tangent(balance.acting, stress, space.strain_operator(balance.acting, self.length), E)
 
 
 @dataclass(frozen=True)
@@ -75,11 +75,11 @@ class EndElement(StepElement):
 
     def balance(self, stress: Tensor, end: Ends) -> ElementBalance:
         """stress (..., N, k); nodes at the end."""
-        kin, strain = self._kinematics(end)
-        return self._balance(kin, kin, self._felt(strain, lambda: self.rates(strain)[0]), stress)
+        kinematics, strain = self._kinematics(end)
+        return self._balance(kinematics, kinematics, self._effective_strain(strain, lambda: self.rates(strain)[0]), stress)
 
-    def tangent(self, found: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
+    def tangent(self, balance: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]) -> ElementTangent:
         """By the move of the end: `half` is not asked for."""
-        B = self.space.strain_operator(found.end, self.length)
-        E = self.law.felt_by(B, self.method.ratio / self.method.gamma / self.h[..., None])
-        return self._tangent(found.acting, stress, B, E)
+        B = self.space.strain_operator(balance.end, self.length)
+        E = self.law.effective_strain_by(B, self.method.ratio / self.method.gamma / self.h[..., None])
+        return self._tangent(balance.acting, stress, B, E)

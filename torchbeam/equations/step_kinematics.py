@@ -15,8 +15,8 @@ from torch import Tensor
 from ..core.derivatives import cached
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import Inertia, InertiaForces, Momenta
-from ..nodal.lever import NoLever
 from ..nodal.loads import Nodes
+from ..nodal.mass_offset import NoMassOffset
 from ..scene.effects import INERTIAL
 from ..state.state import State
 from ..state.supported_nodes import set_node
@@ -35,10 +35,10 @@ class StepKinematics(NamedTuple):
     velocity: Tensor
     centre: Tensor
     theta: Tensor
-    lever: NoLever
+    lever: NoMassOffset
     position_end: Tensor
     q_end: Tensor
-    lever_end: NoLever
+    lever_end: NoMassOffset
     spin_end: Tensor
     velocity_end: Tensor
     centre_end: Tensor
@@ -65,7 +65,7 @@ class MidpointMotion:
         return self.inertia.momenta(self.start.rotation, self.centre_velocity, self.start.spin)
 
     @cached
-    def lever(self) -> NoLever:
+    def lever(self) -> NoMassOffset:
         """R_n e."""
         return self.inertia.offset.turned(self.start.rotation)
 
@@ -92,7 +92,7 @@ class MidpointMotion:
     @cached
     def V(self) -> Tensor:
         """Derivative of the mean velocity by the move: 2/dt + ~omega."""
-        eye = torch.eye(self.inertia.space.position, dtype=self.h.dtype, device=self.h.device)
+        eye = torch.eye(self.inertia.space.dims.position, dtype=self.h.dtype, device=self.h.device)
         return self.frame.rate_by(self.rate * eye, lambda: eye)
 
     @cached
@@ -131,28 +131,28 @@ class MidpointMotion:
         return StepKinematics(position, q, velocity, centre, theta, lever, start.position + 2 * u, q_end, lever_end, spin_end,
                               velocity_end, centre_end)
 
-    def balance(self, way: StepKinematics) -> InertiaForces:
+    def balance(self, kinematics: StepKinematics) -> InertiaForces:
         """By differences and means over the step."""
-        before, after = self.momenta, self.inertia.momenta(way.q_end, way.centre_end, way.spin_end)
+        before, after = self.momenta, self.inertia.momenta(kinematics.q_end, kinematics.centre_end, kinematics.spin_end)
         force = self._rate(self.frame.rate, before.linear, after.linear)
         moment = self.inertia.rotary.present_or(
             after.angular, lambda: self._rate(self.frame.spin_rate, before.angular, after.angular))
-        return InertiaForces(way.lever.wrench(force, moment), after.angular)
+        return InertiaForces(kinematics.lever.wrench(force, moment), after.angular)
 
-    def nodes(self, way: StepKinematics, read: frozenset[str]) -> Nodes:
+    def nodes(self, kinematics: StepKinematics, read: frozenset[str]) -> Nodes:
         """What loads see: the middle of the step, velocities and, of those that they read, accelerations its mean."""
-        spin = self.inertia.space.to_frame(way.q, way.theta) / self.h
-        accelerations = {name: getattr(self, name)(way) for name in INERTIAL if name in read}
-        return Nodes(way.position, way.q, way.velocity, spin, **accelerations)
+        spin = self.inertia.space.to_frame(kinematics.q, kinematics.theta) / self.h
+        accelerations = {name: getattr(self, name)(kinematics) for name in INERTIAL if name in read}
+        return Nodes(kinematics.position, kinematics.q, kinematics.velocity, spin, **accelerations)
 
-    def acceleration(self, way: StepKinematics) -> Tensor:
+    def acceleration(self, kinematics: StepKinematics) -> Tensor:
         """Mean over the step, absolute, frame a."""
-        return self._rate(self.frame.rate, self.start.velocity, way.velocity_end)
+        return self._rate(self.frame.rate, self.start.velocity, kinematics.velocity_end)
 
-    def angular_acceleration(self, way: StepKinematics) -> Tensor:
+    def angular_acceleration(self, kinematics: StepKinematics) -> Tensor:
         """The same of spins."""
         to_frame, start = self.inertia.space.to_frame, self.start
-        return self._rate(self.frame.spin_rate, to_frame(start.rotation, start.spin), to_frame(way.q_end, way.spin_end))
+        return self._rate(self.frame.spin_rate, to_frame(start.rotation, start.spin), to_frame(kinematics.q_end, kinematics.spin_end))
 
     def _rate(self, rate: Callable[..., Tensor], before: Tensor, after: Tensor) -> Tensor:
         """The rate by a frame's `rate` of a vector over the step: by its difference and its mean."""
@@ -166,16 +166,16 @@ class MidpointTangent:
     """
 
     motion: MidpointMotion
-    way: StepKinematics
+    kinematics: StepKinematics
 
     @cached
     def R(self) -> Tensor:
         """R_mid of spins."""
-        return self.motion.inertia.space.spin_matrix(self.way.q)
+        return self.motion.inertia.space.spin_matrix(self.kinematics.q)
 
     @cached
     def R_end(self) -> Tensor:
-        return self.motion.inertia.space.spin_matrix(self.way.q_end)
+        return self.motion.inertia.space.spin_matrix(self.kinematics.q_end)
 
     @cached
     def half(self) -> Tensor:
@@ -185,12 +185,12 @@ class MidpointTangent:
     @cached
     def theta(self) -> Tensor:
         """d(Theta), section axes, (..., N+1, s, s)."""
-        return self.motion.inertia.space.theta_by_turn(self.way.theta) @ (self.R_end + self.R).mT
+        return self.motion.inertia.space.theta_by_turn(self.kinematics.theta) @ (self.R_end + self.R).mT
 
     @cached
     def lever_end(self) -> Tensor:
         """Half of d(R_{n+1} e), (..., N+1, p, s)."""
-        return self.way.lever_end.A @ self.half
+        return self.kinematics.lever_end.A @ self.half
 
     @cached
     def spin_end(self) -> Tensor:
@@ -200,7 +200,7 @@ class MidpointTangent:
 
     @cached
     def _spin_end(self) -> Tensor:
-        return self.motion.inertia.space.to_frame(self.way.q_end, self.way.spin_end)
+        return self.motion.inertia.space.to_frame(self.kinematics.q_end, self.kinematics.spin_end)
 
     def inertia(self, forces: InertiaForces) -> Matrix:
         """Of `MidpointMotion.balance`."""
@@ -210,7 +210,7 @@ class MidpointTangent:
             by = rotary.momentum_by(self.R_end, motion.rate * self.theta, forces.angular, 2 * self.half)
             return self._rate(motion.frame.spin_rate_by, by)
 
-        masses = self.way.lever.tangent(motion.masses, lambda: self.lever_end, lambda: forces.wrench)
+        masses = self.kinematics.lever.tangent(motion.masses, lambda: self.lever_end, lambda: forces.wrench)
         return rotary.matrix(masses, angular)
 
     @cached
@@ -219,20 +219,20 @@ class MidpointTangent:
 
     @cached
     def spin(self) -> Tensor:
-        space, way = self.motion.inertia.space, self.way
-        return (self.R @ self.theta - space.spin_skew(space.to_frame(way.q, way.theta))) / self.motion.dt
+        space, kinematics = self.motion.inertia.space, self.kinematics
+        return (self.R @ self.theta - space.spin_skew(space.to_frame(kinematics.q, kinematics.theta))) / self.motion.dt
 
     @cached
     def acceleration(self) -> Tensor:
-        motion, way, space = self.motion, self.way, self.motion.inertia.space
+        motion, kinematics, space = self.motion, self.kinematics, self.motion.inertia.space
 
         def by_spin() -> Tensor:
-            turned = way.lever_end.A @ self.spin_end
+            turned = kinematics.lever_end.A @ self.spin_end
             if space.turns:
                 turned = turned + 2 * space.skew(self._spin_end) @ self.lever_end
             return motion.Z @ self.lever_end - self._rate(motion.frame.rate_by, turned)
 
-        return way.lever.acceleration_by(motion.Z, by_spin)
+        return kinematics.lever.acceleration_by(motion.Z, by_spin)
 
     @cached
     def angular_acceleration(self) -> Tensor:

@@ -84,9 +84,9 @@ class StepProblem(BalanceProblem):
 
     def apply_supports(self, x: Any) -> Any:
         u, m = x.u, x.m
-        for one in self.support_motions.poses:
-            u = set_node(u, one.node, torch.where(one.position, one.u, u[..., one.node, :]))
-            m = set_node(m, one.node, one.m) if one.rotation else m
+        for support in self.support_motions.poses:
+            u = set_node(u, support.node, torch.where(support.position, support.u, u[..., support.node, :]))
+            m = set_node(m, support.node, support.m) if support.rotation else m
         space = self.model.space
         for at, axis in self.model.constraints.hinges:
             m = set_node(m, at, space.of_nodes(at).hinged_turn(m[..., at, :], self.start.rotation[..., at, :], axis))
@@ -95,8 +95,8 @@ class StepProblem(BalanceProblem):
     def about_hinges(self, spin: Tensor, rotation: Tensor) -> Tensor:
         """spin (..., N+1, s), section axes, of which hinges leave what is about their axis."""
         for at, axis in self.model.constraints.hinges:
-            kept = self.model.space.of_nodes(at).about(rotation[..., at, :], spin[..., at, :], axis)
-            spin = set_node(spin, at, kept)
+            about_axis = self.model.space.of_nodes(at).about(rotation[..., at, :], spin[..., at, :], axis)
+            spin = set_node(spin, at, about_axis)
         return spin
 
     @cached
@@ -119,12 +119,12 @@ class StepProblem(BalanceProblem):
     def update(self, x: Any, move: Tensor, dstress: Tensor) -> Any:
         """x after a move of the configuration whose forces are in balance; a spin s in frame a turns R_n R(m) from the left."""
         space = self.model.space
-        turn = space.to_section(self.start.rotation, move[..., space.position:])
-        return self.UNKNOWNS(x.u + move[..., :space.position], space.multiply(space.cayley(turn), x.m), x.stress + dstress)
+        turn = space.to_section(self.start.rotation, move[..., space.dims.position:])
+        return self.UNKNOWNS(x.u + move[..., :space.dims.position], space.multiply(space.cayley(turn), x.m), x.stress + dstress)
 
-    def nodes(self, way: Any) -> Nodes:
+    def nodes(self, kinematics: Any) -> Nodes:
         """What loads see."""
-        nodes = self.motion.nodes(way, self.conditions.reads)
+        nodes = self.motion.nodes(kinematics, self.conditions.reads)
         return nodes._replace(frame=self._frame_middle, internal=self.start.internal, dt=self.dt)
 
     def seen(self, x: Any) -> Nodes:
@@ -132,17 +132,17 @@ class StepProblem(BalanceProblem):
         x = self.apply_supports(x)
         return self.nodes(self.motion.kinematics(x.u, x.m))
 
-    def external(self, way: Any) -> Tensor | float:
+    def external(self, kinematics: Any) -> Tensor | float:
         """Loads at the nodes (..., N+1, w)."""
         now = self.conditions
-        return self._dead + external.external(self.model, self.nodes(way), now, now.moving) if now.moving else self._dead
+        return self._dead + external.external(self.model, self.nodes(kinematics), now, now.moving) if now.moving else self._dead
 
     def node_balance(self, x: Any) -> tuple[Any, InertiaForces, Tensor | float]:
-        way = self.motion.kinematics(x.u, x.m)
-        return way, self.motion.balance(way), self.external(way)
+        kinematics = self.motion.kinematics(x.u, x.m)
+        return kinematics, self.motion.balance(kinematics), self.external(kinematics)
 
-    def node_tangent(self, way: Any, inertia: InertiaForces) -> tuple[Any, Matrix]:
-        nodes = self.TANGENT(self.motion, way)
+    def node_tangent(self, kinematics: Any, inertia: InertiaForces) -> tuple[Any, Matrix]:
+        nodes = self.TANGENT(self.motion, kinematics)
         matrix = nodes.inertia(inertia)
         return nodes, matrix.minus(self.load_tangent(nodes)) if self.conditions.moving else matrix
 
@@ -162,4 +162,4 @@ class StepProblem(BalanceProblem):
     def load_tangent(self, nodes: Any) -> Tensor | float:
         """Derivative of `external` by the nodes' moves, (..., N+1, w, w)."""
         by = external.motion_jacobian(nodes, self.conditions.reads)
-        return external.tangent(self.model, self.nodes(nodes.way), self.conditions, by)
+        return external.tangent(self.model, self.nodes(nodes.kinematics), self.conditions, by)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from torch import Tensor
 
 from ..nodal.conditions import SupportConditions
-from ..nodal.coordinates.spatial import Space
+from ..nodal.coordinates.spatial import Spatial
 from ..state.state import State
 
 
@@ -41,17 +41,17 @@ class SupportMotions(NamedTuple):
     clamps: tuple[ClampMotion, ...] = ()
 
 
-def support_motions(space: Space, supports: tuple[SupportConditions, ...], start: State, part: float) -> SupportMotions:
+def support_motions(space: Spatial, supports: tuple[SupportConditions, ...], start: State, part: float) -> SupportMotions:
     """From `start` to where supports are at the end; u and m lead a part (1/2 or 1) of the way."""
     poses, clamps = [], []
-    for one in supports:
-        at, own = one.node, space.of_nodes(one.node)
-        if one.pose is not None:
-            position, rotation = own.pose(*one.pose)
+    for support in supports:
+        at, own = support.node, space.of_nodes(support.node)
+        if support.pose is not None:
+            position, rotation = own.pose(*support.pose)
             m = space.multiply(space.inverse(start.rotation[..., at, :]), rotation)
-            whole = bool(one.fixed[space.position:].all())
-            poses.append(SupportPose(at, one.fixed[:space.position] > 0, whole, (position - start.position[..., at, :]) * part,
+            whole = bool(support.fixed[space.dims.position:].all())
+            poses.append(SupportPose(at, support.fixed[:space.dims.position] > 0, whole, (position - start.position[..., at, :]) * part,
                                      space.sqrt(m) if part == 0.5 else m))
-        if one.motion is not None:
-            clamps.append(ClampMotion(at, *space.motion(*one.motion)))
-    return SupportMotions(tuple(one.node for one in supports), tuple(poses), tuple(clamps))
+        if support.motion is not None:
+            clamps.append(ClampMotion(at, *space.motion(*support.motion)))
+    return SupportMotions(tuple(support.node for support in supports), tuple(poses), tuple(clamps))

@@ -13,7 +13,7 @@ from ..core.validation import concrete
 from ..math.dense import inverse_unchecked, solve_unchecked
 from ..math.shapes import broadcast_shapes
 from ..nodal.assembly import Assembly
-from ..nodal.coordinates.spatial import Space
+from ..nodal.coordinates.spatial import Spatial
 from ..nodal.model import Model
 from ..state.state import State
 
@@ -33,7 +33,7 @@ class Chart:
     """
 
     assembly: Assembly
-    space: Space
+    space: Spatial
     own: State
     length: Tensor
     base: int
@@ -80,7 +80,7 @@ class Chart:
         position, rotation = self._placed(near.position, near.rotation, q)
         J, velocity = self.by_moves(position, rotation), self._velocity(near).flatten(-2)
         velocity = velocity + self._free_moves(J, rate - (J @ velocity[..., None])[..., 0])
-        velocity, spin = velocity.unflatten(-1, (-1, space.unknowns)).split((space.position, space.spin), -1)
+        velocity, spin = velocity.unflatten(-1, (-1, space.unknowns)).split((space.dims.position, space.dims.spin), -1)
         before = space.to_frame(own.rotation, own.spin)
         return replace(near, position=position, rotation=rotation, spin=space.to_section(rotation, spin + before),
                        velocity=velocity + own.velocity + self._carried(before, position),
@@ -89,7 +89,7 @@ class Chart:
     def by_moves(self, position: Tensor, rotation: Tensor) -> Tensor:
         """J (..., w (N+1), w (N+1)): dq by moves of the nodes at a configuration, displacement and turn, frame a."""
         rows = self._rows(self._kinematics(position, rotation))
-        p, w = self.space.position, self.space.unknowns
+        p, w = self.space.dims.position, self.space.unknowns
         base, turn, strains = rows.split((p, w - p, rows.shape[-2] - w), -2)
         turn = self._by_turn(rotation) @ turn
         return self.solve @ torch.cat([x.expand(*turn.shape[:-2], -1, -1) for x in (base, turn, strains)], -2)
@@ -102,7 +102,7 @@ class Chart:
         """
         space, u, free = self.space, self._velocity(state), self.free
         J, before = self.by_moves(state.position, state.rotation), space.to_frame(self.own.rotation, self.own.spin)
-        carried = pad(space.skew(before), (0, space.spin, 0, space.spin))
+        carried = pad(space.skew(before), (0, space.dims.spin, 0, space.dims.spin))
         rate = self._by_moves_of_rate(state, u) - J @ _of_each(carried)
         J, states = J.expand_as(rate), 0 if self.own.internal is None else self.own.internal.shape[-1]
         back = inverse_unchecked(J[..., free, :][..., free])
@@ -121,16 +121,16 @@ class Chart:
         """
         space, length, base = self.space, self.length, self.base
         kinematics = self._kinematics(state.position, state.rotation)
-        own, eye = self.assembly.to_elements(u), torch.eye(space.strain, dtype=u.dtype, device=u.device)
+        own, eye = self.assembly.to_elements(u), torch.eye(space.dims.strain, dtype=u.dtype, device=u.device)
         lead = broadcast_shapes(own.shape[:-1], kinematics[0].shape[:u.ndim - 1])
-        unit = eye.view(-1, *(1,) * len(lead), space.strain).expand(-1, *lead, -1)
+        unit = eye.view(-1, *(1,) * len(lead), space.dims.strain).expand(-1, *lead, -1)
         K = space.geometric_stiffness(kinematics, unit, length)
         strains = torch.einsum("k...ea,k...eab->...ekb", (own / length).expand(len(eye), *lead, -1),
                                K.expand(len(eye), *lead, *K.shape[-2:]))
         strains = torch.einsum("...ekb,meb->...ekm", strains, self._moves()).flatten(-3, -2)
-        p, w = space.position, space.unknowns
+        p, w = space.dims.position, space.unknowns
         root = strains.new_zeros(*strains.shape[:-2], w, strains.shape[-1])
-        if space.turns and space.spin > 1:
+        if space.turns and space.dims.spin > 1:
             by_turn = _rate_of_turn(space.of_nodes(base), self._turned(state.rotation), u[..., base, p:])
             root[..., p:, base * w + p:(base + 1) * w] = by_turn
         return self.solve @ torch.cat((root, strains), -2)
@@ -138,15 +138,15 @@ class Chart:
     def _placed(self, position: Tensor, rotation: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
         """The configuration with the coordinates q, by Newton's method from another one; its last step is recorded."""
         space, size = self.space, self.length.detach().sum((-1, -2))[..., None]
-        unit = torch.cat((size.expand(*size.shape[:-1], space.position), torch.ones(space.spin).to(size).expand(
-            *size.shape[:-1], space.spin)), -1)[..., None, :]
+        unit = torch.cat((size.expand(*size.shape[:-1], space.dims.position), torch.ones(space.dims.spin).to(size).expand(
+            *size.shape[:-1], space.dims.spin)), -1)[..., None, :]
         enough, before = torch.finfo(q.dtype).eps ** 0.5, float("inf")
         for _ in range(ITERATIONS):
             with torch.no_grad():
                 J, at = self.by_moves(position, rotation), self(position, rotation)
                 largest = (self._free_moves(J, q - at).unflatten(-1, (-1, space.unknowns)) / unit).abs().amax()
             move = self._free_moves(J, q - at).unflatten(-1, (-1, space.unknowns))
-            displacement, turn = move.split((space.position, space.spin), -1)
+            displacement, turn = move.split((space.dims.position, space.dims.spin), -1)
             turn = space.exponential(turn if space.turns else space.to_section(rotation, turn))
             position, rotation = position + displacement, space.normalize(space.multiply(turn, rotation))
             if not concrete(largest > enough).any():
@@ -215,9 +215,9 @@ def _triangular(A: Tensor, below: Tensor, states: int) -> Tensor:
     return pad(X, (0, states, 0, states)) + pad(own, 2 * (X.shape[-1], 0)) if states else X
 
 
-def _rate_of_turn(space: Space, q: Tensor, spin: Tensor) -> Tensor:
+def _rate_of_turn(space: Spatial, q: Tensor, spin: Tensor) -> Tensor:
     """Derivative (..., s, s) by a turn from the left of what the spin (..., s) makes of the logarithm of q."""
-    lead, s = broadcast_shapes(q.shape[:-1], spin.shape[:-1]), space.spin
+    lead, s = broadcast_shapes(q.shape[:-1], spin.shape[:-1]), space.dims.spin
     with torch.enable_grad():
         x = spin.new_zeros(s, *lead, s, requires_grad=True)
         turned = space.multiply(space.exponential(x), q.detach())

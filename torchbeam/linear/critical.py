@@ -83,9 +83,9 @@ class Critical:
 
     def __repr__(self) -> str:
         kinds = concrete(self.kind).flatten()
-        found = [f"{name} in {number}" for k, name in enumerate(KINDS) if (number := int((kinds == k).sum()))]
+        counts = [f"{name} in {number}" for k, name in enumerate(KINDS) if (number := int((kinds == k).sum()))]
         known = self.factor[torch.isfinite(concrete(self.factor))]
-        return lines("Critical", f"factor {span(known)}", ", ".join(found), f"looked at {len(self.factors)} factors",
+        return lines("Critical", f"factor {span(known)}", ", ".join(counts), f"looked at {len(self.factors)} factors",
                      kind(self.factor.shape, self.factor))
 
     @property
@@ -152,7 +152,7 @@ def critical_load(
             between = path.spectrum(there[1:-1]).kind
             low, high, kind = _first(there, torch.cat((torch.zeros_like(kind)[None], between, kind[None])))
         factor, leading = path.crossing(low, high, kind)
-    found = (kind == DIVERGENCE) | (kind == FLUTTER)
+    critical = (kind == DIVERGENCE) | (kind == FLUTTER)
     leading = torch.where(kind == FLUTTER, leading, 0)
     model, condition, v, basis = path.condition(factor, leading, kind)
     if wants_gradient(condition(factor)):
@@ -160,12 +160,12 @@ def critical_load(
             nudge = 1e-4 * torch.maximum(factor.abs(), torch.full_like(factor, 1e-2 * (highest - lowest)))
             slope = (condition(factor + nudge) - condition(factor - nudge)) / (2 * nudge)
         here = Once.apply(condition(factor))
-        factor = factor - torch.where(found, (here - here.detach()) / slope, 0.0)
+        factor = factor - torch.where(critical, (here - here.detach()) / slope, 0.0)
     frequency = leading.imag.abs() if path.damped else leading.real.neg().clamp(min=0).sqrt()
     slow = coarse.eigenvalue if path.damped else _root(coarse.eigenvalue)
     nan = torch.full_like(frequency, torch.nan)
     shape = upright(v[..., :model.constraints.count - model.joints.held_count])[0].real
-    return Critical(torch.where(kind == STABLE, nan, factor), kind, torch.where(found, frequency, nan),
+    return Critical(torch.where(kind == STABLE, nan, factor), kind, torch.where(critical, frequency, nan),
                     moves(model, shape, basis), factors, slow)
 
 

@@ -12,7 +12,7 @@ from ..core.arguments import count as check_count
 from ..core.summary import counted, kind, lines
 from ..core.validation import as_tensor, axis_last, finite
 from ..math.dense import inverse_unchecked, solve_unchecked
-from ..nodal.coordinates.spatial import Space
+from ..nodal.coordinates.spatial import Spatial
 from ..state.state import State, of_mesh
 from .chart import Chart
 
@@ -48,7 +48,7 @@ class Linear:
     inputs: dict[str, slice]
     outputs: tuple[slice, ...]
     reads: Tensor
-    space: Space
+    space: Spatial
     dt: float | None = None
     mass: Tensor | None = None
     chart: Chart | None = None
@@ -174,10 +174,10 @@ class Linear:
         if not torch.isfinite(inverse.detach()).all():
             raise ValueError("a model with rigid motions and unsymmetric stiffness was given; supports that hold the beam are "
                              "wanted for its reduction")
-        found, vectors = torch.linalg.eig(inverse)
-        size = torch.where(found.detach().imag > 0, -1.0, found.detach().abs())  # of 1/eigenvalue: one of each pair
+        eigenvalues, vectors = torch.linalg.eig(inverse)
+        size = torch.where(eigenvalues.detach().imag > 0, -1.0, eigenvalues.detach().abs())  # of 1/eigenvalue: one of each pair
         chosen = size.sort(dim=-1, descending=True, stable=True)[1][..., :count]
-        if (found.detach().imag.gather(-1, chosen) == 0).any():
+        if (eigenvalues.detach().imag.gather(-1, chosen) == 0).any():
             raise ValueError(f"count = {count} was given; a motion among the slowest does not oscillate and has no pair")
         at = chosen[..., None, :].expand(*chosen.shape[:-1], self.A.shape[-1], count)
         right = torch.view_as_real(vectors.gather(-1, at)).flatten(-2)

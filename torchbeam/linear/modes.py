@@ -106,7 +106,7 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
     if count > free:
         raise ValueError(f"count = {count} was given; {scene.beam.element_count} elements have at most {free} modes")
     M, D, K, lags = of_nodes(model, state, time, given)
-    derivatives = wants_gradient(*(x for one in (M, D, K) if one is not None for x in one.tensors), *(lags or ()))
+    derivatives = wants_gradient(*(x for matrix in (M, D, K) if matrix is not None for x in matrix.tensors), *(lags or ()))
     symmetric = D is None and lags is None and model.conservative
     pairs = None
     if symmetric and free > max(DENSE, 4 * count):
@@ -118,7 +118,7 @@ def modes(scene: Scene, state: State | None = None, count: int = 6, *, normalize
                 pairs = pairs._replace(right=pairs.right[..., unknowns.grouped])
     basis = free_moves(model, K)
     if pairs is None or derivatives or normalize == "mass":
-        M, D, K = augmented(model, *(None if one is None else dense(model, one, basis) for one in (M, D, K)), lags, basis)
+        M, D, K = augmented(model, *(None if matrix is None else dense(model, matrix, basis) for matrix in (M, D, K)), lags, basis)
     if pairs is None:
         with no_derivatives():
             pairs = slowest(M, D, K, count, symmetric, derivatives, lags is not None)

@@ -41,12 +41,12 @@ class Perturbation:
             x = Configuration(state.position, state.rotation, state.stress)
             problem = SteadyProblem(model, t, inputs, torch.ones_like(t)).holding(x, state.internal)
             state = replace(state, internal=problem.internal)
-        eye = torch.eye(space.spin, dtype=state.position.dtype, device=state.position.device)
-        turning = moving[:, space.position:].all(-1)[:, None, None]
+        eye = torch.eye(space.dims.spin, dtype=state.position.dtype, device=state.position.device)
+        turning = moving[:, space.dims.position:].all(-1)[:, None, None]
         R = torch.where(turning, space.spin_matrix(state.rotation), eye)
         whole = torch.eye(space.unknowns, dtype=eye.dtype, device=eye.device)
-        whole = torch.cat((whole[:, :space.position].expand(*R.shape[:-2], -1, -1),
-                           pad(R, (0, 0, space.position, 0))), -1)  # (..., N+1, w, w)
+        whole = torch.cat((whole[:, :space.dims.position].expand(*R.shape[:-2], -1, -1),
+                           pad(R, (0, 0, space.dims.position, 0))), -1)  # (..., N+1, w, w)
         own, free = torch.eye(model.node_count, dtype=eye.dtype, device=eye.device), moving.flatten().nonzero()[:, 0]
         full = (own[:, None, :, None] * whole[..., :, :, None, :]).flatten(-4, -3).flatten(-2)
         return cls(model, state, t, inputs, shape, free, full[..., free, :][..., free])
@@ -65,7 +65,7 @@ class Perturbation:
 
     def without_inertia(self, M: Tensor) -> Tensor:
         """(n,) bool; ValueError where samples differ."""
-        nodes, p, w = self.model.node_count, self.model.space.position, self.model.space.unknowns
+        nodes, p, w = self.model.node_count, self.model.space.dims.position, self.model.space.unknowns
         own = torch.zeros(*M.shape[:-2], w * nodes, dtype=M.dtype, device=M.device)
         own = own.index_copy(-1, self.free, M.detach().diagonal(dim1=-2, dim2=-1)).unflatten(-1, (nodes, w))
         small = torch.cat([x <= NO_INERTIA * x.amax(-1, keepdim=True) for x in own.split((p, w - p), -1)], -1)
@@ -91,9 +91,9 @@ class Perturbation:
             return problem.residual(x)[0].strain
 
         bent = gap(move)
-        felt = model.law.felt(bent, lambda: rate_along(gap, (move,), (rate,))[1])
-        x = problem.update(start, move, model.law.stress(felt))
-        space, p = model.space, model.space.position
+        effective_strain = model.law.effective_strain(bent, lambda: rate_along(gap, (move,), (rate,))[1])
+        x = problem.update(start, move, model.law.stress(effective_strain))
+        space, p = model.space, model.space.dims.position
         spin = space.to_frame(state.rotation, state.spin)  # absolute, frame a
         return space.to_public(replace(
             state, position=x.position, rotation=x.rotation, stress=x.stress, internal=problem.internal,

@@ -80,22 +80,22 @@ def linearize(scene: Scene, state: State | None = None, outputs: Sensor | Iterab
         names[name] = slice(columns, columns + size)
         columns += size
     massless = near.without_inertia(M[..., :free, :free])
-    told = Y.shape[-2]  # behind the sensors: all free moves
+    sensed = Y.shape[-2]  # behind the sensors: all free moves
     Y, Y_v, Y_u = torch.cat((Y, _free(Y, free)), -2), pad(Y_v, (0, 0, 0, free)), pad(Y_u, (0, 0, 0, free))
     A, B, C, D, creeps, mass = _assemble(M, D, K, G, Y, Y_v, Y_u, massless, states)
-    kept = (~massless).nonzero()[:, 0]
-    first = torch.cat((kept, massless.nonzero()[:, 0])) if creeps else kept
+    massive = (~massless).nonzero()[:, 0]
+    first = torch.cat((massive, massless.nonzero()[:, 0])) if creeps else massive
     moves = near.depends_on()
     zero = torch.zeros_like(moves)
-    reads = torch.cat((torch.cat((moves, zero), -1)[..., first, :], torch.cat((zero, moves), -1)[..., kept, :]), -2)
-    writes = moves.mT @ C[..., told:, :]
+    reads = torch.cat((torch.cat((moves, zero), -1)[..., first, :], torch.cat((zero, moves), -1)[..., massive, :]), -2)
+    writes = moves.mT @ C[..., sensed:, :]
     writes = torch.cat((writes, writes @ A), -2)
     if states:
         own = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)[-states:]
         writes = torch.cat((writes, own.expand(*writes.shape[:-2], -1, -1)), -2)
         state = replace(state, internal=near.state.internal.expand(*state.batch_shape, states))
         reads = _both(reads, torch.eye(states, dtype=K.dtype, device=K.device))
-    return Linear(A, B, C[..., :told, :], D[..., :told, :], state=state, output=value, inputs=names, outputs=rows, reads=reads,
+    return Linear(A, B, C[..., :sensed, :], D[..., :sensed, :], state=state, output=value, inputs=names, outputs=rows, reads=reads,
                   space=model.space, chart=Chart.of(model, state), mass=mass, moves=writes)
 
 

@@ -92,18 +92,18 @@ def of_nodes(model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
     problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
     if model.internal_states:
         problem = problem.holding(x, state.internal)
-    kin, (stress, _) = model.kinematics(x.position, x.rotation), model.joints.split(x.stress)
-    B = space.strain_operator(kin, model.length)
-    hB = (model.length[..., None] * B).mT
-    K = model.assembly.to_matrix(space.geometric_stiffness(kin, stress, model.length) + hB @ times(model.law.C, B))
-    D = model.assembly.to_matrix(hB @ model.law.damping_by(B)) if model.law.damped else None
+    kinematics, (stress, _) = model.kinematics(x.position, x.rotation), model.joints.split(x.stress)
+    B = space.strain_operator(kinematics, model.length)
+    force_operator = (model.length[..., None] * B).mT
+    K = model.assembly.to_matrix(space.geometric_stiffness(kinematics, stress, model.length) + force_operator @ times(model.law.C, B))
+    D = model.assembly.to_matrix(force_operator @ model.law.damping_by(B)) if model.law.damped else None
     M = model.inertia.matrix(x.rotation, model.inertia.offset.turned(x.rotation))
     K, D = total(K, problem.motion.tangent(*x[:2])), total(D, problem.motion.gyroscopic(*x[:2]))
     now, lagging = problem.conditions, None
     if now.moving or model.internal_states:
         nodes, frame = problem.nodes(x), problem.frame
         still = frame.steady_jacobian()
-        eyes = (torch.eye(n, dtype=B.dtype, device=B.device)[None] for n in (space.position, space.spin))
+        eyes = (torch.eye(n, dtype=B.dtype, device=B.device)[None] for n in (space.dims.position, space.dims.spin))
         moved = frame.moving_jacobian(*eyes)
         if model.adds_mass:
             M = M.plus(external.added_mass(model, nodes, now))

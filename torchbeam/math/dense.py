@@ -52,4 +52,4 @@ def _by_sample(function: Callable[..., Tensor], *matrices: Tensor) -> Tensor:
     if matrices[0].shape[-1] < LARGE or batch.numel() < 2 or matrices[0].device.type != "cpu":
         return function(*matrices)
     samples = zip(*(x.expand(*batch, *x.shape[-2:]).flatten(0, -3) for x in matrices), strict=True)
-    return torch.stack([function(*one) for one in samples]).unflatten(0, batch)
+    return torch.stack([function(*sample) for sample in samples]).unflatten(0, batch)

@@ -47,11 +47,11 @@ def slowest(M: Tensor, D: Tensor | None, K: Tensor, count: int, symmetric: bool,
     """
     M, K = M.detach(), K.detach()
     D = None if D is None else D.detach()
-    found = None
+    pairs = None
     if D is None and symmetric:
         M, K = torch.broadcast_tensors(M, K)
-        found = _symmetric((M + M.mT) / 2, (K + K.mT) / 2, count, lambda K: torch.linalg.cholesky_ex(K).info == 0, _whole)
-    return _dense(M, D, K, count, derivatives, lags) if found is None else found
+        pairs = _symmetric((M + M.mT) / 2, (K + K.mT) / 2, count, lambda K: torch.linalg.cholesky_ex(K).info == 0, _whole)
+    return _dense(M, D, K, count, derivatives, lags) if pairs is None else pairs
 
 
 def slowest_of_chain(M: SymmetricChain, K: SymmetricChain, count: int) -> Pairs | None:
@@ -120,14 +120,14 @@ def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Te
     square = _shift(M, K)
     if D is None:
         K = _plus(K, square, M)
-        found, vectors = torch.linalg.eig(-_inverted(K, M))
-        return 1 / found + square[..., None], vectors, K
+        eigenvalues, vectors = torch.linalg.eig(-_inverted(K, M))
+        return 1 / eigenvalues + square[..., None], vectors, K
     shift = square.sqrt()
     K, D = _plus(_plus(K, shift, D), square, M), _plus(D, 2 * shift, M)
     flexible = _inverted(K, torch.cat((D, M), -1))
     eye = torch.eye(M.shape[-1], dtype=M.dtype, device=M.device).expand_as(M)
-    found, vectors = torch.linalg.eig(torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2))
-    return 1 / found + shift[..., None], vectors, K
+    eigenvalues, vectors = torch.linalg.eig(torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2))
+    return 1 / eigenvalues + shift[..., None], vectors, K
 
 
 def _inverted(K: Tensor, right: Tensor) -> Tensor:
@@ -152,20 +152,20 @@ def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
 
 def _dense(M: Tensor, D: Tensor | None, K: Tensor, count: int, derivatives: bool, lags: bool) -> Pairs:
     n = K.shape[-1]
-    found, vectors, inverted = spectrum(M, D, K)
+    eigenvalues, vectors, inverted = spectrum(M, D, K)
     unknown = rounding(M, K)[..., None]  # growth that it may have made is none
     if D is None:
-        value = _upper(torch.where(found.abs() < unknown, 0.0, found).sqrt())
+        value = _upper(torch.where(eigenvalues.abs() < unknown, 0.0, eigenvalues).sqrt())
     else:
-        value = torch.where((found.real > 0) & (found.abs().square() < unknown), 0.0, found)
+        value = torch.where((eigenvalues.real > 0) & (eigenvalues.abs().square() < unknown), 0.0, eigenvalues)
     slow = slow_first(value, count, lags)
     slow = slow.gather(-1, value.imag.gather(-1, slow).argsort(dim=-1, stable=True))
     rows, left = slow[..., None].expand(*slow.shape, vectors.shape[-1]), None
     if derivatives:
         own = inverse_unchecked(vectors).gather(-2, rows)[..., :n]
         left = solve(inverted.mT.to(own.dtype), own.mT).mT
-    chosen = found.gather(-1, slow)
-    near = ((chosen[..., :, None] - found[..., None, :]).abs() <= DISTINCT * chosen.abs()[..., :, None]).sum(-1) > 1
+    chosen = eigenvalues.gather(-1, slow)
+    near = ((chosen[..., :, None] - eigenvalues[..., None, :]).abs() <= DISTINCT * chosen.abs()[..., :, None]).sum(-1) > 1
     return Pairs(value.gather(-1, slow), vectors.mT.gather(-2, rows)[..., :n], left, near)
 
 

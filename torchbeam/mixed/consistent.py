@@ -24,9 +24,9 @@ def consistent(model: MixedModel, t: Tensor, u: Tensor, theta: Tensor, V: Tensor
     """The state of the block rate form that satisfies every undifferentiated equation at these u, theta, V, Omega: F, M
     from compatibility, accelerations and the root's load from equilibrium, the tip from the recursion.
     """
-    found = balance(model, t, u, theta, V, Omega)
-    ends = (*halves(found.root), found.nodes.u[..., -1, :], found.nodes.theta[..., -1, :])
-    return Fields(u, theta, *halves(found.stress), V, Omega, *halves(found.acceleration), *ends)
+    rates = balance(model, t, u, theta, V, Omega)
+    ends = (*halves(rates.root), rates.nodes.u[..., -1, :], rates.nodes.theta[..., -1, :])
+    return Fields(u, theta, *halves(rates.stress), V, Omega, *halves(rates.acceleration), *ends)
 
 
 def at_rest(model: MixedModel, t: Tensor) -> tuple[Tensor, ...]:
@@ -115,8 +115,8 @@ def consistent_state(
 
 def complete(model: MixedModel, t: Tensor, minimal: tuple[Tensor, ...], status: Tensor | None = None) -> MixedState:
     """MixedState from u, theta, V, Omega."""
-    found = balance(model, t, *minimal)
+    rates = balance(model, t, *minimal)
     x = consistent(model, t, *minimal)
     if status is None:
-        status = torch.zeros(found.stress.shape[:-2], dtype=torch.long, device=found.stress.device)
-    return observe(model, t, x, found.strain, status)
+        status = torch.zeros(rates.stress.shape[:-2], dtype=torch.long, device=rates.stress.device)
+    return observe(model, t, x, rates.strain, status)

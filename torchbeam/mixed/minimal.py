@@ -57,8 +57,8 @@ def balance(model: MixedModel, t: Tensor, u: Tensor, theta: Tensor, V: Tensor, O
 
 def rates(model: MixedModel, t: Tensor, u: Tensor, theta: Tensor, V: Tensor, Omega: Tensor) -> Tensor:
     """d/dt of [u, theta, V, Omega] (..., 12 N)."""
-    found = balance(model, t, u, theta, V, Omega)
-    return pack((found.k.u_dot, found.k.theta_dot, *halves(found.acceleration)))
+    solution = balance(model, t, u, theta, V, Omega)
+    return pack((solution.k.u_dot, solution.k.theta_dot, *halves(solution.acceleration)))
 
 
 def _damping(model: MixedModel, t: Tensor, theta: Tensor, k: Motion, at: Nodes, gamma: Tensor, kappa: Tensor) -> Tensor | float:

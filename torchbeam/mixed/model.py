@@ -94,7 +94,7 @@ class MixedModel:
             Mass_inverse=torch.linalg.inv(beam.mass),
             inputs={**held, **moving},
             changing=tuple(e for e in self.scene.loads
-                           if e.depends_on(beam.offset) or any(_changes(one.value, moving) for one in own_leaves(e))),
+                           if e.depends_on(beam.offset) or any(_changes(leaf.value, moving) for leaf in own_leaves(e))),
             turning=any(e.node is not None and ROTATION in e.depends_on(beam.offset) for e in self.scene.loads),
             shifting=any(e.node is not None and POSITION in e.depends_on(beam.offset) for e in self.scene.loads),
         )
@@ -230,14 +230,14 @@ def check_times(model: MixedModel, t: Tensor) -> None:
         functions += [(f"the input {n!r}", lambda now, n=n, v=v: tuple(inputs_at({n: v}, now, zero).values()))
                       for n, v in moving.items()]
         functions += [(e.called, lambda now, e=e: model.loads(now, rest, (e,))) for e in model.changing
-                      if any(_changes(one.value, moving) for one in own_leaves(e))]
+                      if any(_changes(leaf.value, moving) for leaf in own_leaves(e))]
     clamp = model.scene.supports[0]
     functions += [(f"the root's {name}", lambda now, v=v: (value_at(v, now, {}, zero),))
                   for name, v in (("displacement", clamp.displacement), ("turn", clamp.turn)) if callable(v)]
     for name, function in functions:
         instants = t[0] + (t[-1] - t[0]) * torch.linspace(0, 1, 13, dtype=t.dtype, device=t.device)
-        found = [user_rate(name, function, now) for now in instants.detach()]
-        values, rates = ([torch.stack(parts) for parts in zip(*some, strict=True)] for some in zip(*found, strict=True))
+        user_rates = [user_rate(name, function, now) for now in instants.detach()]
+        values, rates = ([torch.stack(parts) for parts in zip(*some, strict=True)] for some in zip(*user_rates, strict=True))
         if any(concrete((v - v[0]).abs() > ROUNDING * torch.finfo(v.dtype).eps * v.abs().amax()).any()
                and not concrete(r != 0).any() for v, r in zip(values, rates, strict=True)):
             raise ValueError(f"{name} changes in time but has no rate in torch; write its function of t with torch "

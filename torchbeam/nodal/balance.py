@@ -45,40 +45,41 @@ class Residual(NamedTuple):
         """(...) the scaled residual: each equation over the largest term in it; not finite where anything is not."""
         free = self.constraints.unknowns.select(self.nodes.detach()).abs()
         p = (free.shape[-1] + 1) // 2  # of 6: 3, of 3: 2
-        gap, joints = self.joints.split(self.strain.detach())
-        size = scaled(free[..., :p].amax((-1, -2)), free[..., p:].amax((-1, -2)), most(gap), *self[3:6])
+        constitutive_residual, joints = self.joints.split(self.strain.detach())
+        size = scaled(free[..., :p].amax((-1, -2)), free[..., p:].amax((-1, -2)), most(constitutive_residual), *self[3:6])
         return self.joints.measure(size, joints)
 
 
-def scaled(force: Tensor, moment: Tensor, gap: Tensor, largest_force: Tensor, largest_moment: Tensor, size_strain: Tensor
+def scaled(force: Tensor, moment: Tensor, constitutive_residual: Tensor, largest_force: Tensor, largest_moment: Tensor, size_strain: Tensor
            ) -> Tensor:
     """(...) the largest that is left of forces, moments and strains, each over the largest term in its equation."""
     number = torch.finfo(force.dtype)
     # strains below ROUNDING eps are differences of positions that floating point does not hold
-    gap = (gap - ROUNDING * number.eps).clamp(min=0)
+    constitutive_residual = (constitutive_residual - ROUNDING * number.eps).clamp(min=0)
     # loads so small that motions under them are denormal, where products round as they like, count as none
     none = number.tiny**0.5
     over = torch.maximum(force / (largest_force + none), moment / (largest_moment + none))
-    return torch.maximum(over, gap / (size_strain + number.eps))
+    return torch.maximum(over, constitutive_residual / (size_strain + number.eps))
 
 
 ROUNDING = 1000.0
 
 
 class CondensedTangent(NamedTuple):
-    """Derivative of a balance whose stress is condensed, whatever supports hold. matrix: of the nodes; hB, E (..., N, k,
-    p + 2 s): h times the strain operator, and the derivative of the gap by the moves; C (..., N or 1, k, k or 1).
+    """Derivative of a balance whose stress is condensed, whatever supports hold. matrix: of the nodes;
+    force_operator and strain_by_move (..., N, k, p + 2 s): h B, the strain operator by the length, and E, the derivative of the
+    constitutive residual by the moves; stiffness (..., N or 1, k, k or 1): C, the inverse of the compliance.
     """
 
     matrix: Matrix
-    hB: Tensor
-    C: Tensor
-    E: Tensor
+    force_operator: Tensor
+    stiffness: Tensor
+    strain_by_move: Tensor
 
     @classmethod
-    def of(cls, assembly: Assembly, rest: Tensor, nodes: Matrix | None, hB: Tensor, C: Tensor, E: Tensor) -> CondensedTangent:
+    def of(cls, assembly: Assembly, rest: Tensor, nodes: Matrix | None, force_operator: Tensor, stiffness: Tensor, strain_by_move: Tensor) -> CondensedTangent:
         """rest (..., N, p + 2 s, p + 2 s) of elements at fixed stress; nodes: what these, and the mass they share, add."""
-        return cls(total(assembly.to_matrix(rest + hB.mT @ times(C, E)), nodes), hB, C, E)
+        return cls(total(assembly.to_matrix(rest + force_operator.mT @ times(stiffness, strain_by_move)), nodes), force_operator, stiffness, strain_by_move)
 
 
 class Linearisation(NamedTuple):
@@ -88,9 +89,9 @@ class Linearisation(NamedTuple):
     constraints: Constraints
     system: System  # of the unknowns
     rows: MatrixRows  # of the supports' balances
-    hB: Tensor  # (..., N, k, p + 2 s) h B
-    C: Tensor
-    E: Tensor  # (..., N, k, p + 2 s)
+    force_operator: Tensor  # (..., N, k, p + 2 s) h B
+    stiffness: Tensor
+    strain_by_move: Tensor  # (..., N, k, p + 2 s)
     law: Tensor  # S^-1 as the law has it, which C may differ from
     joints: NoJoints
 
@@ -106,16 +107,16 @@ class Linearisation(NamedTuple):
         balances after it, the reactions (..., K, w).
         """
         g_strain, gap = self.joints.split(g_strain)
-        pushed = g + self.assembly.to_nodes(pushed_by(self.hB, self.C, g_strain))
+        pushed = g + self.assembly.to_nodes(pushed_by(self.force_operator, self.stiffness, g_strain))
         solution = self.system.solve(self.joints.asked(-pushed, gap))
         move, change = self.joints.answered(
-            solution, lambda move: dstress(self.C, self.E, g_strain, self.assembly.to_elements(move)))
+            solution, lambda move: dstress(self.stiffness, self.strain_by_move, g_strain, self.assembly.to_elements(move)))
         return move, change, self.constraints.reaction(self.rows, pushed, solution)
 
     @property
     def exact(self) -> Tensor:
         """(...) bool: whether C is the law's, and no impossible strain was given more flexibility than the law gives it."""
-        return same_law(self.C, self.law)
+        return same_law(self.stiffness, self.law)
 
     def detach(self) -> Linearisation:
         return Linearisation(self.assembly, self.constraints, *(x.detach() for x in self[2:-1]), self.joints)
@@ -126,24 +127,24 @@ def same_law(C: Tensor, law: Tensor) -> Tensor:
     return (C == law.detach()).all(-1).all(-1).all(-1)
 
 
-def pushed_by(hB: Tensor, C: Tensor, g_strain: Tensor) -> Tensor:
-    """h B^T C g_eps (..., N, p + 2 s): what an element's strain gap asks of its nodes."""
-    return (hB.mT @ times(C, g_strain[..., None]))[..., 0]
+def pushed_by(force_operator: Tensor, stiffness: Tensor, g_strain: Tensor) -> Tensor:
+    """h B^T C g_eps (..., N, p + 2 s): what an element's constitutive residual asks of its nodes."""
+    return (force_operator.mT @ times(stiffness, g_strain[..., None]))[..., 0]
 
 
-def dstress(C: Tensor, E: Tensor, g_strain: Tensor, move: Tensor) -> Tensor:
+def dstress(stiffness: Tensor, strain_by_move: Tensor, g_strain: Tensor, move: Tensor) -> Tensor:
     """d[F; M] = C (g_eps + E move), (..., N, k), of elements after a move (..., N, p + 2 s)."""
-    return times(C, g_strain[..., None] + E @ move[..., None])[..., 0]
+    return times(stiffness, g_strain[..., None] + strain_by_move @ move[..., None])[..., 0]
 
 
-def restrained_forces(model: Rows, kin: Any, own: Tensor | float, h: Tensor) -> Tensor | float:
+def restrained_forces(model: Rows, kinematics: Any, own: Tensor | float, h: Tensor) -> Tensor | float:
     """Element forces that the beam's eigenstrain would take to hold back: what it is measured against where nothing else acts;
     0.0 where there is none.
     """
     if isinstance(own, float):
         return own
     stress = model.law.stress(own)
-    return model.space.forces(kin, stress.expand(*broadcast_shapes(stress.shape, (model.station_count, 1))), h)
+    return model.space.forces(kinematics, stress.expand(*broadcast_shapes(stress.shape, (model.station_count, 1))), h)
 
 
 def size_of_strain(followed: Tensor, own: Tensor | float) -> Tensor:

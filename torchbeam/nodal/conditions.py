@@ -72,32 +72,32 @@ class Conditions:
     @cached
     def moving(self) -> tuple[ActingLoad, ...]:
         """Loads that depend on how the nodes stand or move."""
-        return tuple(one for one in self.loads if one.reads)
+        return tuple(load for load in self.loads if load.reads)
 
     @cached
     def still(self) -> tuple[ActingLoad, ...]:
         """The others."""
-        return tuple(one for one in self.loads if not one.reads)
+        return tuple(load for load in self.loads if not load.reads)
 
     @property
     def internal_states(self) -> int:
         """How many numbers the loads remember."""
-        return max((one.internal.stop for one in self.loads if one.internal is not None), default=0)
+        return max((load.internal.stop for load in self.loads if load.internal is not None), default=0)
 
     @cached
     def reads(self) -> frozenset[str]:
         """What the loads read of the nodes' motion."""
-        return frozenset().union(*(one.reads for one in self.loads))
+        return frozenset().union(*(load.reads for load in self.loads))
 
 
 def acting(rows: Rows, loads: tuple[Any, ...], sizes: tuple[int, ...], node: int | None = None) -> tuple[ActingLoad, ...]:
     """Loads with so many internal states, one after the other; node: the row of those that act at one, None = as they say."""
-    found, at = [], 0
+    acting_loads, at = [], 0
     for load, size in zip(loads, sizes, strict=True):
         place = None if load.node is None else load.node % rows.node_count if node is None else node
-        found.append(ActingLoad(load, place, rows.depends_on(load), slice(at, at + size) if size else None))
+        acting_loads.append(ActingLoad(load, place, rows.depends_on(load), slice(at, at + size) if size else None))
         at += size
-    return tuple(found)
+    return tuple(acting_loads)
 
 
 def by_part(beam: Beam, one: ActingLoad) -> tuple[ActingLoad, ...]:
@@ -121,15 +121,15 @@ def conditions(model: Model, t: Tensor, inputs: Inputs, end: Tensor | None = Non
     """
     acts, motion, eigenstrain = acting(model, model.scene.loads, model.scene.internal_states), model.prescribed_motion, 0.0
     if model.scene.beam.parts:
-        acts = tuple(part for one in acts for part in by_part(model.scene.beam, one))
+        acts = tuple(part for act in acts for part in by_part(model.scene.beam, act))
     if loads is None:
         eigenstrain = model.eigenstrain(t, inputs)
     else:
-        acts = tuple(one for one in acts if any(one.load is load for load in loads))
-    acts = tuple(one._replace(load=_valued(model, one, t, inputs)) for one in acts)
-    asked = loads is None or any(one.load.wants_frame for one in acts)
+        acts = tuple(act for act in acts if any(act.load is load for load in loads))
+    acts = tuple(act._replace(load=_valued(model, act, t, inputs)) for act in acts)
+    asked = loads is None or any(act.load.wants_frame for act in acts)
     velocities = motion.frame(t) if asked else (None, None)
-    root = motion.root_pose(t) if any(one.load.wants_support for one in acts) else None
+    root = motion.root_pose(t) if any(act.load.wants_support for act in acts) else None
     return Conditions(t, inputs, frame_of(model.space, *velocities), velocities, acts, 0.0, eigenstrain,
                       () if end is None else supports(model, end), root, None, model.scene.beam.element_count,
                       model.joints.values(model.scene.joints, t, inputs, t if end is None else end))
@@ -146,5 +146,5 @@ def supports(model: Model, end: Tensor) -> tuple[SupportConditions, ...]:
     if not model.scene.has_prescribed_motion:
         return ()
     motion, pairs = model.prescribed_motion, zip(model.scene.supports, model.constraints.fixed, strict=True)
-    return tuple(SupportConditions(one.node, fixed, motion.pose(one, end) if one.moves else None,
-                                   motion.absolute(one, end) if one.clamp else None) for one, fixed in pairs)
+    return tuple(SupportConditions(support.node, fixed, motion.pose(support, end) if support.moves else None,
+                                   motion.absolute(support, end) if support.clamp else None) for support, fixed in pairs)

@@ -21,7 +21,7 @@ from ..core.remembered import remembered
 from ..scene.beam import Beam
 from ..scene.effects.damping import Damping, geometric_means
 from ..scene.scene import Scene
-from .coordinates.spatial import Space
+from .coordinates.spatial import Spatial
 
 STIFFENED = 100.0  # by loads, over bending alone: P L^2/EI of that order
 REGULARISATION = {torch.float64: 1e-7, torch.float32: 1e-3}  # of the flexibility around it: a strain's least, in a tangent
@@ -39,21 +39,21 @@ class ElasticLaw(Tree):
 
     damped = False
 
-    def felt(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
+    def effective_strain(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
         """The strain (..., N, k) that stress answers to; rate() is its rate, asked for where it matters."""
         return strain
 
-    def felt_by(self, E: Tensor, rate_by_strain: Tensor) -> Tensor:
-        """Derivative of `felt`, E (..., N, k, m) being that of the strain; rate_by_strain (...) 1/s."""
-        return E
+    def effective_strain_by(self, strain_by_move: Tensor, rate_by_strain: Tensor) -> Tensor:
+        """Derivative of `effective_strain`, E (..., N, k, m) being that of the strain; rate_by_strain (...) 1/s."""
+        return strain_by_move
 
-    def gap(self, felt: Tensor, stress: Tensor) -> Tensor:
-        """felt - S [F; M], (..., N, k): zero where the law holds."""
-        return felt - times(self.S, stress[..., None])[..., 0]
+    def constitutive_residual(self, effective_strain: Tensor, stress: Tensor) -> Tensor:
+        """effective strain - S [F; M], (..., N, k): zero where the law holds."""
+        return effective_strain - times(self.S, stress[..., None])[..., 0]
 
-    def stress(self, felt: Tensor) -> Tensor:
+    def stress(self, effective_strain: Tensor) -> Tensor:
         """[F; M] (..., N, k)."""
-        return times(self.C, felt[..., None])[..., 0]
+        return times(self.C, effective_strain[..., None])[..., 0]
 
     def energy(self, strain: Tensor) -> Tensor:
         """e C e/2 (..., N, k) J/m, by component; an impossible strain stores none, whatever rounding leaves of it."""
@@ -103,28 +103,28 @@ def _inertial_stiffness(h: Tensor, line_mass: Tensor, dt: Tensor) -> tuple[Tenso
 
 @dataclass(frozen=True)
 class ViscoelasticLaw(ElasticLaw):
-    """With a retardation (Kelvin and Voigt's law): s, (..., 1, 1, 1), or a matrix in the form of S."""
+    """With a retardation time (Kelvin and Voigt's law): s, (..., 1, 1, 1), or a matrix in the form of S."""
 
-    retardation: Tensor = leaf(3)
+    retardation_time: Tensor = leaf(3)
 
     damped = True
 
-    def felt(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
-        return strain + times(self.retardation, rate()[..., None])[..., 0]
+    def effective_strain(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
+        return strain + times(self.retardation_time, rate()[..., None])[..., 0]
 
-    def felt_by(self, E: Tensor, rate_by_strain: Tensor) -> Tensor:
-        return E + rate_by_strain * times(self.retardation, E)
+    def effective_strain_by(self, strain_by_move: Tensor, rate_by_strain: Tensor) -> Tensor:
+        return strain_by_move + rate_by_strain * times(self.retardation_time, strain_by_move)
 
     def dissipation(self, rate: Callable[[], Tensor]) -> Tensor:
         rate = rate()[..., None]
-        return (rate * times(self.C, times(self.retardation, rate)))[..., 0]
+        return (rate * times(self.C, times(self.retardation_time, rate)))[..., 0]
 
     def damping_by(self, B: Tensor) -> Tensor:
         """C retardation B: stress by the rate of what B takes to strain."""
-        return times(self.C, times(self.retardation, B))
+        return times(self.C, times(self.retardation_time, B))
 
 
-def law_of(scene: Scene, space: Space) -> ElasticLaw:
+def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
     """The law of a scene's sections and its damping. Raises ValueError for six values of tau on a section with an impossible
     strain.
     """
@@ -176,7 +176,7 @@ def without_residual_bending(beam: Beam, strain: Tensor, elements: slice = slice
     return strain - (part @ strain[..., None])[..., 0]
 
 
-def _slim(matrix: Tensor, beam: Beam, space: Space) -> Tensor:
+def _slim(matrix: Tensor, beam: Beam, space: Spatial) -> Tensor:
     if beam.coupled:
         return space.project_section(matrix)
     return space.project_diagonal(matrix.diagonal(dim1=-2, dim2=-1))[..., None]
@@ -211,7 +211,7 @@ def _by_part(scene: Scene, found: list[Tensor], like: Tensor) -> Tensor:
     return total
 
 
-def _retardation(damping: Damping, beam: Beam, space: Space) -> Tensor:
+def _retardation(damping: Damping, beam: Beam, space: Spatial) -> Tensor:
     """tau, or D^1/2 S^-1 D^1/2 with D = diag(tau): symmetric, never pumps energy. With linked interpolation the section's
     R = S D^1/2 S^-1 D^1/2 S, what a stress rate strains it by, becomes the element's as S does: R S^-1 of elements then.
     """
@@ -223,8 +223,8 @@ def _retardation(damping: Damping, beam: Beam, space: Space) -> Tensor:
     if not (beam.coupled or beam.linked_interpolation):
         return space.project_section(torch.diag_embed(tau)).diagonal(dim1=-2, dim2=-1)[..., None, :, None]
     S = beam.compliance
-    felt = S @ (geometric_means(tau)[..., None, :, :] * torch.linalg.inv(S))
+    retardation = S @ (geometric_means(tau)[..., None, :, :] * torch.linalg.inv(S))
     if not beam.linked_interpolation:
-        return space.project_section(felt)
-    R = _with_residual_bending(beam, felt @ S)
+        return space.project_section(retardation)
+    R = _with_residual_bending(beam, retardation @ S)
     return _slim(R @ torch.linalg.inv(_with_residual_bending(beam, S)), beam, space)

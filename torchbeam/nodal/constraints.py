@@ -10,7 +10,7 @@ from torch import Tensor
 from ..core.remembered import remembered
 from ..scene.scene import Scene
 from ..topology.protocols import MatrixRows, Topology, Unknowns
-from .coordinates.spatial import Space
+from .coordinates.spatial import Spatial
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class Constraints:
     hinges: tuple[tuple[int, Tensor], ...]
 
     @classmethod
-    def of(cls, scene: Scene, space: Space, topology: Topology) -> Constraints:
+    def of(cls, scene: Scene, space: Spatial, topology: Topology) -> Constraints:
         rows = tuple((int(support.node), tuple(map(float, space.constrained(support.held)))) for support in scene.supports)
         like = scene.beam.nodes
-        return remembered(cls._of, rows, space.position, space.unknowns, topology, like.dtype, like.device)
+        return remembered(cls._of, rows, space.dims.position, space.unknowns, topology, like.dtype, like.device)
 
     @classmethod
     def _of(cls, rows: tuple[tuple[int, tuple[float, ...]], ...], p: int, w: int, topology: Topology, dtype: torch.dtype,

@@ -19,9 +19,9 @@ from .assembly import Assembly
 from .conditions import conditions
 from .constitutive_law import law_of
 from .constraints import Constraints
-from .coordinates.planar import PLANES, Plane
+from .coordinates.planar import PLANES, Planar
 from .coordinates.selection import in_space, only_numbers, space_of
-from .coordinates.spatial import Space
+from .coordinates.spatial import Spatial
 from .inertia import inertia_of
 from .joint_constraints import joints_of
 from .loads import Nodes, external
@@ -47,7 +47,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     if beam.linked_interpolation and any(isinstance(x.value, PerElement) for load in scene.loads for x in own_leaves(load)):
         raise ValueError("a load PerElement was given for a beam with linked interpolation; one Along the beam is wanted")
     h = beam.length[..., None]
-    assembly = Assembly(topology, space.interpolation, space.position)
+    assembly = Assembly(topology, space.interpolation, space.dims.position)
     inertia, section_mass, share = inertia_of(scene, space, assembly, lumped)
     model = Model(
         scene=scene, space=space, topology=topology, constraints=Constraints.of(scene, space, topology),
@@ -63,7 +63,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     return model
 
 
-def _reference(space: Space, assembly: Assembly, whole: Space, nodes: Tensor, frames: Tensor, length: Tensor) -> Tensor:
+def _reference(space: Spatial, assembly: Assembly, whole: Spatial, nodes: Tensor, frames: Tensor, length: Tensor) -> Tensor:
     """Strain (..., N, k) of the undeformed beam, found in 3D."""
     h = length[..., None]
     rest = whole.strains(whole.kinematics(*assembly.poses(nodes, frames), h), h)
@@ -112,15 +112,15 @@ def check_plane(model: Model, whole: Model) -> None:
             _refuse(space, "PointMass", J[..., 2:, :], J[..., 2:, :] - across)
     motions = [] if scene.frame is None else [("a frame with a velocity", scene.frame.velocity, False),
                                               ("a frame that turns", scene.frame.angular_velocity, True)]
-    for one in scene.supports:
-        motions += [("a displacement of a support", one.displacement, False), ("a turn of a support", one.turn, True)]
+    for support in scene.supports:
+        motions += [("a displacement of a support", support.displacement, False), ("a turn of a support", support.turn, True)]
     for what, x, turns in motions:
         if isinstance(x, Tensor):
             inside = space.project_spin(x) @ space.basis[:, 2:].mT if turns else space.project_vector(x) @ space.basis[:, :2].mT
             _refuse(space, what, x, inside)
 
 
-def _refuse(space: Plane, what: str, given: Tensor, inside: Tensor) -> None:
+def _refuse(space: Planar, what: str, given: Tensor, inside: Tensor) -> None:
     out = (given - inside).detach().abs()
     if concrete(out > ROUNDING * given.detach().abs().amax()).any():
         raise ValueError(f"{what} out of the plane {space.name!r} was given; one in it is wanted, or plane=None")

@@ -14,14 +14,14 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
-from .coordinates.spatial import Space
+from .coordinates.spatial import Spatial
 
 
 @dataclass(frozen=True)
 class FixedFrame(Tree):
     """A frame at rest. Velocities are (..., nodes, p) m/s and spins (..., nodes, s) rad/s."""
 
-    space: Space
+    space: Spatial
 
     turns = False
 
@@ -157,7 +157,7 @@ class TurningFrame(FixedFrame):
         return (self.skew @ x[..., None])[..., 0]
 
 
-def frame_of(space: Space, v: Tensor | None, omega: Tensor | None) -> FixedFrame:
+def frame_of(space: Spatial, v: Tensor | None, omega: Tensor | None) -> FixedFrame:
     """From v and omega (..., 3), frame a; None = it does not move so."""
     frame = FixedFrame(space) if v is None else TranslatingFrame(space, space.project_vector(v)[..., None, :])
     return frame if omega is None else TurningFrame(space, frame, space.project_spin(omega)[..., None, :])

@@ -4,7 +4,7 @@ With x = r + R e the centre of mass of a node, v_c its velocity and M the mass m
 
     momentum = M v_c        angular momentum H = R J Omega        T = v_c^T M v_c/2 + Omega^T J Omega/2
 
-A motion asks the nodes for the rates of both, absolute (see `frame`), the moment of the force among them (see `lever`):
+A motion asks the nodes for the rates of both, absolute (see `frame`), the moment of the force among them (see `mass_offset`):
 
     force = M dv_c/dt        moment = dH/dt + R e x force
 
@@ -34,9 +34,9 @@ from ..scene.beam import Beam
 from ..scene.scene import Scene
 from ..topology.protocols import Matrix
 from .assembly import Assembly
-from .coordinates.spatial import Space
-from .lever import Lever, NoLever
+from .coordinates.spatial import Spatial
 from .mass import COUPLING, LumpedMass, SharedMass
+from .mass_offset import MassOffset, NoMassOffset
 from .quadrature import gregory, too_uneven, trapezoidal
 from .rotary import NoRotaryInertia, RotaryInertia
 
@@ -68,10 +68,10 @@ class InertiaForces(NamedTuple):
 class Inertia(Tree):
     """Mass, rotary inertia and the offset of the centres of mass, section axes; each knows whether it is there."""
 
-    space: Space
+    space: Spatial
     translational: LumpedMass
     rotary: NoRotaryInertia
-    offset: NoLever
+    offset: NoMassOffset
 
     @property
     def mass(self) -> Tensor:
@@ -99,16 +99,16 @@ class Inertia(Tree):
         return self.rotary.present_or(T, lambda: T + (spin * self.rotary.section_momentum(spin)).sum((-1, -2)) / 2)
 
     def masses(self, Z: Tensor) -> Matrix:
-        """M Z, see `LumpedMass.matrix` and `NoLever.prepared`."""
-        return self.offset.prepared(self.translational.matrix(Z), self.space.spin)
+        """M Z, see `LumpedMass.matrix` and `NoMassOffset.prepared`."""
+        return self.offset.prepared(self.translational.matrix(Z), self.space.dims.spin)
 
-    def matrix(self, rotation: Tensor, lever: NoLever) -> Matrix:
+    def matrix(self, rotation: Tensor, lever: NoMassOffset) -> Matrix:
         """The mass matrix by [acceleration of the node; angular acceleration], frame a, as the levers."""
-        eye = torch.eye(self.space.position, dtype=self.mass.dtype, device=self.mass.device)
+        eye = torch.eye(self.space.dims.position, dtype=self.mass.dtype, device=self.mass.device)
         return self.rotary.matrix(lever.matrix(self.masses(eye), lambda: lever.A), lambda: self.rotary.in_frame(rotation))
 
 
-def inertia_of(scene: Scene, space: Space, assembly: Assembly, lumped: bool) -> tuple[Inertia, Tensor, Tensor]:
+def inertia_of(scene: Scene, space: Spatial, assembly: Assembly, lumped: bool) -> tuple[Inertia, Tensor, Tensor]:
     """(inertia, section mass about each node per length (..., N+1, 6, 6), length that belongs to each node (..., N+1, 1): of a
     body's node 1, so that its mass per length is its mass).
 
@@ -146,10 +146,10 @@ def inertia_of(scene: Scene, space: Space, assembly: Assembly, lumped: bool) -> 
         mass = mass + pad(body.about_node[..., None, :, :], (0, 0, 0, 0, at, nodes - 1 - at))
     offset = beam.offset or any(b.offset is not None for b in scene.bodies)
     rotary = beam.rotary or offset or any(b.inertia is not None for b in scene.bodies)
-    whole, J, lever = mass[..., 0, :1], mass[..., 3:, 3:], NoLever()
+    whole, J, lever = mass[..., 0, :1], mass[..., 3:, 3:], NoMassOffset()
     if offset:
         e = _vector(mass[..., 3:, :3]) / whole
-        J, lever = J - whole[..., None] * skew(e).mT @ skew(e), Lever(space, space.project_offset(e))
+        J, lever = J - whole[..., None] * skew(e).mT @ skew(e), MassOffset(space, space.project_offset(e))
     if lumped or beam.linked_interpolation:
         translational = LumpedMass(assembly.topology, whole)
     else:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..math import quaternions as quat
 from ..scene.scene import Scene
-from .coordinates.spatial import Space
+from .coordinates.spatial import Spatial
 from .driven_joints import DrivenJoints
 from .joint_laws import JointLaws
 from .joint_motion import Factor, NoJoints
@@ -71,7 +71,7 @@ class End:
         return self.direction(self.p if self.ground else self.p - self.r)
 
 
-def joints_of(scene: Scene, space: Space, topology: Any) -> Any:
+def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     """`Joints` of a scene, or `NoJoints`."""
     if not scene.joints:
         return NoJoints()
@@ -103,8 +103,8 @@ def joints_of(scene: Scene, space: Space, topology: Any) -> Any:
         return Joints(**fields)
     coordinates = fields["angles"] + fields["travels"]
     prescribed = coordinates * like.new_tensor([[joint.prescribed is not None] for joint in scene.joints])
-    laws = JointLaws(**{one.name: _given([joint.law(one.name) for joint in scene.joints], coordinates)
-                        for one in dataclasses.fields(JointLaws)})
+    laws = JointLaws(**{field.name: _given([joint.law(field.name) for joint in scene.joints], coordinates)
+                        for field in dataclasses.fields(JointLaws)})
     return DrivenJoints(**fields | dict(held=fields["held"] + prescribed), laws=laws, prescribed=prescribed)
 
 
@@ -130,7 +130,7 @@ class Row(NamedTuple):
     coordinate: str | None = None
 
 
-def _rows(joint: Any, beam: Any, space: Space) -> list[Row]:
+def _rows(joint: Any, beam: Any, space: Spatial) -> list[Row]:
     """The m constraints of a joint, those that it does not have as well."""
     at_a, at_b, axes = joint.drawn(beam)
     a, b = End.of(beam, joint.ends[0], False, at_a), End.of(beam, joint.ends[1], True, at_b)

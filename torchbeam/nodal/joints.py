@@ -32,7 +32,7 @@ from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 from ..topology.framework import Framework
 from ..topology.framework_matrix import FrameworkMatrix, JointBlocks
-from .coordinates.spatial import Space
+from .coordinates.spatial import Spatial
 from .joint_motion import Factor, JointMotion, NoJoints, Pose, Vector
 
 ROUNDING = 1000.0  # eps: places that floating point does not tell apart
@@ -50,7 +50,7 @@ class Joints(NoJoints):
     across  what w becomes where it is turned about x by a right angle, in the rows of angles; zero in others
     """
 
-    space: Space
+    space: Spatial
     framework: Framework
     held: Tensor = leaf(2)
     v: Factor
@@ -154,7 +154,7 @@ class Joints(NoJoints):
         return (self.coordinate_by(pose, self.coordinate(pose)) @ motion.flatten(-2)[..., None])[..., 0]
 
     def measure(self, size: Tensor, gap: Tensor) -> Tensor:
-        p = self.space.position
+        p = self.space.dims.position
         apart = torch.maximum(gap[..., :p].abs().amax((-1, -2)) / self.size, gap[..., p:].abs().amax((-1, -2)))
         return torch.maximum(size, (apart - ROUNDING * torch.finfo(gap.dtype).eps).clamp(min=0) / CLOSED)
 
@@ -230,7 +230,7 @@ class Joints(NoJoints):
 
     def _spins(self, half: Tensor) -> Tensor:
         """(..., J, 2, w, w): what of a node's move its end takes, over `rate`."""
-        p, s = self.space.position, self.space.spin
+        p, s = self.space.dims.position, self.space.dims.spin
         own = self.framework.at_joints(half.flatten(-2)).unflatten(-1, (s, s))
         eye = torch.eye(p, dtype=own.dtype, device=own.device).expand(*own.shape[:-2], p, p)
         return torch.cat((pad(eye, (0, s)), pad(own, (p, 0))), -2)

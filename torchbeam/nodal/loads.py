@@ -25,7 +25,7 @@ from ..scene.effects.load_point import (
     together,
 )
 from .conditions import ActingLoad, Conditions
-from .coordinates.spatial import Space
+from .coordinates.spatial import Spatial
 from .rows import Rows
 
 ANGULAR = (ROTATION, SPIN, ANGULAR_ACCELERATION)
@@ -80,34 +80,34 @@ def external(rows: Rows, nodes: Nodes, now: Conditions, loads: tuple[ActingLoad,
     """Loads, all that act unless given, summed at nodes: (..., N+1, w) force N and moment N m, frame a; 0.0 where there is
     none. total: what they are added to.
     """
-    for one, point in _points(rows, nodes, now, now.loads if loads is None else loads):
-        total = total + _spread(rows, one, wrench(rows.space, one.load, point, now.t, now.inputs), 1)
+    for acting, point in _points(rows, nodes, now, now.loads if loads is None else loads):
+        total = total + _spread(rows, acting, wrench(rows.space, acting.load, point, now.t, now.inputs), 1)
     return total
 
 
 def tangent(rows: Rows, nodes: Nodes, now: Conditions, by: MotionJacobian = STAYS) -> Tensor | float:
     """Derivative of `external` by the nodes' moves, (..., N+1, w, w); 0.0 where there is none."""
     total = 0.0
-    for one, point in _points(rows, nodes, now, now.moving):
-        found = wrench_tangent(rows.space, one.load, point, now.t, now.inputs, _of_node(one, by))
-        total = total if isinstance(found, float) else total + _spread(rows, one, found, 2)
+    for acting, point in _points(rows, nodes, now, now.moving):
+        derivatives = wrench_tangent(rows.space, acting.load, point, now.t, now.inputs, _of_node(acting, by))
+        total = total if isinstance(derivatives, float) else total + _spread(rows, acting, derivatives, 2)
     return total
 
 
 def added_mass(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
     """Mass (..., N+1, w, w) that loads add by their derivative by the accelerations; 0.0 where there is none."""
-    total, loads = 0.0, tuple(one for one in now.loads if one.reads.intersection(INERTIAL))
-    for one, point in _points(rows, nodes, now, loads):
-        blocks = one.load.tangent(point, now.t, now.inputs)
+    total, loads = 0.0, tuple(acting for acting in now.loads if acting.reads.intersection(INERTIAL))
+    for acting, point in _points(rows, nodes, now, loads):
+        blocks = acting.load.tangent(point, now.t, now.inputs)
         mass = sum(_block(rows.space, name, blocks[name]) for name in INERTIAL if name in blocks)
-        total = total - _spread(rows, one, mass, 2)
+        total = total - _spread(rows, acting, mass, 2)
     return total
 
 
 # One load on one node, or on any number of them along the beam, each by itself
 
 
-def load_point(space: Space, load: Any, reads: frozenset[str], nodes: Nodes, **place: Any) -> LoadPoint:
+def load_point(space: Spatial, load: Any, reads: frozenset[str], nodes: Nodes, **place: Any) -> LoadPoint:
     """Where a load acts that reads these motions: on one node (..., p), or along the beam on nodes (..., n, p); place: fields
     of `LoadPoint` beside the motion.
     """
@@ -118,33 +118,33 @@ def load_point(space: Space, load: Any, reads: frozenset[str], nodes: Nodes, **p
     return LoadPoint(space.axes(nodes.rotation), **motion, **place)
 
 
-def wrench(space: Space, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+def wrench(space: Spatial, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
     """[force; moment] (..., w), frame a; along the beam (..., n, w) per length."""
     return space.project(together(load.wrench(point, t, inputs), point.R))
 
 
-def wrench_tangent(space: Space, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs, by: MotionJacobian) -> Tensor | float:
+def wrench_tangent(space: Spatial, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs, by: MotionJacobian) -> Tensor | float:
     """Derivative of `wrench` by the moves of the same nodes, (..., w, w); 0.0 where there is none."""
     blocks = {name: block for name, block in load.tangent(point, t, inputs).items() if _moved(space, name, by)}
     return sum((_chained(space, name, _block(space, name, block), by) for name, block in blocks.items()), 0.0)
 
 
-def _of_node(one: ActingLoad, by: MotionJacobian) -> MotionJacobian:
+def _of_node(acting: ActingLoad, by: MotionJacobian) -> MotionJacobian:
     """Of the node that a load acts on, without an axis of nodes; along the beam of its rows."""
-    if one.node is None:
+    if acting.node is None:
         return by
-    alike = slice(None) if one.along else 0
-    return {name: x[..., one.node if x.shape[-3] > 1 else alike, :, :] for name, x in by.items()}
+    alike = slice(None) if acting.along else 0
+    return {name: x[..., acting.node if x.shape[-3] > 1 else alike, :, :] for name, x in by.items()}
 
 
-def _moved(space: Space, name: str, by: MotionJacobian) -> bool:
+def _moved(space: Spatial, name: str, by: MotionJacobian) -> bool:
     """Whether what loads see by that name changes with the nodes' moves."""
     return name in by or name == POSITION or (name == ROTATION and space.turns)
 
 
-def _chained(space: Space, name: str, block: Tensor, by: MotionJacobian) -> Tensor:
+def _chained(space: Spatial, name: str, block: Tensor, by: MotionJacobian) -> Tensor:
     """A derivative (..., m, w) by the motion `name` as one by the moves."""
-    p = space.position
+    p = space.dims.position
     if name not in by:
         return block
     if name in ANGULAR:
@@ -153,29 +153,29 @@ def _chained(space: Space, name: str, block: Tensor, by: MotionJacobian) -> Tens
     return pad(block, (0, space.unknowns - block.shape[-1]))
 
 
-def _block(space: Space, name: str, block: Tensor) -> Tensor:
+def _block(space: Spatial, name: str, block: Tensor) -> Tensor:
     """A load's derivative (..., 6, 3) by the motion `name`, as (..., w, w)."""
     return space.project_map(pad(block, (3, 0) if name in ANGULAR else (0, 3)))
 
 
 def internal(rows: Rows, nodes: Nodes, now: Conditions, shape: tuple[int, ...]) -> Tensor | None:
     """Internal states of user loads in equilibrium, (*shape, z); None where there are none."""
-    found = [_flat(one, one.load.advance(point, point.internal, now.t, now.inputs, point.dt))
-             for one, point in _points(rows, nodes, now, _remembering(now))]
-    return _joined([z.expand(*shape, z.shape[-1]) for z in found]) if found else None
+    states = [_flat(acting, acting.load.advance(point, point.internal, now.t, now.inputs, point.dt))
+             for acting, point in _points(rows, nodes, now, _remembering(now))]
+    return _joined([z.expand(*shape, z.shape[-1]) for z in states]) if states else None
 
 
 def advanced(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | None:
     """The same at the end of a step in whose middle the nodes are."""
-    found = [_flat(one, 2 * one.load.advance(point, point.internal, now.t, now.inputs, point.dt) - point.internal)
-             for one, point in _points(rows, nodes, now, _remembering(now))]
-    return _joined(found) if found else None
+    states = [_flat(acting, 2 * acting.load.advance(point, point.internal, now.t, now.inputs, point.dt) - point.internal)
+             for acting, point in _points(rows, nodes, now, _remembering(now))]
+    return _joined(states) if states else None
 
 
 def advanced_rates(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor:
     """Rates (..., z) of the internal states."""
-    return _joined([_flat(one, one.load.rates(point, point.internal, now.t, now.inputs))
-                    for one, point in _points(rows, nodes, now, _remembering(now))])
+    return _joined([_flat(acting, acting.load.rates(point, point.internal, now.t, now.inputs))
+                    for acting, point in _points(rows, nodes, now, _remembering(now))])
 
 
 class Lags(NamedTuple):
@@ -195,8 +195,8 @@ def lags(rows: Rows, nodes: Nodes, now: Conditions, still: MotionJacobian, moved
     derivatives of the nodes' motion by their moves, `moved` those by moves and their rates.
     """
     space, parts = rows.space, []
-    for one, point in _points(rows, nodes, now, _remembering(now)):
-        load, by = one.load, one.load.rates_tangent(point, now.t, now.inputs)
+    for acting, point in _points(rows, nodes, now, _remembering(now)):
+        load, by = acting.load, acting.load.rates_tangent(point, now.t, now.inputs)
         L = derivatives(lambda at, load=load: together(load.wrench(at, now.t, now.inputs), at.R), point, (INTERNAL,))[INTERNAL]
         L, G = space.project(L.mT).mT, by.pop(INTERNAL)
         by = {name: space.project(pad(block, (3, 0) if name in ANGULAR else (0, 3))) for name, block in by.items()}
@@ -205,14 +205,14 @@ def lags(rows: Rows, nodes: Nodes, now: Conditions, still: MotionJacobian, moved
         def total(way: MotionJacobian, by: dict[str, Tensor] = by, zero: Tensor = zero) -> Tensor:
             return sum((_chained(space, name, block, way) for name, block in by.items() if _moved(space, name, way)), zero)
 
-        H = total(_of_node(one, still))
-        H = H, total(_of_node(one, moved)) - H, sum((by[name] for name in INERTIAL if name in by), zero)
-        if one.along:
-            shares = _shares(rows, one)
+        H = total(_of_node(acting, still))
+        H = H, total(_of_node(acting, moved)) - H, sum((by[name] for name in INERTIAL if name in by), zero)
+        if acting.along:
+            shares = _shares(rows, acting)
             eye = torch.eye(shares.shape[-2], dtype=G.dtype, device=G.device)[:, None, :, None]
             L, G, *H = ((x[..., None, :] * eye).flatten(-4, -3).flatten(-2) for x in (shares[..., None] * L, G, *H))
-        if one.node is not None:
-            around = tuple(space.unknowns * count for count in _around(one, rows))
+        if acting.node is not None:
+            around = tuple(space.unknowns * count for count in _around(acting, rows))
             L, *H = pad(L, (0, 0, *around)), *(pad(x, around) for x in H)
         parts.append((L, G, *H))
     if not parts:
@@ -234,25 +234,25 @@ def _joined(parts: list[Tensor]) -> Tensor:
 
 def _remembering(now: Conditions) -> tuple[ActingLoad, ...]:
     """Loads with internal states."""
-    return tuple(one for one in now.loads if one.internal is not None)
+    return tuple(acting for acting in now.loads if acting.internal is not None)
 
 
-def _flat(one: ActingLoad, z: Tensor) -> Tensor:
+def _flat(acting: ActingLoad, z: Tensor) -> Tensor:
     """A load's internal states in one row."""
-    return z.flatten(-2) if one.along else z
+    return z.flatten(-2) if acting.along else z
 
 
 def _points(rows: Rows, nodes: Nodes, now: Conditions, loads: tuple[ActingLoad, ...]) -> Iterator[tuple[ActingLoad, LoadPoint]]:
-    for one in loads:
-        load, internal, place = one.load, one.internal is not None, {}
-        space, at = (rows.space, nodes) if one.node is None else (rows.space.of_nodes(one.node), nodes.of(one.node, one.reads))
-        if one.node is None:
+    for acting in loads:
+        load, internal, place = acting.load, acting.internal is not None, {}
+        space, at = (rows.space, nodes) if acting.node is None else (rows.space.of_nodes(acting.node), nodes.of(acting.node, acting.reads))
+        if acting.node is None:
             place = dict(mass=rows.section_mass, s=rows.s, elements=now.elements)
-        elif one.along:
-            place = dict(mass=rows.section_mass[..., one.node, :, :], s=rows.s[..., one.node], elements=one.elements)
+        elif acting.along:
+            place = dict(mass=rows.section_mass[..., acting.node, :, :], s=rows.s[..., acting.node], elements=acting.elements)
         if internal and nodes.internal is not None:
-            z = nodes.internal[..., one.internal]
-            place["internal"] = z.unflatten(-1, (-1, load.internal)) if one.along else z
+            z = nodes.internal[..., acting.internal]
+            place["internal"] = z.unflatten(-1, (-1, load.internal)) if acting.along else z
         if internal:
             place["dt"] = nodes.dt
         if nodes.frame is not None:
@@ -261,15 +261,15 @@ def _points(rows: Rows, nodes: Nodes, now: Conditions, loads: tuple[ActingLoad, 
             place["support"] = now.root
         if load.wants_frame:
             place["frame"] = now.velocities
-        yield one, load_point(space, load, one.reads, at, **place)
+        yield acting, load_point(space, load, acting.reads, at, **place)
 
 
-def _spread(rows: Rows, one: ActingLoad, x: Tensor, axes: int) -> Tensor:
+def _spread(rows: Rows, acting: ActingLoad, x: Tensor, axes: int) -> Tensor:
     """What a load brings, per length or on its node (..., *), on all nodes (..., N+1, *)."""
-    if one.along:
-        x = _shares(rows, one)[(..., *(None,) * (axes - 1))] * x
-        return x if one.node is None else pad(x, (0, 0) * axes + _around(one, rows))
-    return pad(x.unsqueeze(-1 - axes), (0, 0) * axes + _around(one, rows))
+    if acting.along:
+        x = _shares(rows, acting)[(..., *(None,) * (axes - 1))] * x
+        return x if acting.node is None else pad(x, (0, 0) * axes + _around(acting, rows))
+    return pad(x.unsqueeze(-1 - axes), (0, 0) * axes + _around(acting, rows))
 
 
 def _shares(rows: Rows, one: ActingLoad) -> Tensor:

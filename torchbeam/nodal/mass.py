@@ -58,8 +58,8 @@ class SharedMass(LumpedMass):
 
     def matrix(self, Z: Tensor) -> Matrix:
         bent = self.coupling[..., None] * Z
-        made = {product: _times(-product, bent) for product in {a * b for a in self.difference for b in self.difference}}
-        shared = self.topology.matrix(tuple(tuple(made[a * b] for b in self.difference) for a in self.difference))
+        products = {product: _times(-product, bent) for product in {a * b for a in self.difference for b in self.difference}}
+        shared = self.topology.matrix(tuple(tuple(products[a * b] for b in self.difference) for a in self.difference))
         return shared.plus(self.mass[..., None] * Z)
 
 

@@ -12,10 +12,10 @@ import torch
 from torch import Tensor
 
 from ..state.state import State
-from .coordinates.spatial import Space
+from .coordinates.spatial import Spatial
 
 
-def moved(space: Space, state: State, move: Tensor) -> State:
+def moved(space: Spatial, state: State, move: Tensor) -> State:
     """The state after a move (..., 2 w (N+1) + Z); exact to first order."""
     (displacement, turn), (velocity, spin), internal = _parts(space, state, move)
     rate = space.rotation_rate(state.rotation, space.to_section(state.rotation, turn))
@@ -25,7 +25,7 @@ def moved(space: Space, state: State, move: Tensor) -> State:
                    spin=spin, internal=None if state.internal is None else state.internal + internal)
 
 
-def move_between(space: Space, start: State, end: State) -> Tensor:
+def move_between(space: Spatial, start: State, end: State) -> Tensor:
     """(..., 2 w (N+1) + Z): the move from one state to another one; exact to first order."""
     turn = space.logarithm(space.multiply(end.rotation, space.inverse(start.rotation)))
     turn = turn if space.turns else space.to_frame(start.rotation, turn)
@@ -36,9 +36,9 @@ def move_between(space: Space, start: State, end: State) -> Tensor:
     return torch.cat((pose.flatten(-2), rate.flatten(-2), *internal), -1)
 
 
-def _parts(space: Space, state: State, move: Tensor) -> tuple[list[Tensor], list[Tensor], Tensor]:
+def _parts(space: Spatial, state: State, move: Tensor) -> tuple[list[Tensor], list[Tensor], Tensor]:
     """Displacement and turn, velocity and spin (..., N+1, .), internal states."""
     w = space.unknowns * state.position.shape[-2]
     pose, rate, internal = move.split((w, w, move.shape[-1] - 2 * w), -1)
-    split = [x.unflatten(-1, (-1, space.unknowns)).split((space.position, space.spin), -1) for x in (pose, rate)]
+    split = [x.unflatten(-1, (-1, space.unknowns)).split((space.dims.position, space.dims.spin), -1) for x in (pose, rate)]
     return *split, internal

@@ -61,7 +61,7 @@ class Rates:
     def clamps(self) -> tuple[Support, ...]:
         """Supports that leave their nodes no unknowns, by node."""
         pairs = zip(self.model.scene.supports, self.model.constraints.fixed, strict=True)
-        return tuple(sorted((one for one, fixed in pairs if bool(fixed.all())), key=lambda one: one.node))
+        return tuple(sorted((support for support, fixed in pairs if bool(fixed.all())), key=lambda support: support.node))
 
     @cached
     def carried(self) -> bool:
@@ -107,7 +107,7 @@ class Rates:
         """Of position, rotation, velocity, spin of the nodes with unknowns."""
         space, n = self.model.space, len(self.places[0])
         rotation = space.to_reduced_rotation(self.model.scene.beam.frames).shape[-1]
-        return [n * space.position, n * rotation, n * space.position, n * space.spin]
+        return [n * space.dims.position, n * rotation, n * space.dims.position, n * space.dims.spin]
 
     def pack(self, state: State) -> Tensor:
         """The state's nodes with unknowns, and what else changes, as one vector."""
@@ -146,30 +146,30 @@ class Rates:
     def stress(self, nodes: Nodes, now: Conditions) -> Tensor:
         """[F; M] (..., N, k) of the strain and, where there is damping, of its rate."""
         model, space = self.model, self.model.space
-        kin = model.kinematics(nodes.position, nodes.rotation)
+        kinematics = model.kinematics(nodes.position, nodes.rotation)
 
         def rate() -> Tensor:
             moving = model.assembly.to_elements(torch.cat((nodes.velocity, nodes.spin), -1))
-            return (space.strain_operator(kin, model.length) @ moving[..., None])[..., 0]
+            return (space.strain_operator(kinematics, model.length) @ moving[..., None])[..., 0]
 
-        strain = model.strain(kin) - now.eigenstrain
-        return model.law.stress(model.law.felt(strain, rate))
+        strain = model.strain(kinematics) - now.eigenstrain
+        return model.law.stress(model.law.effective_strain(strain, rate))
 
     def balance(self, now: Conditions, nodes: Nodes) -> tuple[Tensor, Tensor]:
         """(loads less internal forces (..., N+1, w) in frame a, loads)"""
         model, space = self.model, self.model.space
-        kin = model.kinematics(nodes.position, nodes.rotation)
-        internal = model.assembly.to_nodes(space.forces(kin, self.stress(nodes, now), model.length))
+        kinematics = model.kinematics(nodes.position, nodes.rotation)
+        internal = model.assembly.to_nodes(space.forces(kinematics, self.stress(nodes, now), model.length))
         loads = external(model, nodes, now) + torch.zeros_like(internal)
         return loads - internal, loads
 
     def accelerations(self, now: Conditions, nodes: Nodes, spin: Tensor, net: Tensor) -> tuple[Tensor, Tensor]:
         """v' (frame a) and Omega' (section axes) of the nodes with unknowns."""
         model, inertia, space = self.model, self.free, self.free.space
-        p, q = space.position, self.unknown(nodes.rotation)
+        p, q = space.dims.position, self.unknown(nodes.rotation)
         if inertia.offset.present or self.partly_held is not None or model.adds_mass:
-            found, _ = self._solved(now, nodes, spin, net)
-            return found[..., :p], space.to_section(q, found[..., p:])
+            accelerations, _ = self._solved(now, nodes, spin, net)
+            return accelerations[..., :p], space.to_section(q, accelerations[..., p:])
         v, spin, net = map(self.unknown, (nodes.velocity, spin, net))
         torque = space.to_section(q, net[..., p:]) - inertia.rotary.gyroscopic(spin)
         return (now.frame.rate(net[..., :p] / inertia.mass, lambda: -v),
@@ -183,14 +183,14 @@ class Rates:
         q, v, spin, net = map(self.unknown, (nodes.rotation, nodes.velocity, spin, net))
         block, known = self._asked(self.free, now, q, v, spin)
         if model.adds_mass:
-            p, transport = model.space.position, now.frame.rate(torch.zeros_like(v), lambda: v)
+            p, transport = model.space.dims.position, now.frame.rate(torch.zeros_like(v), lambda: v)
             fluid = self.unknown(added_mass(model, nodes, now), 2)
             block, known = block + fluid, known + (fluid[..., :p] @ transport[..., None])[..., 0]
         right, whole = net - known, block
         if free is not None:
             block = block * free[..., None] * free[..., None, :] + torch.diag_embed(1 - free)
-        found = torch.linalg.solve(block, (right if free is None else right * free)[..., None])[..., 0]
-        return found, (whole @ found[..., None])[..., 0] - right
+        accelerations = torch.linalg.solve(block, (right if free is None else right * free)[..., None])[..., 0]
+        return accelerations, (whole @ accelerations[..., None])[..., 0] - right
 
     def _asked(self, inertia: Inertia, now: Conditions, q: Tensor, v: Tensor, spin: Tensor) -> tuple[Tensor, Tensor]:
         """Mass (..., n, w, w) by [v'; R Omega'] of nodes with this inertia, and what else their motion asks for (..., n, w)."""
@@ -247,7 +247,7 @@ class Rates:
         r, q = space.pose(*model.prescribed_motion.pose(support, t))
         if self.carried:
             return r, q, *space.motion(*model.prescribed_motion.absolute(support, t))
-        return r, q, torch.zeros_like(r), torch.zeros_like(r[..., :space.spin])
+        return r, q, torch.zeros_like(r), torch.zeros_like(r[..., :space.dims.spin])
 
     def _accelerations(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
         """Acceleration and angular acceleration, absolute, frame a."""

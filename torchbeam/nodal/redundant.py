@@ -46,7 +46,7 @@ def _gradient(model: Model) -> Tensor:
     pose = Pose(ends(beam.nodes), ends(beam.axes.flatten(-2)).unflatten(-1, (3, 3)))
     none = beam.nodes.new_zeros(joints.held.shape)
     G = joints.alone(joints.blocks(pose, pose, none, None, 1.0)).constraints()
-    size, p = joints.size.detach()[..., None, None], model.space.position
+    size, p = joints.size.detach()[..., None, None], model.space.dims.position
     along = torch.arange(model.space.unknowns, device=G.device).repeat(model.node_count) < p
     G = G * torch.where(along, size, 1.0) * model.constraints.moving.flatten()
     rows = torch.linalg.vector_norm(G, dim=-1, keepdim=True)

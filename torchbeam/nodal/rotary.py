@@ -14,18 +14,18 @@ from torch.nn.functional import pad
 
 from ..core.leaves import Tree, leaf
 from ..topology.protocols import Matrix
-from .coordinates.spatial import Space
+from .coordinates.spatial import Spatial
 
 
 @dataclass(frozen=True)
 class NoRotaryInertia(Tree):
     """Nodes that turn without inertia. Spins and moments are (..., N+1, s)."""
 
-    space: Space
+    space: Spatial
 
     present = False
 
-    def of_nodes(self, space: Space, nodes: slice) -> NoRotaryInertia:
+    def of_nodes(self, space: Spatial, nodes: slice) -> NoRotaryInertia:
         """Of some nodes, in their space."""
         return NoRotaryInertia(space)
 
@@ -54,7 +54,7 @@ class RotaryInertia(NoRotaryInertia):
 
     present = True
 
-    def of_nodes(self, space: Space, nodes: slice) -> RotaryInertia:
+    def of_nodes(self, space: Spatial, nodes: slice) -> RotaryInertia:
         return RotaryInertia(space, self.J[..., nodes, :, :])
 
     def section_momentum(self, spin: Tensor) -> Tensor:
@@ -67,7 +67,7 @@ class RotaryInertia(NoRotaryInertia):
         return value()
 
     def matrix(self, masses: Matrix, by_spin: Callable[[], Tensor]) -> Matrix:
-        p = self.space.position
+        p = self.space.dims.position
         return masses.plus(pad(by_spin(), (p, 0, p, 0)))
 
     def in_frame(self, rotation: Tensor) -> Tensor:

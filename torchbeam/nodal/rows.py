@@ -17,19 +17,19 @@ from ..topology.protocols import Topology
 from .assembly import Assembly
 from .constitutive_law import ElasticLaw
 from .constraints import Constraints
-from .coordinates.linearised import LinearElement, Small
-from .coordinates.spatial import Space
+from .coordinates.linearised import LinearElement, Linearised
+from .coordinates.spatial import Spatial
 from .inertia import Inertia
 from .joint_motion import NoJoints
-from .lever import Lever, NoLever
 from .mass import LumpedMass, SharedMass
+from .mass_offset import MassOffset, NoMassOffset
 from .rotary import NoRotaryInertia, RotaryInertia
 
 
 @dataclass(frozen=True)
 class NodeRows(Tree):
-    """Of nodes, one by one: mass, J, offset: see `LumpedMass`, `RotaryInertia`, `Lever`, None = absent; slide, turn: see
-    `Constraints`; section_mass, tributary_length, s: see `Rows`; frames, R: see `Small`, None in other coordinates.
+    """Of nodes, one by one: mass, J, offset: see `LumpedMass`, `RotaryInertia`, `MassOffset`, None = absent; slide, turn: see
+    `Constraints`; section_mass, tributary_length, s: see `Rows`; frames, R: see `Linearised`, None in other coordinates.
     """
 
     mass: Tensor = leaf(2)
@@ -78,7 +78,7 @@ class Rows(Tree):
     joints     between nodes
     """
 
-    space: Space
+    space: Spatial
     topology: Topology
     constraints: Constraints
     inertia: Inertia
@@ -91,13 +91,13 @@ class Rows(Tree):
     joints: NoJoints = field(default_factory=NoJoints, kw_only=True)
 
     @classmethod
-    def of(cls, space: Space, order: int, nodes: NodeRows, elements: ElementRows | None, held: Held,
+    def of(cls, space: Spatial, order: int, nodes: NodeRows, elements: ElementRows | None, held: Held,
            difference: tuple[float, ...] | None = None) -> Rows:
         """Of one node alone (elements None), or of one element of this order and its nodes; space: as it is elsewhere, but for
         what rows say of it; difference: see `SharedMass`.
         """
         length, reference, law, coupling, linear = (None,) * 5 if elements is None else vars(elements).values()
-        if isinstance(space, Small):
+        if isinstance(space, Linearised):
             space = type(space)(nodes.frames, nodes.R, linear)
         topology = Chain(order, 0 if elements is None else 1)
         free = torch.ones(topology.node_count, space.unknowns, dtype=torch.bool)
@@ -106,7 +106,7 @@ class Rows(Tree):
                                   held.hinges)
         mass = LumpedMass(topology, nodes.mass) if coupling is None else SharedMass(topology, nodes.mass, coupling, difference)
         rotary = NoRotaryInertia(space) if nodes.J is None else RotaryInertia(space, nodes.J)
-        inertia = Inertia(space, mass, rotary, NoLever() if nodes.offset is None else Lever(space, nodes.offset))
+        inertia = Inertia(space, mass, rotary, NoMassOffset() if nodes.offset is None else MassOffset(space, nodes.offset))
         return Rows(space, topology, constraints, inertia, length, reference, law, nodes.section_mass, nodes.tributary_length,
                     nodes.s)
 
@@ -114,15 +114,15 @@ class Rows(Tree):
     def nodes(self) -> NodeRows:
         """All of them."""
         inertia, held, frames, R = self.inertia, self.constraints, None, None
-        if isinstance(self.space, Small):
+        if isinstance(self.space, Linearised):
             frames, R = self.space.frames, self.space.R
-        return NodeRows(inertia.mass, getattr(inertia.rotary, "J", None), getattr(inertia.offset, "x", None), held.slide,
+        return NodeRows(inertia.mass, getattr(inertia.rotary, "J", None), getattr(inertia.offset, "offset", None), held.slide,
                         held.turn, self.section_mass, self.tributary_length, self.s, frames, R)
 
     @property
     def elements(self) -> ElementRows:
         """All of them."""
-        linear = self.space.element if isinstance(self.space, Small) else None
+        linear = self.space.element if isinstance(self.space, Linearised) else None
         return ElementRows(self.length, self.reference, self.law, getattr(self.inertia.translational, "coupling", None), linear)
 
     @property
@@ -144,7 +144,7 @@ class Rows(Tree):
     @cached
     def assembly(self) -> Assembly:
         """From nodes to elements and back."""
-        return Assembly(self.topology, self.space.interpolation, self.space.position)
+        return Assembly(self.topology, self.space.interpolation, self.space.dims.position)
 
     def depends_on(self, load: Any) -> frozenset[str]:
         """What a load's wrench depends on."""
@@ -154,9 +154,9 @@ class Rows(Tree):
         """Of all elements, from nodes in the space's coordinates: see `element.Kinematics`."""
         return self.space.kinematics(*self.assembly.poses(position, rotation), self.length)
 
-    def strain(self, kin: Any) -> Tensor:
+    def strain(self, kinematics: Any) -> Tensor:
         """(..., N, k), less that of the undeformed beam."""
-        return self.space.strains(kin, self.length, self.reference)
+        return self.space.strains(kinematics, self.length, self.reference)
 
     def kinetic_energy(self, rotation: Tensor, velocity: Tensor, spin: Tensor) -> Tensor:
         """(...) J"""

@@ -20,7 +20,7 @@ def fit(fit: Any) -> list[Axes]:
 
     Raises ValueError for a fit all of whose measurements are single readings.
     """
-    shown = [(one, k, name) for one in fit.readings if one.data.ndim and len(one.data) > 1 for k, name in enumerate(one.names)]
+    shown = [(reading, k, name) for reading in fit.readings if reading.data.ndim and len(reading.data) > 1 for k, name in enumerate(reading.names)]
     if not shown:
         raise ValueError("a fit to single readings was given to plot.fit; one with readings over time is wanted")
     places = grid(2, len(shown), (5.0 * len(shown), 4.6))
@@ -52,13 +52,13 @@ def correlation(fit: Any, ax: Axes | None = None) -> Axes:
     """Correlation matrix of the parameters of a `Fit`, numbers in colours; parameters that the data do not tell are grey."""
     p, names = len(fit.names), [textwrap.fill(name, LABEL) for name in fit.names]
     ax = axes((2.2 + 0.62 * p, 1.8 + 0.62 * p)) if ax is None else ax
-    told = ~fit.open
-    values = torch.where(told[:, None] & told, fit.correlation, torch.nan)
+    determined = ~fit.open
+    values = torch.where(determined[:, None] & determined, fit.correlation, torch.nan)
     ax.set_facecolor("0.85")
     ax.imshow(numbers(values), vmin=-1, vmax=1, cmap="RdBu_r")
     for i in range(p):
         for j in range(p):
-            if told[i] and told[j]:
+            if determined[i] and determined[j]:
                 value = values[i, j].item()
                 ax.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=8, color="w" if abs(value) > 0.6 else "k")
     ax.set_xticks(range(p), names, rotation=45, ha="right", rotation_mode="anchor", fontsize=8)

@@ -107,14 +107,14 @@ def bands(t: Tensor, samples: Any, ax: Axes | None = None, *, level: float = 0.9
     """
     ax = axes() if ax is None else ax
     t = as_tensor(t, torch.float64)
-    found = samples.bands(level, interval or 0.95)
-    if found.estimate.shape != (3, *t.shape) or t.ndim != 1:
-        raise ValueError(f"t {tuple(t.shape)} and y {tuple(found.estimate.shape[1:])} were given to bands; (time,) is wanted")
-    low, middle, high = (numbers(x) for x in found.estimate)
+    band = samples.bands(level, interval or 0.95)
+    if band.estimate.shape != (3, *t.shape) or t.ndim != 1:
+        raise ValueError(f"t {tuple(t.shape)} and y {tuple(band.estimate.shape[1:])} were given to bands; (time,) is wanted")
+    low, middle, high = (numbers(x) for x in band.estimate)
     ax.fill_between(numbers(t), low, high, color=color, alpha=0.25, lw=0, label=f"{100 * level:g} % of samples")
     ax.plot(numbers(t), middle, color=color, lw=1.6, label=label or "median")
     if interval is not None:
-        for part in (found.low, found.high):
+        for part in (band.low, band.high):
             for line in part:
                 ax.plot(numbers(t), numbers(line), color=color, lw=0.6, ls=":")
     ax.set(xlabel="time / s", ylabel=name)

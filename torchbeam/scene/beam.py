@@ -110,7 +110,7 @@ class Beam(BeamRows):
                    z (y, where the beam runs along z)
         root       (..., 3) m, position of node 0, frame a
         twist      rad by which the section axes at rest are turned about the beam: a number (...) for that of the tip, growing
-                   evenly from none at the root; or a function of s (..., m) m that gives (..., m), a `Table` for one
+                   evenly from none at the root; or a function of s (..., m) m that gives (..., m), a `TransferTable` for one
         order      1: elements of two nodes. 2: of three, with a node in the middle of each and two stations of stress, whose
                    error falls with the fourth power of their length: few of them do where the solution is smooth
 
@@ -261,9 +261,9 @@ class Beam(BeamRows):
 
     @classmethod
     def _with_section(cls, section: Sections, nodes, frames, elements, length, curved, order=1) -> Beam:
-        one = isinstance(section, Section)
-        section = section if one else of_elements(section, length, order)
+        uniform = isinstance(section, Section)
+        section = section if uniform else of_elements(section, length, order)
         common_dtype(nodes, section.compliance)  # says so where a function of s gave another dtype
-        compliance, mass = (x[..., None, :, :] if one else x for x in (section.compliance, section.mass))
+        compliance, mass = (x[..., None, :, :] if uniform else x for x in (section.compliance, section.mass))
         return cls(nodes, frames, elements, length, compliance, mass, rigid=section.rigid, coupled=section.coupled,
                    offset=section.offset, rotary=section.rotary, curved=curved, order=order)

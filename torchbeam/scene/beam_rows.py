@@ -37,8 +37,6 @@ class BeamRows(Tree):
         """The number of stations of stress, which is that of intervals between neighbouring nodes: N, times the order."""
         return self.length.shape[-1]
 
-    count = station_count
-
     @property
     def element_count(self) -> int:
         """N, the number of elements."""
@@ -89,5 +87,5 @@ class BeamRows(Tree):
 
     def at_stations(self, x: Tensor, axes: int) -> Tensor:
         """Values of the elements, (..., N or 1, *) with `axes` axes of their own, at their stations."""
-        one = self.order == 1 or x.shape[-1 - axes] == 1
-        return x if one else x.repeat_interleave(self.order, -1 - axes)
+        single = self.order == 1 or x.shape[-1 - axes] == 1
+        return x if single else x.repeat_interleave(self.order, -1 - axes)

@@ -60,15 +60,15 @@ def tangents(nodes: Tensor, length: Tensor) -> Tensor:
     """
     slope, h = nodes.diff(dim=-2) / length[..., None], length[..., None]
     if slope.shape[-2] == 1:
-        found = slope.expand(*slope.shape[:-2], 2, 3)
+        slopes = slope.expand(*slope.shape[:-2], 2, 3)
     else:
         a, b = h[..., :-1, :], h[..., 1:, :]
         inner = (b * slope[..., :-1, :] + a * slope[..., 1:, :]) / (a + b)
-        found = torch.cat((2 * slope[..., :1, :] - inner[..., :1, :], inner, 2 * slope[..., -1:, :] - inner[..., -1:, :]), -2)
-    size = torch.linalg.vector_norm(found, dim=-1, keepdim=True)
+        slopes = torch.cat((2 * slope[..., :1, :] - inner[..., :1, :], inner, 2 * slope[..., -1:, :] - inner[..., -1:, :]), -2)
+    size = torch.linalg.vector_norm(slopes, dim=-1, keepdim=True)
     if concrete(size == 0).any():
         raise ValueError(TURNS_BACK)
-    return found / size
+    return slopes / size
 
 
 def shortest_turn(a: Tensor, b: Tensor) -> Tensor:

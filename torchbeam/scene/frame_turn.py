@@ -33,11 +33,11 @@ def turn_between(omega: Omega, start: Tensor, end: Tensor) -> Tensor:
     start, end = (t.reshape([1] * (len(shape) - t.ndim) + [*t.shape]) for t in (start, end))
     with no_derivatives():
         edges = _parts(omega, start, end)
-    found = quat.exponential(_vectors(omega, start, end, edges[:-1], edges[1:]))
-    while len(found) > 1:  # neighbours together, in their order
-        pairs = quat.multiply(found[:len(found) // 2 * 2:2], found[1::2])
-        found = torch.cat((pairs, found[len(found) // 2 * 2:]))
-    return quat.normalize(found[0]).expand(*shape, 4)
+    turns = quat.exponential(_vectors(omega, start, end, edges[:-1], edges[1:]))
+    while len(turns) > 1:  # neighbours together, in their order
+        pairs = quat.multiply(turns[:len(turns) // 2 * 2:2], turns[1::2])
+        turns = torch.cat((pairs, turns[len(turns) // 2 * 2:]))
+    return quat.normalize(turns[0]).expand(*shape, 4)
 
 
 def magnus(omega: tuple[Tensor, ...], h: Tensor) -> Tensor:
@@ -70,7 +70,7 @@ def _parts(omega: Omega, start: Tensor, end: Tensor) -> Tensor:
     """Edges (n + 1) in [0, 1] of parts that are short enough for all samples."""
     accuracy = ACCURACY * torch.finfo(start.dtype).eps
     edges = torch.linspace(0, 1, FIRST + 1, dtype=start.dtype, device=start.device)
-    low, high, found = edges[:-1], edges[1:], [edges[:1]]
+    low, high, edges_of_parts = edges[:-1], edges[1:], [edges[:1]]
     while len(low):
         middle = (low + high) / 2
         whole, *halves = (_vectors(omega, start, end, *part) for part in ((low, high), (low, middle), (middle, high)))
@@ -78,9 +78,9 @@ def _parts(omega: Omega, start: Tensor, end: Tensor) -> Tensor:
         off = quat.multiply(quat.conjugate(turn), quat.multiply(first, second))[..., 1:].abs()
         over = off - accuracy * (1 + torch.linalg.vector_norm(whole, dim=-1, keepdim=True))
         bad = (concrete(over.flatten(1).amax(-1)).reshape(-1, len(low)).amax(0) > 0) & (high - low > NARROWEST)
-        found += [high[~bad], middle[~bad]]
+        edges_of_parts += [high[~bad], middle[~bad]]
         low, high = torch.cat((low[bad], middle[bad])), torch.cat((middle[bad], high[bad]))
         if len(low) > MOST:
             raise ValueError(f"an angular velocity of the frame that takes more than {MOST} parts to be integrated from t = 0 "
                              "was given; a smoother function is wanted, or a start at t = 0")
-    return torch.cat(found).sort().values
+    return torch.cat(edges_of_parts).sort().values

@@ -143,13 +143,13 @@ class Scene(Tree):
     @cached
     def inputs(self) -> dict[str, int]:
         """Name -> size."""
-        found: dict[str, int] = {}
+        sizes: dict[str, int] = {}
         for effect in (*self.effects, *self.joints):
             for value in inputs_of(effect):
-                if found.setdefault(value.name, value.size) != value.size:
-                    raise ValueError(f"the input {value.name!r} has the sizes {found[value.name]} and {value.size}; one is "
+                if sizes.setdefault(value.name, value.size) != value.size:
+                    raise ValueError(f"the input {value.name!r} has the sizes {sizes[value.name]} and {value.size}; one is "
                                      "wanted")
-        return found
+        return sizes
 
     def _bound(self, given: Any) -> Any:
         """Effects, motions, supports with the beam's dtype and device."""
@@ -165,7 +165,7 @@ class Scene(Tree):
         """All tensors of a scene that holds, beside inputs, nothing else, and no effect of a user's own: two such scenes of one
         structure differ in these alone. None where it holds functions.
         """
-        values = [one.value for one in leaves(self)]
+        values = [leaf.value for leaf in leaves(self)]
         plain = all(isinstance(x, (Tensor, Placeholder)) for x in values) and all(map(of_library, self.effects))
         return tuple(x for x in values if isinstance(x, Tensor)) if plain else None
 
@@ -190,24 +190,24 @@ class Scene(Tree):
         asked = self.supports.given if isinstance(self.supports, SceneSupports) else self.supports
         given = (() if freed or self.beam.parts else (Support(0),)) if asked is None else asked
         given = listed(given)
-        count, found = self.beam.node_count, {}
+        count, by_node = self.beam.node_count, {}
         for support in given:
             if not isinstance(support, Support):
                 raise ValueError(f"{shown(support)} was given as a support; a torchbeam.Support is wanted")
             row = self.beam.row(support.node, "the node of a support")
             row = row if self.beam.parts else row % count
-            if row in found:
+            if row in by_node:
                 raise ValueError(f"two supports of node {row} were given; one is wanted")
-            found[row] = support
-        if freed and 0 in found and any(found[0].held):
+            by_node[row] = support
+        if freed and 0 in by_node and any(by_node[0].held):
             raise ValueError("a RootSpring and a support that holds node 0 were given; one of them is wanted")
-        if self.root is not None and not freed and not (0 in found and found[0].turn is self.root.rotation
-                                                        and found[0].displacement is self.root.displacement):
-            if 0 not in found or not found[0].clamp or found[0].displaced:
+        if self.root is not None and not freed and not (0 in by_node and by_node[0].turn is self.root.rotation
+                                                        and by_node[0].displacement is self.root.displacement):
+            if 0 not in by_node or not by_node[0].clamp or by_node[0].displaced:
                 raise ValueError("root was given for a node 0 that is not clamped or has a motion of its own; one clamp with "
                                  "one motion is wanted")
-            found[0] = replace(found[0], displacement=self.root.displacement, turn=self.root.rotation)
-        supports = SceneSupports(replace(found[node], node=node) for node in found)
+            by_node[0] = replace(by_node[0], displacement=self.root.displacement, turn=self.root.rotation)
+        supports = SceneSupports(replace(by_node[node], node=node) for node in by_node)
         supports.given = None if asked is None else given
         return supports
 
@@ -217,10 +217,10 @@ class Scene(Tree):
             row = self.beam.row(effect.node)
             return effect if row is effect.node else with_values(effect, node=row)
         self.beam.named(effect.on, effect)
-        for one in own_leaves(effect):
-            if isinstance(one.value, PerElement) and not callable(one.value.value):
+        for leaf in own_leaves(effect):
+            if isinstance(leaf.value, PerElement) and not callable(leaf.value.value):
                 for elements in self.beam.element_counts(effect):
-                    one.value.checked(one.value.value, elements)
+                    leaf.value.checked(leaf.value.value, elements)
         return effect
 
     def _where(self, effect: Effect) -> str:
@@ -259,14 +259,14 @@ class Scene(Tree):
         for name in sizes:
             if name not in given:
                 raise ValueError(f"the input {name!r} is missing; the scene wants {', '.join(sizes)}")
-        found = {}
+        tensors = {}
         for name, value in given.items():
             value = as_tensor(value, dtype, device)
             value = value[None] if value.ndim == 0 and sizes[name] == 1 else value  # a number for an input of one
-            found[name] = axis_last(f"input {name!r}", value, sizes[name])
-        if found:
-            broadcast("a scene and inputs", self.batch_shape, *(value.shape[:-1] for value in found.values()))
-        return found
+            tensors[name] = axis_last(f"input {name!r}", value, sizes[name])
+        if tensors:
+            broadcast("a scene and inputs", self.batch_shape, *(value.shape[:-1] for value in tensors.values()))
+        return tensors
 
 
 class SceneSupports(tuple):

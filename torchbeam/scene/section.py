@@ -118,10 +118,10 @@ class Section(Tree):
 
     def like(self, compliance: Tensor, mass: Tensor) -> Section:
         """Section with these matrices, means or multiples of this one's: it has what this one has, and is not checked again."""
-        made = object.__new__(Section)
+        section = object.__new__(Section)
         for name, value in {**vars(self), "compliance": compliance, "mass": mass}.items():
-            object.__setattr__(made, name, value)
-        return made
+            object.__setattr__(section, name, value)
+        return section
 
     def declared(self, coupled: bool, offset: bool, rotary: bool) -> Section:
         """This section, newly made, with what it is known to have."""

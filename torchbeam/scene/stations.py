@@ -50,8 +50,8 @@ class Table(Tree):
     def __call__(self, s: Tensor) -> Tensor:
         """Values (..., m) or (..., m, k) at s (..., m) m."""
         values = self.values[..., None] if self.width is None else self.values
-        found = _between(self.s, values, s)
-        return found[..., 0] if self.width is None else found
+        values_at_s = _between(self.s, values, s)
+        return values_at_s[..., 0] if self.width is None else values_at_s
 
 
 @dataclass(frozen=True)
@@ -134,8 +134,8 @@ def of_elements(section: Sequence[Section] | Callable[[Tensor], Section], length
         if order == 2:
             return _sections_at(section, stations_of(length))
         places, weights, element = _quadrature(length, section.s if isinstance(section, Stations) else None)
-        found = _sections_at(section, places)
-        return found.like(*(_gathered(x, weights, element, N) for x in (found.compliance, found.mass)))
+        element_sections = _sections_at(section, places)
+        return element_sections.like(*(_gathered(x, weights, element, N) for x in (element_sections.compliance, element_sections.mass)))
     sections = tuple(section)
     if not sections or not all(isinstance(s, Section) for s in sections) or len(sections) not in (1, N // order):
         raise ValueError(f"{len(sections)} sections were given for {N // order} elements; one Section or one each is wanted")
@@ -143,12 +143,12 @@ def of_elements(section: Sequence[Section] | Callable[[Tensor], Section], length
 
 
 def _sections_at(function: Callable[[Tensor], Section], places: Tensor) -> Section:
-    found = check_function("section", function, "s")(places)
-    if not isinstance(found, Section) or found.batch_shape[-1:] != places.shape[-1:]:
-        given = f"of batch shape {tuple(found.batch_shape)}" if isinstance(found, Section) else type(found).__name__
+    sections = check_function("section", function, "s")(places)
+    if not isinstance(sections, Section) or sections.batch_shape[-1:] != places.shape[-1:]:
+        given = f"of batch shape {tuple(sections.batch_shape)}" if isinstance(sections, Section) else type(sections).__name__
         raise ValueError(f"a function of s that gave a section {given} for {places.shape[-1]} places was given; one "
                          "Section with a last batch axis of that many is wanted")
-    return found
+    return sections
 
 
 def _quadrature(length: Tensor, corners: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:

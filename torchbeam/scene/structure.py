@@ -46,7 +46,7 @@ class Structure(Beam):
         """
         beams, bodies = _sorted(given)
         first = next(iter(beams.values()), None)
-        dtype, device = common_dtype(*(one.value for one in leaves(list(given.values()))))
+        dtype, device = common_dtype(*(leaf.value for leaf in leaves(list(given.values()))))
         for name in ("order", "linked_interpolation"):
             if len({getattr(beam, name) for beam in beams.values()}) > 1:
                 what = "different orders" if name == "order" else "linked interpolation beside others without"

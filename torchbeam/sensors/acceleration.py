@@ -96,7 +96,7 @@ class NodeAcceleration(_OfNode):
             M a_c = f      A^T M a_c + J alpha + Omega x J Omega = m      a_c = a + A alpha + Omega x (Omega x e)
         """
         model = self.rates.model
-        t, space, inertia, p = shared(state.t), model.space, model.inertia, model.space.position
+        t, space, inertia, p = shared(state.t), model.space, model.inertia, model.space.dims.position
         state = space.to_reduced(state)
         q, spin = state.rotation, state.spin
         nodes = Nodes(state.position, q, state.velocity, space.to_frame(q, spin), state.frame, state.internal)

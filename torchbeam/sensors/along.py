@@ -13,7 +13,7 @@ from ..math.shapes import broadcast_shapes
 from ..nodal.assembly import Assembly
 from ..nodal.constitutive_law import without_residual_bending
 from ..nodal.coordinates.selection import in_space, space_of
-from ..nodal.coordinates.spatial import Space
+from ..nodal.coordinates.spatial import Spatial
 from ..scene.beam import Beam
 from ..scene.scene import Scene
 from ..scene.stations import stations_of
@@ -42,7 +42,7 @@ class _Along(OnPart):
     beam: Beam | Scene | None = None
     element: int | None = None
     weights: Tensor | None = field(default=None, init=False)
-    space: Space | None = field(default=None, init=False)
+    space: Spatial | None = field(default=None, init=False)
     what: ClassVar[str]
 
     def __post_init__(self) -> None:
@@ -126,8 +126,8 @@ def _on_lines(station: Tensor, places: Tensor, ends: Tensor, step: int) -> Tenso
     at, places, ends = station.expand(shape)[..., None], places.expand(*shape, n), ends.expand(*shape, ends.shape[-1])
     k = step * torch.searchsorted(ends.detach().contiguous(), at.detach().contiguous())
     a, b = places.gather(-1, k), places.gather(-1, k + 1)
-    share, one = (at - a) / (b - a), torch.arange(n, device=k.device)
-    return torch.where(one == k, 1 - share, 0.0) + torch.where(one == k + 1, share, 0.0)
+    share, number = (at - a) / (b - a), torch.arange(n, device=k.device)
+    return torch.where(number == k, 1 - share, 0.0) + torch.where(number == k + 1, share, 0.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -150,9 +150,9 @@ class _Strains(_Along):
             position, rotation, length = position[..., i:i + p + 1, :], rotation[..., i:i + p + 1, :], length[..., i:i + p, :]
         rotation = space.to_reduced_rotation(rotation)
         topology = self.beam.topology if i is None or not space.turns else Chain(p, 1)
-        assembly = Assembly(topology, space.interpolation, space.position)
-        found = space.strains(space.kinematics(*assembly.poses(position, rotation), length), length)
-        return found if i is None or space.turns else found[..., i:i + p, :]
+        assembly = Assembly(topology, space.interpolation, space.dims.position)
+        strain = space.strains(space.kinematics(*assembly.poses(position, rotation), length), length)
+        return strain if i is None or space.turns else strain[..., i:i + p, :]
 
     def read(self, state: Any) -> Tensor:
         if not isinstance(state, State):  # a mixed form holds its own

@@ -92,8 +92,8 @@ def _read(t: Tensor, values: Tensor, at: Tensor, seen: Tensor, axes: int, rate: 
     h, s, wrong = wide(h), wide(s), wide(~seen | ahead)
     rise, bend = b - a - h * va, h * (vb - va)
     c, d = 3 * rise - bend, bend - 2 * rise
-    found = torch.where(wide(before), 0, va + s * (2 * c + 3 * s * d) / h) if rate else a + s * (h * va + s * (c + s * d))
-    return torch.where(wrong, torch.nan, found)
+    reading = torch.where(wide(before), 0, va + s * (2 * c + 3 * s * d) / h) if rate else a + s * (h * va + s * (c + s * d))
+    return torch.where(wrong, torch.nan, reading)
 
 
 def _slopes(t: Tensor, values: Tensor) -> Tensor:

@@ -20,12 +20,12 @@ def descend(objective: Squares, start: Tensor, region: Region, iterations: int, 
     """
     raised: list[str] = []
     region.size = torch.where(region.size == 0, 1, region.size)
-    found = [_descend(lambda x, k=k: objective(x, k), x, region.of(torch.tensor(k)), iterations, tolerance, raised)
+    descents = [_descend(lambda x, k=k: objective(x, k), x, region.of(torch.tensor(k)), iterations, tolerance, raised)
              for k, x in enumerate(start)]
-    length = max(len(way) for _, way in found)
-    ways = [torch.cat((w, w[-1:].expand(length - len(w), -1))) for _, w in found]
+    length = max(len(iterates) for _, iterates in descents)
+    ways = [torch.cat((w, w[-1:].expand(length - len(w), -1))) for _, w in descents]
     x = torch.stack([w[-1] for w in ways])
-    return x, torch.tensor([s for s, _ in found], device=x.device), torch.stack(ways, 1), raised
+    return x, torch.tensor([s for s, _ in descents], device=x.device), torch.stack(ways, 1), raised
 
 
 def _descend(objective: Callable[[Tensor], Tensor], start: Tensor, region: Region, iterations: int, tolerance: float,
@@ -37,7 +37,7 @@ def _descend(objective: Callable[[Tensor], Tensor], start: Tensor, region: Regio
     scaled = (start / size).requires_grad_()
     search = torch.optim.LBFGS([scaled], max_iter=1, max_eval=25, tolerance_grad=0, tolerance_change=0,
                                line_search_fn="strong_wolfe")
-    here, way, rejected = scaled.detach().clone(), [start], False
+    here, iterates, rejected = scaled.detach().clone(), [start], False
 
     def squares(trial: Tensor) -> Tensor:
         """Of one trial, with its gradient in `scaled.grad`."""
@@ -72,8 +72,8 @@ def _descend(objective: Callable[[Tensor], Tensor], start: Tensor, region: Regio
     for _ in range(iterations):
         rejected = False
         search.step(closure)
-        way.append(scaled.detach() * size)
+        iterates.append(scaled.detach() * size)
         moved, here = (scaled.detach() - here).abs().amax(), scaled.detach().clone()
         if moved <= tolerance * (here.abs().amax() + tolerance):
-            return STUCK if rejected else CONVERGED, torch.stack(way)
-    return UNFINISHED, torch.stack(way)
+            return STUCK if rejected else CONVERGED, torch.stack(iterates)
+    return UNFINISHED, torch.stack(iterates)

@@ -34,7 +34,7 @@ class Tangent(Protocol):
         ...
 
     def solve(self, nodes: Tensor, strain: Tensor) -> tuple[Tensor, ...]:
-        """What a residual asks for: the arguments of `Problem.update`, and last the reaction (..., K, w) after it."""
+        """What a residual asks for: the arguments of `FitProblem.update`, and last the reaction (..., K, w) after it."""
         ...
 
 

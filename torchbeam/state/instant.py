@@ -43,8 +43,8 @@ class Point:
         return self._taken(3)
 
     def _taken(self, k: int) -> Tensor:
-        made = self._made[k]
-        return made() if callable(made) else made
+        tensor = self._made[k]
+        return tensor() if callable(tensor) else tensor
 
     def __iter__(self) -> Iterator[Tensor]:
         return iter((self.position, self.velocity, self.rotation, self.spin))

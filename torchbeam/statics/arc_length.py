@@ -143,8 +143,8 @@ def load_slope(loaded: LoadedProblem, x: PathPoint) -> tuple[Tensor, Tensor]:
     near = loaded.at(x).near
 
     def residual(factor: Tensor) -> tuple[Tensor, Tensor]:
-        found = replace(loaded(factor), near=near).residual(x.shape)[0]
-        return found.nodes, found.strain
+        balance = replace(loaded(factor), near=near).residual(x.shape)[0]
+        return balance.nodes, balance.strain
 
     factor = x.factor[..., 0, 0].contiguous()
     return rate_along(residual, (factor,), (torch.ones_like(factor),))[1]

@@ -21,7 +21,7 @@ def check_balance(problem: SteadyProblem, x: Configuration) -> None:
     """
     with no_derivatives():
         residual = problem.residual(x)[0]
-        size, p = residual.measure(), problem.model.space.position
+        size, p = residual.measure(), problem.model.space.dims.position
         if not problem.model.station_count:
             _refuse(~(size <= CLOSE[size.dtype]), "{} that is no equilibrium was given (what is out of balance is {:.2g} of "
                     "its largest force); one under these loads and inputs, as of `equilibrium`, is wanted", size)
@@ -58,7 +58,7 @@ def check_rest(problem: SteadyProblem, state: State) -> None:
 def softest(model: Model) -> Tensor:
     """(...) N m^2, the smallest stiffness of bending or torsion."""
     C = model.law.C
-    return (C[..., 0] if C.shape[-1] == 1 else C.diagonal(dim1=-2, dim2=-1))[..., model.space.position:].amin((-1, -2))
+    return (C[..., 0] if C.shape[-1] == 1 else C.diagonal(dim1=-2, dim2=-1))[..., model.space.dims.position:].amin((-1, -2))
 
 
 def _refuse(bad: Tensor, sentence: str, *numbers: Tensor) -> None:

@@ -101,8 +101,8 @@ class Continuation:
             shape = broadcast_shapes(shape, self.target.shape)
         start = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in start))
         none, no = zero.expand(shape), torch.zeros(shape, dtype=torch.bool, device=zero.device)
-        way = zero.expand(*start.position.shape[:-1], self.model.space.unknowns)
-        now = self.settle(PathPoint(*start, none[..., None, None], way), none - 1, None, None)
+        zero_move = zero.expand(*start.position.shape[:-1], self.model.space.unknowns)
+        now = self.settle(PathPoint(*start, none[..., None, None], zero_move), none - 1, None, None)
         first = None if self.control is None else self.led(start, shape)
         status, final, leap, at, step = no.long(), no, no, none, none + self.step
         done = no if active is None else ~active
@@ -154,9 +154,9 @@ class Continuation:
         move, by_factor = now.move, now.by_factor / self.span[1] ** 2
         if leap.any():
             mode = self.mode(now, behind)
-            way = step[..., None, None] * mode
-            there = self.loaded(now.factor).update(start.shape, way, torch.zeros_like(start.stress))
-            start = where(leap, start._replace(position=there.position, rotation=there.rotation, way=way), start)
+            branch_move = step[..., None, None] * mode
+            there = self.loaded(now.factor).update(start.shape, branch_move, torch.zeros_like(start.stress))
+            start = where(leap, start._replace(position=there.position, rotation=there.rotation, way=branch_move), start)
             move, by_factor = where(leap, (mode, zero), (move, by_factor))
         row, by_factor = where(final, (torch.zeros_like(move), zero + 1), (self.size * move, by_factor))
         bound = torch.where(now.by_factor < 0, self.span[0], self.span[1]).to(now.factor)  # of two numbers: the default dtype
@@ -214,5 +214,5 @@ class Continuation:
 def move_weights(model: Model) -> Tensor:
     """(..., 1, w) of the squares of a node's displacement and turn in the square of a step."""
     L = model.length.detach().sum(-2, keepdim=True)
-    wide, turn = (L.expand(*L.shape[:-1], size) for size in (model.space.position, model.space.spin))
+    wide, turn = (L.expand(*L.shape[:-1], size) for size in (model.space.dims.position, model.space.dims.spin))
     return torch.cat((1 / wide**2, torch.ones_like(turn)), -1) / model.node_count

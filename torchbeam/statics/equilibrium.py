@@ -98,7 +98,7 @@ def equilibrium(
     time = instant("t", t, scene.beam.nodes)
     start = model.space.start(start)
     start = Configuration(start.position, start.rotation, start.stress)
-    doubtful = found = driven = None
+    doubtful = states = driven = None
     judged = not model.internal_states  # with those, the tangent of what is held is not that of what comes to rest
     problem = SteadyProblem(model, time, given, time.new_ones(()))
     if initial is None:  # at no load
@@ -108,11 +108,11 @@ def equilibrium(
         problem = braced(problem, start)
     if engine != "eager" and not relax and type(problem) is SteadyProblem:
         native = compiled.climb if engine == "compiled" else compiled.automatic_climb
-        found = native(model, time, given, start, tolerance, judged=judged or branch == "stable")
-    if found is None:
+        states = native(model, time, given, start, tolerance, judged=judged or branch == "stable")
+    if states is None:
         x, reaction, status = (relaxation.relax if relax else climb)(problem, start, tolerance)
     else:
-        x, reaction, status, doubtful = found
+        x, reaction, status, doubtful = states
     start = Configuration(*(v.expand(*status.shape, *v.shape[-2:]) for v in start))
     problem = replace(problem, load_factor=torch.ones_like(status, dtype=scene.dtype))
     problem = braced(problem, x) if relax else problem
@@ -124,8 +124,8 @@ def equilibrium(
         if concrete(unstable).any():
             doubtful = None
             with no_derivatives():
-                *stable, found = stable_branch(model, LoadedProblem(model, time, given), start, unstable, tolerance)
-            x, reaction = where(found, tuple(stable), (x, reaction))
+                *stable, states = stable_branch(model, LoadedProblem(model, time, given), start, unstable, tolerance)
+            x, reaction = where(states, tuple(stable), (x, reaction))
     if model.internal_states:
         problem, x, reaction, status = resting(problem, x, reaction, status, good, tolerance)
         good = good & (status == 0)
@@ -148,8 +148,8 @@ def equilibrium(
         first = None if alike else tuple(failed.nonzero()[0].tolist())
         raise RuntimeError(f"{which} has no equilibrium: {reason(problem, x, int(status[failed][0]), first, relax)}")
     if judged:
-        found = ~failed
-        unstable = found & _unstable(problem, x, start, None if doubtful is None else doubtful & found, model.conservative)
+        states = ~failed
+        unstable = states & _unstable(problem, x, start, None if doubtful is None else doubtful & states, model.conservative)
         if concrete(unstable).any():
             warn(f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection leads to another "
                  "(branch='stable' looks for it)")
@@ -182,7 +182,7 @@ def _unstable(problem: SteadyProblem, x: Configuration, start: Configuration, do
     few = None if doubtful is None else BatchSubset.worthwhile(doubtful)
     if few is not None:
         with suppress(NotSeparable):
-            at, begin = (Configuration(*(few.take(v, 2) for v in one)) for one in (x, start))
+            at, begin = (Configuration(*(few.take(v, 2) for v in shape)) for shape in (x, start))
             return few.put(torch.zeros_like(doubtful), _unstable(few.gather(problem), at, begin, None, symmetric), 0)
     with no_derivatives():
         tangent = _tangent(problem, x)

@@ -27,12 +27,12 @@ def resting(problem: SteadyProblem, x: Configuration, reaction: Tensor, status: 
     """
     with no_derivatives():
         for _ in range(LIMIT):
-            found = _states(problem, x, status.shape)
-            after = _states(replace(problem, near=found), x, status.shape)
-            going = going & (status == SUCCESS) & ~_stays(found, after)
+            states = _states(problem, x, status.shape)
+            after = _states(replace(problem, near=states), x, status.shape)
+            going = going & (status == SUCCESS) & ~_stays(states, after)
             if not concrete(going).any():
                 return problem, x, reaction, status
-            problem = replace(problem, near=torch.where(going[..., None], after, found))
+            problem = replace(problem, near=torch.where(going[..., None], after, states))
             outcome = newton(problem, problem.apply_supports(x), going, tolerance)
             good = (going & (outcome.status == SUCCESS))[..., None, None]
             x = Configuration(*(torch.where(good, a, b) for a, b in zip(outcome.x, x, strict=True)))

@@ -220,8 +220,8 @@ def _resisted(problem: SteadyProblem, x: Configuration, moves: tuple[Tensor, Ten
     work, size = _stiffness(problem, x, _in_space(problem, moves))
     work = left @ work @ left
     most = work.abs().amax((-1, -2), keepdim=True)
-    felt = most > NONE * size
-    return torch.where(felt, work / torch.where(felt, most, 1), 0).double()
+    resisted = most > NONE * size
+    return torch.where(resisted, work / torch.where(resisted, most, 1), 0).double()
 
 
 def _stiffness(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tuple[Tensor, Tensor]:
@@ -280,7 +280,7 @@ def _words(motions: Tensor, place: Tensor, at: int) -> str:
             if any(i // 3 == k for i in lone)]
     rest = motions - motions[:, lone] @ torch.eye(6).to(motions)[lone] if lone else motions
     rest = torch.linalg.svd(rest, full_matrices=False)[2][:len(motions) - len(lone)]
-    for shift, turn in (one.split(3) for one in rest):
+    for shift, turn in (motion.split(3) for motion in rest):
         about = torch.linalg.vector_norm(turn)
         shown.append(f"a displacement along {_vector(shift)}" if about < 1e-6 else
                     f"a rotation about {_vector(turn / about)}" + (f" at node {at}" if shift.norm() < 1e-6 else ""))

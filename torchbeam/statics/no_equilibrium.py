@@ -45,18 +45,18 @@ def reason(problem: SteadyProblem, x: Configuration, code: int, sample: tuple[in
 
 def _apart(problem: SteadyProblem, x: Configuration, sample: tuple[int, ...]) -> str:
     """That supports are further from each other than a beam without stretch and shear reaches; "" where none are."""
-    model, p = problem.model, problem.model.space.position
+    model, p = problem.model, problem.model.space.dims.position
     if not (model.law.rigid and model.space.turns) or model.scene.beam.parts:
         return ""
     S = model.law.S if model.law.S.shape[-1] == 1 else model.law.S.diagonal(dim1=-2, dim2=-1)[..., None]
     rigid = sample_of((S[..., :p, 0] == 0).all(-1), 1, sample)
     tangent = (model.reference + problem.eigenstrain)[..., :p]  # of a beam without stretch and shear, section axes
     along = model.length * torch.linalg.vector_norm(tangent, dim=-1, keepdim=True)
-    way, place = sample_of(along[..., 0], 1, sample), sample_of(problem.apply_supports(x).position, 2, sample)
-    rigid, fixed = rigid.expand(way.shape), model.constraints.fixed[:, :p]
+    lengths, place = sample_of(along[..., 0], 1, sample), sample_of(problem.apply_supports(x).position, 2, sample)
+    rigid, fixed = rigid.expand(lengths.shape), model.constraints.fixed[:, :p]
     ends = sorted(zip(model.constraints.nodes, fixed, strict=True), key=lambda end: end[0])
     for (i, held), (j, also) in itertools.pairwise(ends):
-        gap, reach = torch.linalg.vector_norm((place[j] - place[i]) * held * also), way[i:j].sum()
+        gap, reach = torch.linalg.vector_norm((place[j] - place[i]) * held * also), lengths[i:j].sum()
         if rigid[i:j].all() and gap > (1 + CLOSE) * reach:
             return (f"its supports hold nodes {i} and {j} {float(gap):.6g} m apart, and the beam between them, which cannot "
                     f"stretch, is {float(reach):.6g} m long")
@@ -65,5 +65,5 @@ def _apart(problem: SteadyProblem, x: Configuration, sample: tuple[int, ...]) ->
 
 def _bent(model: Model, x: Configuration, sample: tuple[int, ...]) -> Tensor:
     """(N,) rad by which elements are bent and twisted."""
-    total = (model.strain(model.kinematics(x.position, x.rotation)) + model.reference)[..., model.space.position:]
+    total = (model.strain(model.kinematics(x.position, x.rotation)) + model.reference)[..., model.space.dims.position:]
     return torch.linalg.vector_norm(sample_of(concrete(model.length * total), 2, sample), dim=-1)

@@ -168,7 +168,7 @@ def stable_branch(model: Model, loaded: LoadedProblem, start: Configuration, act
     of the others; and which of them got there and are stable.
     """
     walk = Continuation(model, loaded, (-math.inf, 1.0), STEP, None, None, True, tolerance, move_weights(model))
-    found = Path.of(loaded, *walk(start, STEPS, active))
-    state = model.space.to_reduced(found.state[-1])
+    branch = Path.of(loaded, *walk(start, STEPS, active))
+    state = model.space.to_reduced(branch.state[-1])
     shape = Configuration(state.position, state.rotation, state.stress)
-    return shape, state.reaction, active & found.reached & found.stable[-1]
+    return shape, state.reaction, active & branch.reached & branch.stable[-1]

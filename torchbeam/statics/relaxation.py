@@ -49,8 +49,8 @@ class Viscous(SteadyProblem):
         residual, *about = super().residual(x)
         space, x = self.model.space, self.apply_supports(x)
         turn = space.theta(space.multiply(space.inverse(self.before.rotation), x.rotation))
-        way = torch.cat((x.position - self.before.position, space.to_frame(x.rotation, turn)), -1)
-        return residual._replace(nodes=residual.nodes + self.drag * way), *about
+        moves = torch.cat((x.position - self.before.position, space.to_frame(x.rotation, turn)), -1)
+        return residual._replace(nodes=residual.nodes + self.drag * moves), *about
 
     def load_tangent(self, x: Configuration) -> Matrix:
         return total(self.model.topology.diagonal(torch.diag_embed(self.drag)), super().load_tangent(x))
@@ -87,11 +87,11 @@ def relax(whole: SteadyProblem, x: Configuration, tolerance: float | None) -> tu
             if concrete(calm).any():
                 still = braced(whole, x)
                 outcome = newton(still, still.apply_supports(x), calm, tolerance, LIMIT, foresee=~calm)
-                found = calm & (outcome.status == 0) & (_turned(model, x, outcome.x) < CALM)
-                found = found & _minimum(still, outcome.x) if downhill else found
-                x = _where(found, outcome.x, x)
-                reaction = torch.where(found[..., None, None], outcome.reaction, reaction)
-                going = going & ~found
+                at_rest = calm & (outcome.status == 0) & (_turned(model, x, outcome.x) < CALM)
+                at_rest = at_rest & _minimum(still, outcome.x) if downhill else at_rest
+                x = _where(at_rest, outcome.x, x)
+                reaction = torch.where(at_rest[..., None, None], outcome.reaction, reaction)
+                going = going & ~at_rest
             if not concrete(going & (step > LEAST)).any():
                 break
         return x, reaction, torch.where(going, DIVERGED, 0)
@@ -104,18 +104,18 @@ def _minimum(problem: SteadyProblem, x: Configuration) -> Tensor:
 
 def _force(model: Model, unbalanced: Residual) -> Tensor:
     """(...) N, of all that is out of balance at the start."""
-    p, length = model.space.position, model.tributary_length.detach().sum((-1, -2))
+    p, length = model.space.dims.position, model.tributary_length.detach().sum((-1, -2))
     return unbalanced.nodes[..., :p].abs().sum((-1, -2)) + unbalanced.nodes[..., p:].abs().sum((-1, -2)) / length
 
 
 def _viscosity(model: Model, force: Tensor) -> Tensor:
     """(..., N+1, w): with which that force would move the beam by its length in tau = 1."""
-    p, share = model.space.position, model.tributary_length.detach()
+    p, share = model.space.dims.position, model.tributary_length.detach()
     length = share.sum((-1, -2))
     force = torch.where(force > 0, force, torch.ones_like(force))
     along = (force / length**2)[..., None, None] * share
     about = along * share**2 / 12
-    return torch.cat((along.expand(*along.shape[:-1], p), about.expand(*about.shape[:-1], model.space.spin)), -1)
+    return torch.cat((along.expand(*along.shape[:-1], p), about.expand(*about.shape[:-1], model.space.dims.spin)), -1)
 
 
 def _flexibility(model: Model, force: Tensor) -> Tensor:
@@ -131,7 +131,7 @@ def _softened(model: Model, flexibility: Tensor) -> Model:
     S = model.law.S
     slim = S.shape[-1] == 1
     diagonal = S if slim else S.diagonal(dim1=-2, dim2=-1)[..., None]
-    by_force = torch.arange(S.shape[-2], device=S.device)[:, None] < model.space.position
+    by_force = torch.arange(S.shape[-2], device=S.device)[:, None] < model.space.dims.position
     more = torch.where(by_force & (diagonal == 0), flexibility[..., None, None, None], 0.0)
     return replace(model, law=replace(model.law, S=S + (more if slim else torch.diag_embed(more[..., 0]))))
 
@@ -139,8 +139,8 @@ def _softened(model: Model, flexibility: Tensor) -> Model:
 def _disturbed(problem: SteadyProblem, x: Configuration) -> Configuration:
     """x with every node turned by about `TRACE`, none like another."""
     space, (nodes, _) = problem.model.space, x.position.shape[-2:]
-    angle = torch.cos(1.7 * torch.arange(nodes * space.spin, dtype=x.position.dtype, device=x.position.device) + 0.3)
-    move = torch.nn.functional.pad(TRACE * angle.unflatten(0, (nodes, space.spin)), (space.position, 0))
+    angle = torch.cos(1.7 * torch.arange(nodes * space.dims.spin, dtype=x.position.dtype, device=x.position.device) + 0.3)
+    move = torch.nn.functional.pad(TRACE * angle.unflatten(0, (nodes, space.dims.spin)), (space.dims.position, 0))
     return problem.update(x, move.expand(*x.position.shape[:-1], space.unknowns), torch.zeros_like(x.stress))
 
 

@@ -32,7 +32,7 @@ ABOUT = (
 
 
 @dataclass(frozen=True)
-class Row:
+class EffectCost:
     """operations: a step, more than without the effect; iterations a step; time: by batch, over that without the effect;
     change of the answer; note: why it did not run.
     """
@@ -111,8 +111,8 @@ IN_PLANE = (0.0, 0.0, 1.0)
 class _Ran:
     """A scene in motion: the tip's path, and steps from the middle of it."""
 
-    def __init__(self, made: Scene, steps: int) -> None:
-        self.stepper = Stepper(made, STEP, engine="eager")
+    def __init__(self, scene: Scene, steps: int) -> None:
+        self.stepper = Stepper(scene, STEP, engine="eager")
         self.timed = min(TIMED, steps // 10)
         state = self.stepper.rest()
         path = [state.tip.position]
@@ -135,7 +135,7 @@ class _Ran:
         self.iterations = iterations / self.timed
 
 
-def measure(quick: bool = False) -> tuple[_Ran, list[Row]]:
+def measure(quick: bool = False) -> tuple[_Ran, list[EffectCost]]:
     """The scene without any effect of the table, and the rows."""
     elements, steps, batches, repeats = (4, 10, (1,), 1) if quick else (16, STEPS, (1, 256), 3)
     base, flat = (_Ran(scene(elements, force=force), steps) for force in ((0.0, 0.5, 1.0), IN_PLANE))
@@ -146,13 +146,13 @@ def measure(quick: bool = False) -> tuple[_Ran, list[Row]]:
         try:
             ran = _Ran(make(), steps)
         except (ValueError, RuntimeError) as refusal:
-            rows.append(Row(name, given, note=str(refusal).splitlines()[0]))
+            rows.append(EffectCost(name, given, note=str(refusal).splitlines()[0]))
             continue
         times = {}
         for batch in batches:
             without, with_ = seconds([lambda b=batch, r=r: r.run(b) for r in (beside, ran)], repeats)
             times[str(batch)] = with_ / without
-        rows.append(Row(name, given, ran.operations - beside.operations, ran.iterations, times, change(ran.path, beside.path)))
+        rows.append(EffectCost(name, given, ran.operations - beside.operations, ran.iterations, times, change(ran.path, beside.path)))
     base.elements, base.steps = elements, steps
     return base, rows
 
@@ -178,7 +178,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def markdown(rows: Sequence[Row]) -> str:
+def markdown(rows: Sequence[EffectCost]) -> str:
     """The table."""
     batches = next(r.time for r in rows if r.time)
     times = [f"time, batch {b}" for b in batches]

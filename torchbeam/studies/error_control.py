@@ -48,7 +48,7 @@ EXPLICIT_ABOUT = (
 
 
 @dataclass(frozen=True)
-class Row:
+class ControlledRun:
     """One sample: error and estimate in tolerances; work: steps made in all; equal: equal steps whose error is the tolerance
     (nan: not measured).
     """
@@ -99,18 +99,18 @@ def work(sol: Solution) -> Tensor:
 
 def equal_steps(runs: list[tuple[int, Tensor]], best: Tensor, tolerance: Tensor, simulated: Callable[[int], Tensor]) -> Tensor:
     """Number of equal steps (samples,) whose error is the tolerance: between two measured ones by the second order."""
-    found = torch.full_like(tolerance, torch.nan)
+    least_steps = torch.full_like(tolerance, torch.nan)
     runs = sorted([*((k, simulated(k)) for k in (8, 16, 32, 64, 128, 256)), *runs], key=lambda run: run[0])
     for steps, nodes in reversed(runs):
         error = distance(nodes, best)
         within = error <= tolerance
-        found = torch.where(within & ((found == 2 * steps) | found.isnan()), steps, found)
-        last = (~within) & (found == 2 * steps)
-        found = torch.where(last, steps * (error / tolerance).sqrt().clamp(max=2.0), found)
-    return found
+        least_steps = torch.where(within & ((least_steps == 2 * steps) | least_steps.isnan()), steps, least_steps)
+        last = (~within) & (least_steps == 2 * steps)
+        least_steps = torch.where(last, steps * (error / tolerance).sqrt().clamp(max=2.0), least_steps)
+    return least_steps
 
 
-def measure(seed: int, samples: int, elements: int, names: Sequence[str] | None = None) -> list[Row]:
+def measure(seed: int, samples: int, elements: int, names: Sequence[str] | None = None) -> list[ControlledRun]:
     """Rows of all samples."""
     rows = []
     for k, (name, make) in enumerate(families(elements).items()):
@@ -125,7 +125,7 @@ def measure(seed: int, samples: int, elements: int, names: Sequence[str] | None 
     return rows
 
 
-def _family(name: str, scene: Scene, t: Tensor, rtol: Tensor) -> list[Row]:
+def _family(name: str, scene: Scene, t: Tensor, rtol: Tensor) -> list[ControlledRun]:
     tolerance = rtol * scene.beam.length.sum(-1)
     best, runs = reference(scene, t, tolerance)
     sol = simulate(scene, t, rtol=rtol)
@@ -133,7 +133,7 @@ def _family(name: str, scene: Scene, t: Tensor, rtol: Tensor) -> list[Row]:
     equal = equal_steps(runs, best, tolerance, lambda k: simulate(scene, t, step=(t[-1] - t[0]).item() / k).nodes)
     stats, counts = sol.stats, (sol.stats.lengths > 0).sum(0)
     columns = rtol, error, stats.error / tolerance, counts, stats.level, stats.rejected, done, equal, sol.status
-    return [Row(name, i, *values) for i, values in enumerate(zip(*(x.tolist() for x in columns), strict=True))]
+    return [ControlledRun(name, i, *values) for i, values in enumerate(zip(*(x.tolist() for x in columns), strict=True))]
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def explicit_methods(elements: int, span: float, tolerances: Sequence[float]) ->
     runs = [("midpoint", "nodal")] + [(method, form) for form in ("nodal", "minimal", "block_rate")
                                       for method in ("dopri5", "dopri8", "bosh3", "rk4")]
     best = {"midpoint": simulate(scene, t, rtol=1e-7).nodes}
-    found = []
+    rows = []
     for method, form in runs:
         if method == "midpoint":
             simulate(scene, t, rtol=1e-2)  # which compiles
@@ -173,11 +173,11 @@ def explicit_methods(elements: int, span: float, tolerances: Sequence[float]) ->
             print(method, form, rtol, file=sys.stderr)
             spent, sol = timed(partial(simulate, scene, t, method=method, form=form, **own))
             error = distance(sol.nodes, best[method if method == "midpoint" else form]) / (rtol * length)
-            made = int(work(sol)) if method == "midpoint" else sol.stats.evaluations
-            found.append(Explicit(method, form, rtol, float(error), made, spent))
+            steps_made = int(work(sol)) if method == "midpoint" else sol.stats.evaluations
+            rows.append(Explicit(method, form, rtol, float(error), steps_made, spent))
             if method == "rk4":
                 break  # its step is the largest that is stable, whatever the tolerance
-    return found
+    return rows
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -203,9 +203,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def markdown(rows: Sequence[Row]) -> str:
+def markdown(rows: Sequence[ControlledRun]) -> str:
     """The table by families, and of all."""
-    def line(name: str, some: list[Row]) -> tuple[str, ...]:
+    def line(name: str, some: list[ControlledRun]) -> tuple[str, ...]:
         errors, ratios = sorted(r.error for r in some), sorted(r.work / r.equal for r in some if r.equal == r.equal)
         within = sum(r.error <= 1 and r.status == 0 for r in some)
         steps = sorted(r.steps * 2**r.level for r in some)

@@ -60,7 +60,7 @@ CASES = (
 
 
 @dataclass(frozen=True)
-class Row:
+class FieldCoverage:
     """Share of elements and repeats whose interval held the truth: of all, of the element in which it is least, of dents and of
     their neighbours (None: there are none); RMS error of ln EI over the deviation; numbers that the data tell, and repeats that
     settled.
@@ -72,7 +72,7 @@ class Row:
     dents: float | None
     neighbours: float | None
     error: float
-    told: float
+    determined: float
     repeats: int
     settled: int
 
@@ -109,37 +109,37 @@ def found(case: Case, data: Tensor, calls: BatchedCalls) -> FieldFit:
                            {"EI": start}, {"EI": Smoothness(sharp=case.sharp)}, derivatives="difference")
 
 
-def measure(case: Case, seed: int = 0) -> Row:
+def measure(case: Case, seed: int = 0) -> FieldCoverage:
     """Row of one case."""
     torch.set_num_threads(1)
     random, repeats = torch.Generator().manual_seed(seed), case.repeats
     EI, where = truths(case, repeats, random)
     exact = heights(EI)
     data = exact + SIGMA * torch.randn(exact.shape, generator=random, dtype=torch.float64)
-    held, errors, told, settled = [], [], 0.0, 0
+    held, errors, determined, settled = [], [], 0.0, 0
     for k, fit in enumerate(as_one_batch(partial(found, case), data)):
         if k % TOLD == 0:
             progress(f"{case.name}: {k} of {repeats}")
         low, high = fit.interval("EI", LEVEL).unbind(-1)
         held.append((low <= EI[k]) & (EI[k] <= high))
         errors.append((fit["EI"] / EI[k]).log() / (fit.deviation("EI") / fit["EI"]))
-        told += fit.effective / repeats
+        determined += fit.effective / repeats
         settled += fit.settled
     inside, error = torch.stack(held).double(), torch.stack(errors)
     every = torch.arange(repeats)
     beside = torch.cat((inside[every, where - 1], inside[every, where + 1])).mean().item()
     dents = (inside[every, where].mean().item(), beside) if case.dent else (None, None)
-    return Row(case.name, inside.mean().item(), inside.mean(0).min().item(), *dents, error.square().mean().sqrt().item(), told,
+    return FieldCoverage(case.name, inside.mean().item(), inside.mean(0).min().item(), *dents, error.square().mean().sqrt().item(), determined,
                repeats, settled)
 
 
-def markdown(rows: Sequence[Row]) -> str:
+def markdown(rows: Sequence[FieldCoverage]) -> str:
     """A line for each case."""
     def share(x: float | None) -> str:
         return "" if x is None else f"{100 * x:.1f}"
 
     head = ("field and prior", "EI: %", "lowest", "in the dent", "beside it", "error, deviations", "told", "settled")
-    lines = [(r.case, *map(share, (r.covered, r.lowest, r.dents, r.neighbours)), f"{r.error:.2f}", f"{r.told:.1f}",
+    lines = [(r.case, *map(share, (r.covered, r.lowest, r.dents, r.neighbours)), f"{r.error:.2f}", f"{r.determined:.1f}",
               f"{r.settled} of {r.repeats}") for r in rows]
     return table(head, lines, words=1)
 

@@ -56,7 +56,7 @@ LEGEND = (
 )
 
 
-class Row(NamedTuple):
+class GradientCost(NamedTuple):
     """One way on one problem; None where the budget was too small, and `status` says so."""
 
     way: str
@@ -79,44 +79,44 @@ def loss(theta: Tensor, steps: int, **options: Any) -> Tensor:
     force = 0.5 * change[:, -1:] * theta.new_tensor((0.0, 0.0, 1.0))
     scene = Scene(Beam.straight(theta.new_tensor(1.0), ELEMENTS, section), [TipLoad(force=force), Damping(1e-3)], plane="xz")
     t = STEP * torch.linspace(0, steps, min(OUTPUTS, steps) + 1, dtype=theta.dtype).round()
-    found = simulate(scene, t, **options)
-    if (found.status != 0).any():
+    solution = simulate(scene, t, **options)
+    if (solution.status != 0).any():
         raise RuntimeError("the rollout failed")
-    return (found.tip.position - theta.new_tensor((0.9, 0.0, 0.2))).square().sum(-1).mean(0)
+    return (solution.tip.position - theta.new_tensor((0.9, 0.0, 0.2))).square().sum(-1).mean(0)
 
 
-def gradient(way: str, parameters: int, steps: int) -> Tensor:
+def gradient(mode: str, parameters: int, steps: int) -> Tensor:
     """(p,) at zero, by one of WAYS; of a forward run the loss (1,)."""
     theta = torch.zeros(1, parameters, dtype=torch.float64)
     implicit = partial(loss, steps=steps, method="midpoint", step=STEP)
     with torch.no_grad():
-        if way in FORWARD:
-            return implicit(theta, engine=FORWARD[way])
-        if way == "differences, compiled":
+        if mode in FORWARD:
+            return implicit(theta, engine=FORWARD[mode])
+        if mode == "differences, compiled":
             return difference(lambda x: implicit(x, engine="compiled")[:, None], theta, torch.full_like(theta, FINE))[1][0, 0]
-    if way == "forward mode, eager":
+    if mode == "forward mode, eager":
         return forward(lambda x: implicit(x, engine="eager")[:, None], theta)[1][0, 0].detach()
     theta.requires_grad_()
-    if way in ADJOINT:
-        engine, checkpoint = ADJOINT[way]
+    if mode in ADJOINT:
+        engine, checkpoint = ADJOINT[mode]
         implicit(theta, engine=engine, checkpoint=checkpoint).sum().backward()
     else:
-        loss(theta, steps, method="dopri5", rtol=TIGHT, atol=TIGHT, adjoint=EXPLICIT[way]).sum().backward()
+        loss(theta, steps, method="dopri5", rtol=TIGHT, atol=TIGHT, adjoint=EXPLICIT[mode]).sum().backward()
     return theta.grad[0]
 
 
-def measured(way: str, parameters: int, steps: int, repeats: int, budget: float) -> dict[str, Any]:
+def measured(mode: str, parameters: int, steps: int, repeats: int, budget: float) -> dict[str, Any]:
     """CPU seconds (the least), MB and the gradient, after a short run of the same way."""
     with threads(1):
         begun = time.perf_counter()
-        gradient(way, parameters, min(steps, 4))
+        gradient(mode, parameters, min(steps, 4))
         times: list[float] = []
         taken = peak_memory()
         while len(times) < repeats and (not times or time.perf_counter() - begun + 1.5 * times[-1] < 0.7 * budget):
             start = time.process_time()
-            found = gradient(way, parameters, steps)
+            cost = gradient(mode, parameters, steps)
             times.append(time.process_time() - start)
-    return {"seconds": min(times), "MB": taken(), "gradient": found.tolist()}
+    return {"seconds": min(times), "MB": taken(), "gradient": cost.tolist()}
 
 
 def cells(quick: bool) -> list[tuple[int, int]]:
@@ -126,42 +126,42 @@ def cells(quick: bool) -> list[tuple[int, int]]:
     return [(p, USUAL[1]) for p in PARAMETERS] + [(USUAL[0], n) for n in STEPS if n != USUAL[1]]
 
 
-def rows(quick: bool, budget: float) -> Iterator[Row]:
+def rows(quick: bool, budget: float) -> Iterator[GradientCost]:
     """Every way on every problem, the ways side by side."""
     known: dict[tuple[int, int], dict[str, dict[str, Any]]] = {}
     said: dict[str, list[tuple[int, int]]] = {way: [] for way in WAYS}
     for cell in cells(quick):
-        found = known.setdefault(cell, {})
+        measurements = known.setdefault(cell, {})
         status = {}
         for way in WAYS:
             if any(p <= cell[0] and n <= cell[1] for p, n in said[way]):
                 status[way] = "left out"
                 continue
             try:
-                found[way] = apart(measured, way, *cell, 1 if quick else REPEATS, budget, limit=budget)
+                measurements[way] = apart(measured, way, *cell, 1 if quick else REPEATS, budget, limit=budget)
             except subprocess.TimeoutExpired:
                 status[way] = f"over {budget:g} s"
             except RuntimeError as error:
                 status[way] = f"failed: {str(error).strip().splitlines()[-1]}"
-            if way not in found:
+            if way not in measurements:
                 said[way].append(cell)
-            told = status[way] if way in status else f"{found[way]['seconds']:.3g} CPU s, {found[way]['MB']:.0f} MB"
-            progress(f"{cell[0]:,} parameters, {cell[1]:,} steps, {way}: {told}")
-        yield from (_row(way, cell, found, status) for way in WAYS)
+            report = status[way] if way in status else f"{measurements[way]['seconds']:.3g} CPU s, {measurements[way]['MB']:.0f} MB"
+            progress(f"{cell[0]:,} parameters, {cell[1]:,} steps, {way}: {report}")
+        yield from (_row(way, cell, measurements, status) for way in WAYS)
 
 
-def _row(way: str, cell: tuple[int, int], found: dict[str, dict[str, Any]], status: dict[str, str]) -> Row:
-    if way not in found:
-        return Row(way, *cell, None, None, None, None, status[way])
-    base = found.get("forward run, compiled")
-    own = ("explicit form, through its steps",) if way in EXPLICIT else REFERENCES
-    reference = next((name for name in own if name in found), None)
+def _row(mode: str, cell: tuple[int, int], measurements: dict[str, dict[str, Any]], status: dict[str, str]) -> GradientCost:
+    if mode not in measurements:
+        return GradientCost(mode, *cell, None, None, None, None, status[mode])
+    base = measurements.get("forward run, compiled")
+    own = ("explicit form, through its steps",) if mode in EXPLICIT else REFERENCES
+    reference = next((name for name in own if name in measurements), None)
     error = None
-    if reference is not None and way not in (*FORWARD, reference):
-        exact = torch.tensor(found[reference]["gradient"], dtype=torch.float64)
-        error = ((torch.tensor(found[way]["gradient"], dtype=torch.float64) - exact).abs().max() / exact.abs().max()).item()
-    seconds = found[way]["seconds"]
-    return Row(way, *cell, seconds, None if base is None else seconds / base["seconds"], found[way]["MB"], error, "")
+    if reference is not None and mode not in (*FORWARD, reference):
+        exact = torch.tensor(measurements[reference]["gradient"], dtype=torch.float64)
+        error = ((torch.tensor(measurements[mode]["gradient"], dtype=torch.float64) - exact).abs().max() / exact.abs().max()).item()
+    seconds = measurements[mode]["seconds"]
+    return GradientCost(mode, *cell, seconds, None if base is None else seconds / base["seconds"], measurements[mode]["MB"], error, "")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -179,30 +179,30 @@ def main(argv: Sequence[str] | None = None) -> int:
     if find_spec("llvmlite") is None or find_spec("resource") is None:
         parser.error("the compiled engine (pip install torchbeam[fast]) and a system that tells memory are wanted")
     out = results_folder(parser, given.out)
-    found, heading = list(rows(given.quick, given.budget)), measured_on(threads=1)
+    measurements, heading = list(rows(given.quick, given.budget)), measured_on(threads=1)
     heading["versions"] |= versions("llvmlite")
-    text = "\n\n".join((ABOUT, markdown(found), LEGEND.format(budget=given.budget), sentence(heading)))
+    text = "\n\n".join((ABOUT, markdown(measurements), LEGEND.format(budget=given.budget), sentence(heading)))
     print(text)
-    write(out, NAME, text, {**heading, "budget": given.budget, "quick": given.quick, "rows": [r._asdict() for r in found]},
-          Row._fields, found)
+    write(out, NAME, text, {**heading, "budget": given.budget, "quick": given.quick, "rows": [r._asdict() for r in measurements]},
+          GradientCost._fields, measurements)
     with where_installed():
-        picture(found, out / f"{NAME}.png")
+        picture(measurements, out / f"{NAME}.png")
     return 0
 
 
-def markdown(found: list[Row]) -> str:
+def markdown(rows: list[GradientCost]) -> str:
     """A line for each way and problem."""
     def shown(value: float | None, form: str) -> str:
         return "" if value is None else format(value, form)
 
     lines = [(r.way, f"{r.parameters:,}", f"{r.steps:,}", r.status or shown(r.seconds, ".3g"), shown(r.over, ".3g"),
-              shown(r.memory, ".0f"), shown(r.error, ".1e")) for r in found]
+              shown(r.memory, ".0f"), shown(r.error, ".1e")) for r in rows]
     return table(("way", "parameters", "steps", "CPU s", "over", "MB", "error"), lines, words=1)
 
 
-def picture(found: list[Row], path: Path) -> None:
+def picture(rows: list[GradientCost], path: Path) -> None:
     """Time and memory over parameters, and over steps. Raises ImportError without matplotlib."""
-    steps, parameters = {r.steps for r in found}, {r.parameters for r in found}
+    steps, parameters = {r.steps for r in rows}, {r.parameters for r in rows}
     usual = (USUAL[0] if USUAL[0] in parameters else max(parameters), USUAL[1] if USUAL[1] in steps else max(steps))
     places = grid(2, 2, (9.0, 6.4))
     for one, other in (places[:2], places[2:]):
@@ -210,7 +210,7 @@ def picture(found: list[Row], path: Path) -> None:
     for k, (over, held) in enumerate((("parameters", "steps"), ("steps", "parameters"))):
         time_, memory = places[k], places[2 + k]
         for way in WAYS:
-            line = sorted((getattr(r, over), r.seconds, r.memory) for r in found if r.way == way
+            line = sorted((getattr(r, over), r.seconds, r.memory) for r in rows if r.way == way
                           and getattr(r, held) == usual[1 - k] and r.seconds is not None)
             if line:
                 x, seconds, taken = zip(*line, strict=True)

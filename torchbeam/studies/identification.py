@@ -90,7 +90,7 @@ CASES = (
 
 
 @dataclass(frozen=True)
-class Row:
+class ParameterCoverage:
     """One parameter of one case: share of repeats whose interval held the truth; RMS and mean of the error of its logarithm
     (the clock: of itself) over the stated deviation; repeats that converged, and that were warned of.
     """
@@ -180,12 +180,12 @@ def identified(case: Case, records: Sequence[dict[str, Measurement]], random: to
     x[:, :len(TRUE)] += factor.log()
     region = together.region(x)
     with torch.no_grad():
-        found = search(together, x, region, 50, 1e-6)
+        search_result = search(together, x, region, 50, 1e-6)
         if case.refined:
-            together, found, region = refined(together, finer, found.x, found.J, 1.0)
+            together, search_result, region = refined(together, finer, search_result.x, search_result.J, 1.0)
         for k, values in enumerate(data):
             problem, some = together.with_data(values), torch.tensor([k])
-            yield Fit.of(problem, found.of(some), region.of(some).against(problem.target), "difference", 1e-6)
+            yield Fit.of(problem, search_result.of(some), region.of(some).against(problem.target), "difference", 1e-6)
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ def stated(case: Case, fits: Sequence[Fit], names: Sequence[str]) -> Iterator[Te
     return as_one_batch(interval, [*enumerate(fits)])
 
 
-def measure(case: Case, seed: int = 0) -> list[Row]:
+def measure(case: Case, seed: int = 0) -> list[ParameterCoverage]:
     """Rows of one case."""
     torch.set_num_threads(1)
     random = torch.Generator().manual_seed(seed)
@@ -239,11 +239,11 @@ def measure(case: Case, seed: int = 0) -> list[Row]:
         if len(inside) % TOLD == 0 and case.method != "laplace":
             progress(f"{case.name}, {case.method}: {len(inside)} of {len(done)} intervals")
     held, error = torch.stack(inside).double().mean(0), torch.stack(errors)
-    return [Row(case.name, case.method, name, held[k].item(), error[:, k].square().mean().sqrt().item(),
+    return [ParameterCoverage(case.name, case.method, name, held[k].item(), error[:, k].square().mean().sqrt().item(),
                 error[:, k].mean().item(), case.repeats, len(inside), warned) for k, name in enumerate(names)]
 
 
-def markdown(rows: Sequence[Row]) -> str:
+def markdown(rows: Sequence[ParameterCoverage]) -> str:
     """A line for each case."""
     names = [*TRUE, "clock"]
     lines = []
@@ -264,15 +264,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         [replace(case, repeats=4) for case in CASES[:2]], [replace(field_coverage.CASES[0], repeats=4)])
     with threads(1):
         heading = measured_on()
-    rows: list[Row] = []
-    fields: list[field_coverage.Row] = []
+    rows: list[ParameterCoverage] = []
+    fields: list[field_coverage.FieldCoverage] = []
     with ProcessPoolExecutor(min(len(cases), os.cpu_count() or 1), get_context("spawn")) as pool:
         parts = pool.map(measure, cases, range(len(cases))), pool.map(field_coverage.measure, smooth)
-        for found in chain(*parts):
-            if isinstance(found, list):
-                rows += found
+        for row in chain(*parts):
+            if isinstance(row, list):
+                rows += row
             else:
-                fields.append(found)
+                fields.append(row)
             tables = [about(), markdown(rows), *([field_coverage.about(), field_coverage.markdown(fields)] if fields else [])]
             text = "\n\n".join((*tables, sentence(heading)))
             write(out, "identification", text, {**heading, "about": about(), "rows": [asdict(r) for r in rows],

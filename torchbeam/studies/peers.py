@@ -23,10 +23,10 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 def scripts(folder: Path) -> list[Path]:
     """The scripts of a folder; ValueError where there are none."""
-    found = [path for path in sorted(folder.glob("*.py")) if "__main__" in path.read_text()]
-    if not found:
+    paths = [path for path in sorted(folder.glob("*.py")) if "__main__" in path.read_text()]
+    if not paths:
         raise ValueError(f"the folder {str(folder)!r} was given; one with scripts, as examples/peers is, is wanted")
-    return found
+    return paths
 
 
 def measured(folder: Path, python: str, *options: str) -> Iterator[dict[str, Any]]:

@@ -52,15 +52,15 @@ def measure(N: int, batch: int) -> dict[str, tuple[float, float]]:
     t = model.nodes.new_tensor(0.1)
     generator = torch.Generator().manual_seed(0)
     x = unpack(0.1 * torch.randn(batch, 24 * N + 12, generator=generator, dtype=model.nodes.dtype), N)
-    found = {
+    calls = {
         "sweep": timed(lambda: sweep(model, x, terms(model, t, x)), 15),
         "minimal": timed(lambda: minimal.rates(model, t, x.u, x.theta, x.V, x.Omega), 15),
     }
     if N <= DENSE_UP_TO:
         A, b = block_system(model, x, terms(model, t, x))
-        found["linalg.solve alone"] = timed(lambda: torch.linalg.solve(A, b), 5)
-        found["dense"] = timed(lambda: solve_scaled(*block_system(model, x, terms(model, t, x))), 5)
-    return found
+        calls["linalg.solve alone"] = timed(lambda: torch.linalg.solve(A, b), 5)
+        calls["dense"] = timed(lambda: solve_scaled(*block_system(model, x, terms(model, t, x))), 5)
+    return calls
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -89,10 +89,10 @@ def measured(cases: Iterable[tuple[int, int]]) -> Iterator[tuple]:
 
 def markdown(rows: Sequence[tuple]) -> str:
     """One line a case: median ms of each route, and how many times as long as the sweep the dense matrix takes."""
-    found = {(N, batch, what): median for N, batch, what, median, _ in rows}
+    medians = {(N, batch, what): median for N, batch, what, median, _ in rows}
     lines = []
     for N, batch in dict.fromkeys((N, batch) for N, batch, *_ in rows):
-        times = [found.get((N, batch, what)) for what in ROUTES]
+        times = [medians.get((N, batch, what)) for what in ROUTES]
         cells = ["" if t is None else f"{t:.1f}" for t in times]
         ratio = "" if times[-1] is None else f"{times[-1] / times[0]:.0f}"
         lines.append((str(N), str(batch), *cells, ratio))

@@ -56,13 +56,13 @@ class ChainMatrix:
         return ChainMatrix(self.order, function(self.diagonal, rows, columns), couplings)
 
     def times(self, x: Tensor) -> Tensor:
-        found = (self.diagonal @ x[..., None])[..., 0]
+        product = (self.diagonal @ x[..., None])[..., 0]
         if not self.couplings:
-            return found
+            return product
         parts = zip(self.couplings, coupled(self.order, x)[1], strict=True)
         ahead, behind, *far = ((A @ column[..., None])[..., 0] for A, column in parts)
-        found = found + at_i(ahead) + at_j(behind)
-        return found + spread(far[0], torch.zeros_like(far[0]), far[1]) if far else found
+        product = product + at_i(ahead) + at_j(behind)
+        return product + spread(far[0], torch.zeros_like(far[0]), far[1]) if far else product
 
     def dense(self) -> Tensor:
         nodes, w = self.diagonal.shape[-3:-1]

@@ -41,10 +41,10 @@ class ChainSystem(NamedTuple):
         return blocks, sound & first.all(-1).all(-1).all(-1)
 
     def positive_definite(self) -> Tensor:
-        found = positive_definite(self.D, self.L, self.U)
+        definite = positive_definite(self.D, self.L, self.U)
         if self.midside is None:
-            return found
-        return found & (torch.linalg.cholesky_ex(self.midside.D + self.midside.D.mT).info == 0).all(-1)
+            return definite
+        return definite & (torch.linalg.cholesky_ex(self.midside.D + self.midside.D.mT).info == 0).all(-1)
 
     def detach(self) -> ChainSystem:
         midside = None if self.midside is None else self.midside.detach()

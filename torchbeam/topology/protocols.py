@@ -154,5 +154,5 @@ class System(Protocol):
 
 def total(*matrices: Matrix | None) -> Matrix | None:
     """The sum of those that are there; None where none is."""
-    there = [one for one in matrices if one is not None]
+    there = [matrix for matrix in matrices if matrix is not None]
     return sum(there[1:], there[0]) if there else None

@@ -38,10 +38,10 @@ def test_compositions_have_the_conditions_of_their_order():
     """Shares sum to 1, cubes weigh 0; even powers are out by symmetry: the row reads the same backwards, or has equal parts."""
     for scheme in (SYMMETRIC, EXTRAPOLATED):
         assert math.isclose(sum(scheme.weights), 1)
-        assert all(math.isclose(sum(one.shares), 1) for one in scheme.compositions)
-        cubes = [sum(a**3 for a in one.shares) for one in scheme.compositions]
+        assert all(math.isclose(sum(one.fractions), 1) for one in scheme.compositions)
+        cubes = [sum(a**3 for a in one.fractions) for one in scheme.compositions]
         assert abs(sum(w * c for w, c in zip(scheme.weights, cubes, strict=True))) < 1e-15
-    (shares,) = (one.shares for one in SYMMETRIC.compositions)
+    (shares,) = (one.fractions for one in SYMMETRIC.compositions)
     assert shares == shares[::-1] and abs(min(shares) + 0.65796) < 1e-5
 
 

@@ -8,7 +8,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.cases.nodal_cases import state as random_state
-from torchbeam.nodal.coordinates.planar import Plane
+from torchbeam.nodal.coordinates.planar import Planar
 from torchbeam.nodal.discretise import discretise
 
 NORMAL = {"xy": 2, "xz": 1}
@@ -138,10 +138,10 @@ def test_auto_finds_the_plane():
     across = {"xz": (0, 0, 1.0), "xy": (0, 1.0, 0)}
     for name, force in across.items():
         found = discretise(tb.Scene(beam, [tb.TipLoad(force=force), tb.Damping(0.1)], plane="auto")).space
-        assert isinstance(found, Plane) and found.name == name
+        assert isinstance(found, Planar) and found.name == name
     for effects in ([tb.TipLoad(force=(0, 1.0, 1.0))], [tb.TipLoad(force=lambda t: torch.zeros(3))],
                     [tb.TipLoad(force=tb.Input("u", 3))], [tb.TipLoad(moment=(1.0, 0, 0))]):
-        assert not isinstance(discretise(tb.Scene(beam, effects, plane="auto")).space, Plane)
+        assert not isinstance(discretise(tb.Scene(beam, effects, plane="auto")).space, Planar)
 
 
 OUT_OF_XY = {
@@ -163,14 +163,14 @@ def test_what_acts_out_of_a_plane_is_refused_there(what):
     with pytest.raises(ValueError, match=f"{what}.* out of the plane 'xy'"):
         discretise(tb.Scene(beam, plane="xy", **OUT_OF_XY[what]))
     found = discretise(tb.Scene(beam, plane="auto", **OUT_OF_XY[what])).space
-    assert not isinstance(found, Plane) or found.name == "xz"
+    assert not isinstance(found, Planar) or found.name == "xz"
 
 
 def test_an_elastic_clamp_that_moves_by_a_function_means_3d():
     """Its motion is the scene's, not that of a support."""
     scene = tb.Scene(tb.Beam.straight(1.0, 2, section()), [tb.RootSpring(stiffness=[10.0] * 6), tb.Gravity((0, -1.0, 0))],
                      root=tb.RootMotion(displacement=lambda t: torch.stack((0 * t, 0 * t, t))), plane="auto")
-    assert not isinstance(discretise(scene).space, Plane)
+    assert not isinstance(discretise(scene).space, Planar)
 
 
 def test_a_plane_in_single_precision():
@@ -254,7 +254,7 @@ def test_small_superposes():
 @pytest.mark.parametrize("plane", NORMAL)
 def test_state_goes_in_and_comes_out(plane):
     """A planar state entered and left is the same state."""
-    space = Plane.of(tb.Scene(CASES[f"{plane} dead"][1]), plane)
+    space = Planar.of(tb.Scene(CASES[f"{plane} dead"][1]), plane)
     stepper = tb.Stepper(tb.Scene(CASES[f"{plane} dead"][1], CASES[f"{plane} dead"][2]), 0.05)
     state = stepper(stepper(stepper.rest()))
     back = space.to_public(space.to_reduced(state))

@@ -203,7 +203,7 @@ def test_energy_grows_by_the_power_of_what_acts(name):
     if scene.has_prescribed_motion:
         power = power + (rates.reaction(now, nodes, rates.unpack(T, y)[1], net)[..., 0, :] * motion[..., 0, :]).sum()
     if model.law.damped:
-        stress = times(model.law.C, times(model.law.retardation, strain_rate[..., None]))[..., 0]
+        stress = times(model.law.C, times(model.law.retardation_time, strain_rate[..., None]))[..., 0]
         lost = (model.length * strain_rate * stress).sum()
         assert lost > 1e-3 * each.abs().max()
         power = power - lost

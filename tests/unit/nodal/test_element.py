@@ -9,12 +9,12 @@ from tests.cases.nodal_cases import shape, spd
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal import element as local
 from torchbeam.nodal.assembly import Assembly
-from torchbeam.nodal.coordinates.spatial import Space
+from torchbeam.nodal.coordinates.spatial import Spatial
 from torchbeam.nodal.element import forces, geometric_stiffness, strain_operator, strains
 from torchbeam.topology.chain import Chain
 
 N, BATCH = 3, (5,)
-ASSEMBLY = Assembly(Chain(1, N), Space().interpolation, 3)
+ASSEMBLY = Assembly(Chain(1, N), Spatial().interpolation, 3)
 to_nodes = ASSEMBLY.to_nodes
 # Relative rotations: far, near a half turn, both sides of the series (s2 = 1e-6 is 2e-3 rad), next to and at zero.
 TURNS = [0.6, 2.1e-3, 1.9e-3, 1e-4, 1e-8, 0.0]

@@ -81,7 +81,7 @@ def test_a_gradient_by_dampings_of_which_some_are_zero(coupled, linked):
 
     def retardation(tau):
         scene = tb.Scene(beam, [tb.Damping(tau, six=True)])
-        return law_of(scene, in_space(beam)).retardation
+        return law_of(scene, in_space(beam)).retardation_time
 
     value, slope = torch.func.jvp(lambda c: retardation(c * some), (torch.tensor(0.2),), (torch.tensor(1.0),))
     assert_close(slope, value / 0.2)

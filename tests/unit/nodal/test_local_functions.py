@@ -21,7 +21,7 @@ from torchbeam.nodal.mass import SharedMass
 from torchbeam.topology.chain import Chain
 
 N, BATCH = 3, (2,)
-AXES = {"length": 1, "reference": 1, "eigenstrain": 1, "S": 2, "C": 2, "retardation": 2, "position": 1, "rotation": 1,
+AXES = {"length": 1, "reference": 1, "eigenstrain": 1, "S": 2, "C": 2, "retardation_time": 2, "position": 1, "rotation": 1,
         "velocity": 1, "spin": 1, "acceleration": 1, "chord": 1, "B": 2, "B_section": 2}  # behind that of the nodes or elements
 
 
@@ -72,7 +72,7 @@ def element_of(problem, space, k):
 def alpha_problem(of):
     """With generalized alpha, from a random state."""
     model = discretise(of)
-    start, w, k = model.space.to_reduced(state(of)), model.space.unknowns, model.space.strain
+    start, w, k = model.space.to_reduced(state(of)), model.space.unknowns, model.space.dims.strain
     known = AlphaState(**vars(start), acceleration=torch.randn(*BATCH, N + 1, 2 * w), straining=torch.randn(*BATCH, N, 2 * k))
     return GeneralizedAlphaProblem(model, known, torch.tensor(0.1), torch.tensor(0.3), {}, rho_inf=0.7)
 
@@ -108,7 +108,7 @@ def test_a_step_is_the_sum_of_its_elements_and_nodes(make, kind):
     """
     problem = make(beams(kind))
     model, space = problem.model, problem.model.space
-    alone, x = Assembly(Chain(1, 1), space.interpolation, space.position), somewhere(problem)
+    alone, x = Assembly(Chain(1, 1), space.interpolation, space.dims.position), somewhere(problem)
     residual, *about = problem.residual(x)
     tangent = problem.linearise(x, *about)
 
@@ -127,8 +127,8 @@ def test_a_step_is_the_sum_of_its_elements_and_nodes(make, kind):
         found = local.balance(at(x.stress, e), *poses)
         by = local.tangent(found, at(x.stress, e), lambda pair=pair: tuple(turns[k].half for k in pair))
         force = alone.to_nodes(found.forces)
-        matrix = alone.to_matrix(by.stiffness + by.hB.mT @ times(at(problem.C, e, 2), by.E))
-        gaps.append(found.gap)
+        matrix = alone.to_matrix(by.stiffness + by.force_operator.mT @ times(at(problem.C, e, 2), by.strain_by_move))
+        gaps.append(found.constitutive_residual)
         pushed, shared = shared_mass(problem, at(model.inertia.translational.coupling, e), *(
             [parts[k] for k in pair] for parts in (motions, ways, turns)))
         d, up, down = (matrix + shared).tensors
@@ -149,7 +149,7 @@ def test_a_step_is_the_sum_of_its_elements_and_nodes(make, kind):
 
 def shared_mass(problem, coupling, motions, ways, turns):
     """Of one element: what the mass that its two nodes share asks of them (..., 2, w), and the derivative, a matrix."""
-    space, p = problem.model.space, problem.model.space.position
+    space, p = problem.model.space, problem.model.space.dims.position
     mass = SharedMass(Chain(1, 1), torch.zeros(2, 1), coupling, (-1.0, 1.0))
 
     def both(parts):
@@ -162,12 +162,12 @@ def shared_mass(problem, coupling, motions, ways, turns):
     else:
         rate = mass.momentum(both([w.true[..., :p] for w in ways]))
         levers, by_spin = [m.inertia.offset for m in motions], None
-    lever = replace(levers[0], x=both([one.x for one in levers])) if levers[0].present else levers[0]
+    lever = replace(levers[0], offset=both([one.offset for one in levers])) if levers[0].present else levers[0]
     if lever.present and not space.turns:
         lever = replace(lever, space=space)
     moved = None if by_spin is None else torch.cat(torch.broadcast_tensors(*by_spin), -3)
-    wrench = lever.wrench(rate, torch.zeros_like(rate[..., :space.spin]))
-    masses = lever.prepared(mass.matrix(motions[0].Z), space.spin)
+    wrench = lever.wrench(rate, torch.zeros_like(rate[..., :space.dims.spin]))
+    masses = lever.prepared(mass.matrix(motions[0].Z), space.dims.spin)
     return wrench, lever.tangent(masses, lambda: moved, lambda: wrench)
 
 

@@ -16,8 +16,8 @@ from torchbeam.math import quaternions as quat
 from torchbeam.math.quadratic import at_points, threes
 from torchbeam.nodal.assembly import Assembly
 from torchbeam.nodal.conditions import conditions
-from torchbeam.nodal.coordinates.planar import Plane
-from torchbeam.nodal.coordinates.quadratic import QuadraticPlane, QuadraticSpace
+from torchbeam.nodal.coordinates.planar import Planar
+from torchbeam.nodal.coordinates.quadratic import QuadraticPlanar, QuadraticSpatial
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.loads import Nodes, external
 from torchbeam.scene.stations import stations_of
@@ -34,7 +34,7 @@ def straight(**given):
 
 
 def chain(space):
-    return Assembly(Chain(2, N), space.interpolation, space.position)
+    return Assembly(Chain(2, N), space.interpolation, space.dims.position)
 
 
 def element(kind):
@@ -43,11 +43,11 @@ def element(kind):
     nodes = 2 * N + 1
     length, signs = 0.5 + torch.rand(*BATCH, 2 * N, 1), torch.where(torch.rand(*BATCH, nodes, 1) < 0.5, -1.0, 1.0)
     if kind == "space":
-        space, (position, rotation) = QuadraticSpace(), shape(nodes, BATCH)
+        space, (position, rotation) = QuadraticSpatial(), shape(nodes, BATCH)
     else:
-        space = QuadraticPlane("xy", torch.eye(3), torch.eye(3), torch.tensor(0.0))
+        space = QuadraticPlanar("xy", torch.eye(3), torch.eye(3), torch.tensor(0.0))
         position, rotation = torch.randn(*BATCH, nodes, 2), space.exponential(0.4 * torch.randn(*BATCH, nodes, 1))
-    return (space, position, signs * rotation, length, torch.randn(*BATCH, 2 * N, space.strain),
+    return (space, position, signs * rotation, length, torch.randn(*BATCH, 2 * N, space.dims.strain),
             torch.randn(*BATCH, nodes, space.unknowns))
 
 
@@ -57,7 +57,7 @@ def test_local_functions_are_derivatives_of_each_other(kind):
     stations, forces to nodes and blocks are one linear map and its transpose.
     """
     space, position, rotation, length, stress, move = element(kind)
-    p = space.position
+    p = space.dims.position
 
     def along(function):
         def moved(m):
@@ -103,7 +103,7 @@ def test_plane_is_3d(what):
     ends = []
     for plane in (None, "xy"):
         stepper = tb.Stepper(tb.Scene(beam, effects, plane=plane, **more), 0.01, tolerance=1e-13)
-        assert isinstance(stepper.model.space, Plane) == (plane == "xy")
+        assert isinstance(stepper.model.space, Planar) == (plane == "xy")
         state = stepper.rest()
         for _ in range(3):
             state = stepper(state)

@@ -70,7 +70,7 @@ def test_stress_follows_strain_and_strain_rate(rates):
 
     value, rate = torch.func.jvp(strains, (y,), (rates(T, y),))
     if model.law.damped:
-        retardation = model.law.retardation
+        retardation = model.law.retardation_time
         value = value + ((retardation @ rate[..., None])[..., 0] if retardation.shape[-1] == 6 else retardation[..., 0] * rate)
     stress = rates.stress(rates.unpack(T, y)[0], rates.conditions(T))
     assert_close((model.law.S @ stress[..., None])[..., 0], value, rtol=0, atol=1e-11)
@@ -121,7 +121,7 @@ def test_reactions_balance_the_rate_of_momentum(supports):
     def momenta(t, y):
         nodes, spin, _ = rates.unpack(t, y)
         P, H = inertia.momenta(nodes.rotation, inertia.centre_velocity(nodes.rotation, nodes.velocity, spin), spin)
-        centre = nodes.position + inertia.offset.turned(nodes.rotation).x
+        centre = nodes.position + inertia.offset.turned(nodes.rotation).offset
         return P.sum(-2), (torch.linalg.cross(centre, P) + H).sum(-2)
 
     _, (P_rate, H_rate) = torch.func.jvp(momenta, (t, y), (torch.ones_like(t), rates(t, y)))

@@ -27,7 +27,7 @@ def test_straight_in_batches():
     """Lengths (3,), directions (2, 1, 3): a batch of (2, 3) beams, each as alone."""
     lengths, directions = torch.tensor([1.0, 2, 3]), torch.tensor([[[1.0, 0, 0]], [[0.0, 1, 0]]])
     beam = tb.Beam.straight(lengths, 2, SECTION, direction=directions)
-    assert beam.batch_shape == (2, 3) and beam.count == 2
+    assert beam.batch_shape == (2, 3) and beam.station_count == 2
     for i in range(2):
         for j in range(3):
             alone = tb.Beam.straight(lengths[j], 2, SECTION, direction=directions[i, 0])

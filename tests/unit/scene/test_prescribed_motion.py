@@ -118,7 +118,7 @@ def momenta(model, s):
     inertia = model.inertia
     v = inertia.centre_velocity(s.rotation, s.velocity, s.spin)
     p = inertia.translational.momentum(v)
-    x = s.position + inertia.offset.turned(s.rotation).x if inertia.offset.present else s.position
+    x = s.position + inertia.offset.turned(s.rotation).offset if inertia.offset.present else s.position
     return p.sum(-2), (torch.linalg.cross(x, p) + quat.rotate(s.rotation, inertia.rotary.section_momentum(s.spin))).sum(-2)
 
 
@@ -233,7 +233,7 @@ def test_steady_rotation_is_steady(extra):
     for name in ("position", "rotation", "velocity", "spin", "stress", "reaction"):
         assert_close(getattr(s, name), getattr(still, name), rtol=0, atol=1e-9)
     model = stepper.model
-    x = still.position if not extra else still.position + model.inertia.offset.turned(still.rotation).x
+    x = still.position if not extra else still.position + model.inertia.offset.turned(still.rotation).offset
     pull = torch.linalg.cross(omega.expand_as(x), torch.linalg.cross(omega.expand_as(x), x))
     assert_close(still.root.force, model.inertia.translational.momentum(pull).sum(-2), rtol=0, atol=1e-9)
 

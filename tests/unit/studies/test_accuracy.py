@@ -12,7 +12,7 @@ from torchbeam.engine.chain.coverage import VARIABLE
 from torchbeam.studies.accuracy import explicit, references
 from torchbeam.studies.accuracy.command import main
 from torchbeam.studies.accuracy.errors import Errors, Of
-from torchbeam.studies.accuracy.measurement import COLUMNS, Row
+from torchbeam.studies.accuracy.measurement import COLUMNS, AccuracyRun
 from torchbeam.studies.accuracy.motions import INTERVALS, MOTIONS
 from torchbeam.studies.accuracy.report import base, best
 from torchbeam.studies.accuracy.settings import METHODS, STEPS, Setting
@@ -27,7 +27,7 @@ def test_quick_run_writes_its_files(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv(VARIABLE, "auto")  # as the command takes it
     assert main(["--quick", "--out", str(tmp_path)]) == 0
     found = json.loads((tmp_path / "accuracy.json").read_text())
-    rows = [Row(**row) for row in found["rows"]]
+    rows = [AccuracyRun(**row) for row in found["rows"]]
     assert {row.motion for row in rows} == {"follower"} and found["quick"]
     assert {"midpoint", "midpoint4"} <= {row.method for row in rows} <= set(METHODS)
     assert all(row.error <= 0.05 for row in rows if row.error is not None)
@@ -105,11 +105,11 @@ def test_steps_and_instants_fit():
 
 def test_cheapest_and_base():
     """The cheapest of no larger error; the base where it was not measured: its finest time over the ratio of the errors."""
-    rows = [Row("m", "linear", "midpoint", 4, 10, error=0.04, seconds=1.0),
-            Row("m", "linear", "midpoint", 8, 20, error=0.01, seconds=4.0),
-            Row("m", "order 2", "midpoint4", 2, 10, error=0.005, seconds=2.0),
-            Row("m", "order 2", "adaptive", 2, 1e-3, error=1e-4, seconds=30.0),
-            Row("m", "order 2", "midpoint", 0, 0, note="no")]
+    rows = [AccuracyRun("m", "linear", "midpoint", 4, 10, error=0.04, seconds=1.0),
+            AccuracyRun("m", "linear", "midpoint", 8, 20, error=0.01, seconds=4.0),
+            AccuracyRun("m", "order 2", "midpoint4", 2, 10, error=0.005, seconds=2.0),
+            AccuracyRun("m", "order 2", "adaptive", 2, 1e-3, error=1e-4, seconds=30.0),
+            AccuracyRun("m", "order 2", "midpoint", 0, 0, note="no")]
     assert best(rows, 0.05) is rows[0] and best(rows, 0.01) is rows[2] and best(rows, 1e-5) is None
     assert base(rows, 0.01, lambda row: row.seconds) == (4.0, True, rows[1])
     assert base(rows, 1e-3, lambda row: row.seconds) == (40.0, False, rows[1])

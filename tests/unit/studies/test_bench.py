@@ -8,7 +8,7 @@ import pytest
 
 from torchbeam.studies.bench import gradients, growth, operations, others, throughput
 from torchbeam.studies.bench.command import main
-from torchbeam.studies.bench.measurement import CPU, Row, Times, exponent, timed
+from torchbeam.studies.bench.measurement import CPU, Measured, Times, exponent, timed
 from torchbeam.studies.bench.report import markdown
 
 pytest.importorskip("llvmlite")
@@ -85,7 +85,7 @@ def test_peers_print_rows(tmp_path, capsys):
     (found,) = others.peers(tmp_path, sys.executable, True)
     assert (found.engine, found.best, found.median, found.unit, found.error) == ("other 1.0", 40.0, 20.0, CPU, 0.008)
     assert "absent.py is left out: ModuleNotFoundError: No module named 'no_such_package'" in capsys.readouterr().err
-    ours = Row(throughput.PART, "rate", 400.0, 300.0, CPU, "compiled", "3D", 10, 5.0, 256, error=0.0075, element="linked")
+    ours = Measured(throughput.PART, "rate", 400.0, 300.0, CPU, "compiled", "3D", 10, 5.0, 256, error=0.0075, element="linked")
     text = markdown([ours, found])
     assert "| 3D | 10, linked |" in text and "| 400 (300) |  |  | 10.0 |" in text and "| 14, rod |" in text
     with pytest.raises(ValueError, match="one with scripts"):

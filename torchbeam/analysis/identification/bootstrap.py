@@ -13,7 +13,7 @@ from torch.special import ndtr, ndtri
 from ...core.arguments import count, level_of
 from ...math.distributions import student_quantile
 from ...solvers.least_squares import search
-from .problem import Problem
+from .problem import FitProblem
 from .transform import Transform
 
 ITERATIONS = 25
@@ -48,7 +48,7 @@ class Bootstrap:
         return torch.stack([self.transform.theta(end) for end in ends], -1)
 
 
-def bootstrap(problem: Problem, x: Tensor, held: Tensor, scale: float, redundancy: Tensor, repeats: int, seed: int
+def bootstrap(problem: FitProblem, x: Tensor, held: Tensor, scale: float, redundancy: Tensor, repeats: int, seed: int
               ) -> Bootstrap:
     """Fits of `repeats` sets of data, from the fit's coordinates x (p,); those that are `held` (p,) bool stay. The noise on
     weighted data is of `scale`; where its size was found, of one that is drawn for each repeat as the fit knows it, by
@@ -65,10 +65,10 @@ def bootstrap(problem: Problem, x: Tensor, held: Tensor, scale: float, redundanc
             size = np.sqrt(n / np.random.default_rng(seed).chisquare(n, (repeats, len(n))))
             noise = noise * problem.noise.each(torch.as_tensor(size).to(x))[:, problem.known]
         repeated = problem.with_targets(r + problem.target + noise)
-        found = search(repeated, starts, repeated.region(starts).holding(held), ITERATIONS, TOLERANCE,
+        fits = search(repeated, starts, repeated.region(starts).holding(held), ITERATIONS, TOLERANCE,
                        known=(-noise, J.expand(repeats, -1, -1)), negligible=NEGLIGIBLE * scale**2)
     transform = problem.parameters.transform
-    return Bootstrap(transform.theta(found.x), found.status, found.x, x, transform)
+    return Bootstrap(transform.theta(fits.x), fits.status, fits.x, x, transform)
 
 
 def _at(ordered: Tensor, share: Tensor) -> Tensor:

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ...math.dense import positive_inverse
 from ...solvers.least_squares import Found
-from .problem import Problem
+from .problem import FitProblem
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Spread:
     scale: float
 
     @classmethod
-    def of(cls, problem: Problem, found: Found, k: int) -> Spread:
+    def of(cls, problem: FitProblem, search: Found, k: int) -> Spread:
         """Where start k ended."""
-        (r, J, x), noise = (found.r[k], found.J[k], found.x[k:k + 1]), problem.noise
+        (r, J, x), noise = (search.r[k], search.J[k], search.x[k:k + 1]), problem.noise
         pull, bend = (part[0] for part in problem.prior(x)[1:])
         held = problem.region(x).held(x, (J.mT @ r + pull)[None])[0]
         A = J.mT @ J + torch.diag(bend)
@@ -78,7 +78,7 @@ def _covariance(A: Tensor, held: Tensor) -> Tensor:
     return C
 
 
-def _freedom(problem: Problem, J: Tensor, C: Tensor, free: Tensor) -> Tensor:
+def _freedom(problem: FitProblem, J: Tensor, C: Tensor, free: Tensor) -> Tensor:
     """(p,) by Satterthwaite's formula: 2 V^2 over the variance of V, a parameter's own, to first order, the variances of the
     channels having the inverse information of restricted maximum likelihood (Fai and Cornelius 1996, J. Stat. Comput. Simul.
     54, 363; Kenward and Roger 1997, Biometrics 53, 983). One channel: readings less parameters. Infinite where sigma is known.
@@ -94,5 +94,5 @@ def _freedom(problem: Problem, J: Tensor, C: Tensor, free: Tensor) -> Tensor:
     information = torch.einsum("cij,dji->cd", taken, taken) + torch.diag(alone)
     if len(information) == 1:  # as many parameters as data: one degree is left
         information = information.clamp(min=1)
-    found = 1 / torch.einsum("cj,cd,dj->j", share, torch.linalg.inv(information), share)
-    return torch.where(torch.isfinite(found), found, 1.0)  # of those that the data tell nothing of
+    freedoms = 1 / torch.einsum("cj,cd,dj->j", share, torch.linalg.inv(information), share)
+    return torch.where(torch.isfinite(freedoms), freedoms, 1.0)  # of those that the data tell nothing of

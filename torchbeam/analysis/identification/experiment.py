@@ -61,12 +61,12 @@ class Experiment:
                                  "model of one dtype are wanted")
         if len(parts) != len(wanted):
             raise OtherShape(f"a model that gave {len(parts)} tensors was given for {len(wanted)} measurements")
-        found = torch.cat([part.reshape(len(theta), -1) for part in parts], -1)
+        values = torch.cat([part.reshape(len(theta), -1) for part in parts], -1)
         if status is None or not (concrete(status) != 0).any():
-            return found
+            return values
         if tuple(status.shape) != (len(theta),):
             raise OtherShape(f"a model that gave a status {tuple(status.shape)} was given; ({len(theta)},) is wanted")
-        return torch.where((status == 0)[:, None], found, torch.nan)
+        return torch.where((status == 0)[:, None], values, torch.nan)
 
 
 def experiments_of(model: Any, data: Any, sigma: Any) -> tuple[Experiment, ...]:

@@ -17,7 +17,7 @@ from .fit import Fit, warn_of
 from .identify import identify
 from .measurement import Measurement, each, several, sigma_given
 from .parameter import Parameter
-from .problem import Problem
+from .problem import FitProblem
 from .regularization import CRITERIA, Linearised, Weighing, weigh
 from .smoothness import Smoothness, SmoothnessRows
 
@@ -68,12 +68,12 @@ class FieldFit:
         warn_of(self.fit.doubts)
         first, shape = self.fit.shapes[name]
         if self.samples is None:
-            found = self.fit.interval_without_warning(level)
+            limits = self.fit.interval_without_warning(level)
         else:
             tail = (1 - level_of("level", level)) / 2
             ends = self.samples.quantile(self.samples.new_tensor((tail, 1 - tail)), dim=0)
-            found = self.fit.within(self.fit.transform.theta(ends).mT)
-        return found[first:first + torch.Size(shape).numel()].reshape(*shape, 2)
+            limits = self.fit.within(self.fit.transform.theta(ends).mT)
+        return limits[first:first + torch.Size(shape).numel()].reshape(*shape, 2)
 
     def refined(self, model: Any) -> FieldFit:
         """With the fit that a finer model finds, weights and the posterior's width as they are; see `Fit.refined`. A field
@@ -129,19 +129,19 @@ def identify_fields(model: Any, data: Any, start: Mapping[str, Any], smoothness:
     k, settled, sharpened, before = 0, False, False, None
     while not settled and k < most:
         fit, linear = task.searched(start, weights, sigma)
-        found, used, noise, k = weigh(linear, criterion, task.known), weights, sigma, k + 1
-        sigma, start = max(found.sigma, 0.0 if task.known else LEAST * task.size), task.start_from(fit)
-        weights = found.weight / sigma**2 if weight is None else used
+        weighing, used, noise, k = weigh(linear, criterion, task.known), weights, sigma, k + 1
+        sigma, start = max(weighing.sigma, 0.0 if task.known else LEAST * task.size), task.start_from(fit)
+        weights = weighing.weight / sigma**2 if weight is None else used
         same = ((weights / used).log().abs() < SAME).all().item() and (weight is None or abs(sigma - noise) < SAME * noise)
         still = before is not None and ((fit.x - before).abs() < SAME * fit.x_covariance.diagonal().sqrt()).all().item()
         settled, before = still or (same and not task.sharp), fit.x
         if task.sharp and (same or sharpened):  # the normal law's weight first
             settled, sharpened, task = still and sharpened, True, task.sharpened(fit, weights)
-    effective = linear.solved(used * noise**2).told.item()
+    effective = linear.solved(used * noise**2).determined.item()
     free = weight is None and criterion == "evidence"
     samples = task.samples(linear, used, noise, free) if free or task.sharp or not task.known else None
     weights = dict(zip(task.rows, used.tolist(), strict=True))
-    return FieldFit(_with_spread(fit, samples), weights, noise, effective, found, k, settled, samples)
+    return FieldFit(_with_spread(fit, samples), weights, noise, effective, weighing, k, settled, samples)
 
 
 def _with_spread(fit: Fit, samples: Tensor | None) -> Fit:
@@ -225,10 +225,10 @@ class _Task:
     def checked(self, weight: Mapping[str, float]) -> Tensor:
         if set(weight) != set(self.rows):
             raise ValueError(f"weights of {', '.join(map(str, weight))} were given; of {', '.join(self.rows)} are wanted")
-        found = self._like.new_tensor([number(f"the weight of {name!r}", weight[name]) for name in self.rows])
-        if not (found > 0).all():
-            raise ValueError(f"a weight of {found.min().item():g} was given; positive ones are wanted")
-        return found
+        weights = self._like.new_tensor([number(f"the weight of {name!r}", weight[name]) for name in self.rows])
+        if not (weights > 0).all():
+            raise ValueError(f"a weight of {weights.min().item():g} was given; positive ones are wanted")
+        return weights
 
     def first(self) -> tuple[Tensor, float]:
         """Weights that leave the data all they can say, from the derivatives at the start."""
@@ -279,7 +279,7 @@ class _Task:
             data[f"smoothness of {name}"] = Measurement(self.target[name], (w * self.factor[name]) ** -0.5)
         return models, data
 
-    def _linearised(self, problem: Problem, x: Tensor, r: Tensor, J: Tensor, sigma: float) -> Linearised:
+    def _linearised(self, problem: FitProblem, x: Tensor, r: Tensor, J: Tensor, sigma: float) -> Linearised:
         """About x (1, p), of r (1, T) and J (1, T, p) there; misfits over the data's own deviations."""
         _, pull, bend = (part[0] for part in problem.prior(x))
         data = problem.measured

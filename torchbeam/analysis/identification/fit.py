@@ -21,7 +21,7 @@ from .bootstrap import Bootstrap, bootstrap
 from .covariance import half_interval
 from .observed_priors import with_priors_observed
 from .prediction import Prediction, predicted
-from .problem import Problem
+from .problem import FitProblem
 from .profile import Profile, profiles
 from .readings import Readings
 from .refinement import refined
@@ -104,12 +104,12 @@ class Fit:
     transform: Transform | None = None
     readings: tuple[Readings, ...] = ()
     jacobian: Tensor = field(default_factory=lambda: torch.zeros(0, 0))
-    problem: Problem | None = None
+    problem: FitProblem | None = None
 
     @classmethod
-    def of(cls, problem: Problem, found: Found, region: Region, derivatives: str, tolerance: float) -> Fit:
+    def of(cls, problem: FitProblem, search: Found, region: Region, derivatives: str, tolerance: float) -> Fit:
         """From what a search has found."""
-        return cls(**conclusions(problem, found, region, derivatives, tolerance))
+        return cls(**conclusions(problem, search, region, derivatives, tolerance))
 
     @property
     def deviation(self) -> Tensor:
@@ -151,12 +151,12 @@ class Fit:
         """See `interval`."""
         choice("method", method, INTERVALS)
         away = self._half_interval(self._quantile(level))
-        found = torch.stack([self.transform.theta(end) for end in (self.x - away, self.x + away)], -1)
+        limits = torch.stack([self.transform.theta(end) for end in (self.x - away, self.x + away)], -1)
         if method == "bootstrap" and not self.held.all():
-            found = torch.where(self.held[:, None], found, self.bootstrap(repeats, seed=seed).interval(level))
+            limits = torch.where(self.held[:, None], limits, self.bootstrap(repeats, seed=seed).interval(level))
         elif method == "profile":
-            found = torch.stack([one.interval for one in self.profile(level=level)])
-        return self.within(found)
+            limits = torch.stack([one.interval for one in self.profile(level=level)])
+        return self.within(limits)
 
     def predict(self, model: Any = None, sensor: Any = None, times: Any = None, *, level: float = 0.95,
                 sigma: Value | None = None, experiment: str | None = None) -> Prediction:
@@ -179,12 +179,12 @@ class Fit:
         warn_of(self.doubts)
         y, J = predicted(self._problem("prediction"), self.x, model, sensor, times, experiment)
         open_ = self.open if len(self.open) else torch.zeros_like(self.held)
-        told = ~self.held & ~open_
-        own = J[..., told]
-        variance = ((own @ self.x_covariance[told][:, told]) * own).sum(-1).clamp(min=0)
+        determined = ~self.held & ~open_
+        own = J[..., determined]
+        variance = ((own @ self.x_covariance[determined][:, determined]) * own).sum(-1).clamp(min=0)
         variance = torch.where((J[..., open_ & ~self.held] != 0).any(-1), torch.inf, variance)
         quantile = self._quantile(level)
-        return Prediction.of(y, variance, sigma, (quantile[told] if told.any() else quantile).amax().item(), level)
+        return Prediction.of(y, variance, sigma, (quantile[determined] if determined.any() else quantile).amax().item(), level)
 
     def profile(self, *names: str, level: float = 0.95) -> tuple[Profile, ...]:
         """Profile likelihoods of the parameters (all), see `interval`."""
@@ -215,11 +215,11 @@ class Fit:
 
         Raises ValueError where the finer model fails, or the steps do not become smaller: the models differ too much.
         """
-        finer, found, region = refined(self._problem("refined fit"), model, self.x[None], self.jacobian[None], self.scale)
-        if found.status[0] != CONVERGED:
+        finer, search, region = refined(self._problem("refined fit"), model, self.x[None], self.jacobian[None], self.scale)
+        if search.status[0] != CONVERGED:
             raise ValueError("a finer model that fails at the fit, or differs too much from the one that was fitted, was "
                              "given; one of the same beam, a little finer, is wanted")
-        return Fit.of(finer, found, region, self.derivatives, 1e-6)
+        return Fit.of(finer, search, region, self.derivatives, 1e-6)
 
     def summary(self, level: float = 0.95) -> str:
         """A table for the reader: parameters with their intervals, the misfit, what is not told, and hints."""
@@ -246,9 +246,9 @@ class Fit:
                       "readings": tuple(Readings(**r) for r in given["readings"])})
 
     def __repr__(self) -> str:
-        found = ", ".join(f"{n} = {v:.5g} +- {d:.2g}" for n, v, d in
+        values = ", ".join(f"{n} = {v:.5g} +- {d:.2g}" for n, v, d in
                           zip(self.names, self.theta.tolist(), self.deviation.tolist(), strict=True))
-        return f"Fit({found}; misfit {self.misfit.item():.3g}, {REASON[self.status]} in {self.iterations}" + "".join(
+        return f"Fit({values}; misfit {self.misfit.item():.3g}, {REASON[self.status]} in {self.iterations}" + "".join(
             f"; {sentence}" for sentence in (*self.unidentifiable, *self.doubts)) + ")"
 
     def _quantile(self, level: float) -> Tensor:
@@ -261,14 +261,14 @@ class Fit:
         """(p,) of coordinates, from the covariance."""
         return half_interval(quantile, self.x_covariance.diagonal(), self.x_slope)
 
-    def _problem(self, what: str) -> Problem:
+    def _problem(self, what: str) -> FitProblem:
         if self.problem is None:
             raise ValueError(f"a {what} of a fit from a file was asked for, which has no model; one from tb.identify is wanted")
         if bool(self.open.all()):
             raise ValueError(f"a {what} of a fit that determines nothing was asked for")
         return self.problem
 
-    def _noisy(self, what: str) -> Problem:
+    def _noisy(self, what: str) -> FitProblem:
         """The problem, whose noise is known."""
         problem = self._problem(what)
         if not problem.sigma_given and problem.spare < 1:
@@ -281,5 +281,5 @@ class Fit:
         least = torch.where(self.transform.log, least.clamp(min=0), least)
         all_ = torch.stack((least, largest), -1)
         low, high = interval.unbind(-1)
-        found = torch.stack((torch.maximum(low, least), torch.minimum(high, largest)), -1)
-        return torch.where(self.open[:, None] | found.isnan(), all_, found)
+        limited = torch.stack((torch.maximum(low, least), torch.minimum(high, largest)), -1)
+        return torch.where(self.open[:, None] | limited.isnan(), all_, limited)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import torch
 from torch import Tensor
 
-from .problem import Problem
+from .problem import FitProblem
 from .readings import Readings
 from .residuals import FEWEST, Alarm, Residuals
 
@@ -20,8 +20,8 @@ ALARM = 0.01  # of the fits of models that are right, in which any test may find
 def unit_hints(readings: Sequence[Readings]) -> tuple[str, ...]:
     """Channels whose data are about a thousand times, or a thousandth of, what the model gives at the start."""
     said = []
-    for one in readings:
-        for label, data, y in one.channels():
+    for reading in readings:
+        for label, data, y in reading.channels():
             known = ~(data.isnan() | y.isnan())
             size, own = (v[known].square().mean().sqrt().item() for v in (data, y))
             if not size or not own or not math.isfinite(own):
@@ -44,7 +44,7 @@ def noise_hints(freedom: int, sigma_given: bool) -> tuple[str, ...]:
             "say nothing",)
 
 
-def misfit_hints(problem: Problem, r: Tensor, J: Tensor, C: Tensor) -> tuple[str, ...]:
+def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[str, ...]:
     """Residuals that are no noise of the size that was stated: more squares than sigma says, of all data and of each channel;
     residuals that are alike from reading to reading; a line in their periodogram. All these tests together find something in
     one of a hundred fits of models that are right, or in fewer (Bonferroni). Where sigma is not known squares say nothing.
@@ -72,7 +72,7 @@ def misfit_hints(problem: Problem, r: Tensor, J: Tensor, C: Tensor) -> tuple[str
     return tuple(f"{sentence}, and stated intervals are too narrow" for sentence in said)
 
 
-def _series(problem: Problem) -> Iterator[tuple[str, Tensor, Tensor | None]]:
+def _series(problem: FitProblem) -> Iterator[tuple[str, Tensor, Tensor | None]]:
     """Name, rows (n,) of the data in the order of their times, and these, of each channel."""
     row = torch.full(problem.known.shape, -1, device=problem.known.device)
     row[problem.known] = torch.arange(int(problem.known.sum()), device=row.device)

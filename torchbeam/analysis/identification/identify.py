@@ -22,7 +22,7 @@ from .fit import Fit
 from .measurement import Measurement, each
 from .noise import NOISES, Noise
 from .parameters import Parameters
-from .problem import Problem
+from .problem import FitProblem
 from .reweighting import search_by_channel
 
 DERIVATIVES = ("auto", "forward", "difference", "adjoint")
@@ -99,30 +99,30 @@ def identify(model: Model | Mapping[str, Model], data: Any, start: Any, *, log: 
                          "'difference' and 'forward' do")
     parameters = parameters.more_starts(starts, spread, seed)
     experiments, own = Noise.by_channel(experiments) if noise == "channel" else (experiments, None)
-    problem = Problem.of(experiments, parameters, boolean("absolute_sigma", absolute_sigma), own)
+    problem = FitProblem.of(experiments, parameters, boolean("absolute_sigma", absolute_sigma), own)
     problem = replace(problem, relative_step=step)
     x = problem.parameters.x
     region = problem.region(x)
     with torch.no_grad():
-        way = derivatives if derivatives in ("forward", "difference") else _chosen(problem, x)
-        problem = replace(problem, method=way)
+        derivative_kind = derivatives if derivatives in ("forward", "difference") else _chosen(problem, x)
+        problem = replace(problem, method=derivative_kind)
         most = count("follow", follow) if starts > 1 else None
         with _line(progress, len(x)) as report:
-            def run(problem: Problem, ends: Tensor, which: Tensor) -> Found:
+            def run(problem: FitProblem, ends: Tensor, which: Tensor) -> Found:
                 here = (region if len(which) == len(x) else region.of(which)).against(problem.target)
                 if derivatives == "adjoint":
                     return _by_adjoint(problem, ends, here, limit, tolerance)
                 return search(problem, ends, here, limit, tolerance, follow=most and min(most, len(ends)), progress=report)
 
             if own is not None and own.names:
-                problem, found = search_by_channel(problem, x, run)
+                problem, search_result = search_by_channel(problem, x, run)
             else:
-                found = run(problem, x, torch.arange(len(x), device=x.device))
+                search_result = run(problem, x, torch.arange(len(x), device=x.device))
         region = region.against(problem.target)
-        return Fit.of(problem, found, region, derivatives if derivatives == "adjoint" else way, tolerance)
+        return Fit.of(problem, search_result, region, derivatives if derivatives == "adjoint" else derivative_kind, tolerance)
 
 
-def _chosen(problem: Problem, x: Tensor) -> str:
+def _chosen(problem: FitProblem, x: Tensor) -> str:
     """"difference" where these do not depend on their step at the first start that has a Jacobian, else "forward"."""
     m = problem.parameters.model
     for k in range(len(x)):
@@ -153,7 +153,7 @@ def _chosen(problem: Problem, x: Tensor) -> str:
     return "difference"
 
 
-def _by_adjoint(problem: Problem, x: Tensor, region: Region, iterations: int, tolerance: float) -> Found:
+def _by_adjoint(problem: FitProblem, x: Tensor, region: Region, iterations: int, tolerance: float) -> Found:
     def objective(at: Tensor, k: int) -> Tensor:
         which = torch.tensor([k], device=x.device)
         return problem.residuals(at, which).square().sum() + 2 * problem.objective_prior(at).sum()

@@ -121,12 +121,12 @@ class Measurement:
                              "tb.Measurement(values, times=..., sensor=...) is wanted")
         delay, clock = (parameters[v] if isinstance(v, str) else v for v in (self.delay, self.clock))
         times = self.times * (1 + clock) if not clock.ndim else self.times[:, None] * (1 + clock)
-        found = observe(solution, self.sensor, times, delay=delay, rate=self.rate)
-        if found.ndim < 2:
+        readings = observe(solution, self.sensor, times, delay=delay, rate=self.rate)
+        if readings.ndim < 2:
             raise ValueError("a model that gave a Solution without batch axes was given; one sample for each row of theta is "
                              "wanted")
-        return found.movedim(0, 1).reshape(found.shape[1], *self.values.shape) if (
-            found[:, 0].numel() == self.values.numel()) else found.movedim(0, 1)
+        return readings.movedim(0, 1).reshape(readings.shape[1], *self.values.shape) if (
+            readings[:, 0].numel() == self.values.numel()) else readings.movedim(0, 1)
 
     def nuisance(self) -> tuple[tuple[str, ...], Tensor]:
         """Names (q,) and basis (q, *values.shape) of its own linear parameters."""
@@ -138,16 +138,16 @@ class Measurement:
         names, basis = [], []
         for name, shape in shapes:
             for k, label in enumerate(self.labels):
-                one = torch.zeros(len(along), channels.numel() if channels else 1).to(values)
-                one[:, k] = shape
-                basis.append(one.reshape(values.shape))
+                column = torch.zeros(len(along), channels.numel() if channels else 1).to(values)
+                column[:, k] = shape
+                basis.append(column.reshape(values.shape))
                 names.append(f"{name} of {label}" if label else name)
         return tuple(names), torch.stack(basis) if basis else values.new_zeros(0, *values.shape)
 
 
 def several(data: Any) -> bool:
     """Whether data of one experiment are a list of several, one of them a `Measurement` at least."""
-    return isinstance(data, (list, tuple)) and any(isinstance(one, Measurement) for one in data)
+    return isinstance(data, (list, tuple)) and any(isinstance(item, Measurement) for item in data)
 
 
 def each(data: Any) -> list[Any]:

@@ -40,7 +40,7 @@ class Noise:
         """Experiments whose measurements without sigma have a first one, the scatter of each channel's data; and the channels
         of these. Raises ValueError for one of too few readings.
         """
-        numbers, fitted, found = [], {}, []
+        numbers, fitted, sizes = [], {}, []
         for e in experiments:
             with_sigma = []
             for m in e.measurements:
@@ -61,8 +61,8 @@ class Noise:
                 numbers.append(here.flatten())
                 first = sigma.expand_as(columns).reshape(m.values.shape) if m.sigma is None else m.sigma
                 with_sigma.append(replace(m, sigma=first))
-            found.append(replace(e, measurements=tuple(with_sigma)))
-        return tuple(found), cls(torch.cat(numbers), tuple(fitted), tuple(fitted.values()))
+            sizes.append(replace(e, measurements=tuple(with_sigma)))
+        return tuple(sizes), cls(torch.cat(numbers), tuple(fitted), tuple(fitted.values()))
 
     def sums(self, values: Tensor, known: Tensor) -> Tensor:
         """(..., channels) of values (..., T) of the data that were measured."""

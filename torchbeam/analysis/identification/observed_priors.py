@@ -11,10 +11,10 @@ from torch.distributions import LogNormal, Normal, Uniform
 from .experiment import Experiment
 from .measurement import Measurement
 from .parameters import Entry
-from .problem import Problem
+from .problem import FitProblem
 
 
-def with_priors_observed(problem: Problem) -> Problem:
+def with_priors_observed(problem: FitProblem) -> FitProblem:
     """The same least squares, with priors among the data, so that both can be repeated: as randomised searches for the mode do
     (Oliver, He and Reynolds 1996, 5th Eur. Conf. Math. Oil Recovery; Bardsley, Solonen, Haario and Laine 2014, SIAM J. Sci.
     Comput. 36, A1895). A normal prior is an observation of its parameter; a log-normal one, mean m and deviation s of the

@@ -41,7 +41,7 @@ def samples(problem: Linearised, weight: Tensor, sigma: float, sharp: Sequence[b
     factors = [x.new_ones(CHAINS, len(L)) for L in problem.L]
     fields = [*zip(problem.L, problem.target, map(torch.linalg.pinv, problem.L), strict=True)]
     stiffest = problem.balance * 10 ** DECADES[1]
-    found = []
+    drawn = []
     for k in range(BURN_IN + KEPT):
         A = data / variance[:, None, None] + torch.diag(problem.other)
         towards = -pull / variance[:, None] - problem.pull
@@ -64,11 +64,11 @@ def samples(problem: Linearised, weight: Tensor, sigma: float, sharp: Sequence[b
                 weights[:, j] = torch.minimum(weights[:, j] / (1 + more).square(), stiffest[j] / variance)
                 step = step + more[:, None] * along
         if k >= BURN_IN:
-            found.append(x + step)
+            drawn.append(x + step)
         if not known:
             misfit = left + 2 * step @ pull + ((step @ data) * step).sum(-1)
             variance = (misfit / chi_squared(len(problem.r))).clamp(min=NONE * sigma**2)
-    return torch.cat(found)
+    return torch.cat(drawn)
 
 
 def _normal(A: Tensor, towards: Tensor, z: Tensor) -> Tensor:

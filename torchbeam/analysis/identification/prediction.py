@@ -15,7 +15,7 @@ from ...sensors.observe import observe
 from ...solvers.jacobian import difference, forward
 from ...state.solution import Solution
 from .experiment import with_status
-from .problem import Problem
+from .problem import FitProblem
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Prediction:
         return cls(y, deviation, y - quantile * deviation, y + quantile * deviation, level)
 
 
-def predicted(problem: Problem, x: Tensor, model: Any, sensor: Any, times: Any, experiment: str | None
+def predicted(problem: FitProblem, x: Tensor, model: Any, sensor: Any, times: Any, experiment: str | None
               ) -> tuple[Tensor, Tensor]:
     """Readings (...) of a model at coordinates x (p,), and their derivatives (..., p), as the problem takes derivatives."""
     read = _reader(problem, model, sensor, times, experiment)
@@ -78,7 +78,7 @@ def predicted(problem: Problem, x: Tensor, model: Any, sensor: Any, times: Any, 
     return y, torch.nn.functional.pad(J, (0, len(x) - m)).reshape(*y.shape, len(x))
 
 
-def _reader(problem: Problem, model: Any, sensor: Any, times: Any, experiment: str | None) -> Callable[[Tensor], Tensor]:
+def _reader(problem: FitProblem, model: Any, sensor: Any, times: Any, experiment: str | None) -> Callable[[Tensor], Tensor]:
     """theta (N, p) -> readings (N, ...), NaN of samples that failed."""
     names = [e.name for e in problem.experiments if e.measured]
     if experiment is not None and experiment not in names:

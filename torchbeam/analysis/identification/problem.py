@@ -18,7 +18,7 @@ from .parameters import Parameters
 
 
 @dataclass(frozen=True)
-class Problem:
+class FitProblem:
     """Least squares of all experiments: r(x) = (y + nuisance - data) / sigma, and minus the logarithm of priors.
 
     known       (all numbers,) bool: which were measured;  weight (T,) of those
@@ -42,7 +42,7 @@ class Problem:
 
     @classmethod
     def of(cls, experiments: Sequence[Experiment], parameters: Parameters, absolute_sigma: bool = True,
-           noise: Noise | None = None) -> Problem:
+           noise: Noise | None = None) -> FitProblem:
         """From experiments and the parameters of their models; those of their measurements are added. Without `noise`, it is
         known by sigma, or one for all data.
         """
@@ -174,12 +174,12 @@ class Problem:
             total = total - _log_prob(entry, theta[:, entry.place]).sum(-1)
         return total
 
-    def with_data(self, values: Sequence[Tensor]) -> Problem:
+    def with_data(self, values: Sequence[Tensor]) -> FitProblem:
         """The same for other values of each measurement, missing where those of this one are."""
         target = torch.cat([v.flatten() for v in values])[self.known] * self.weight
         return replace(self, experiments=self._with_measured("values", values), target=target[None])
 
-    def reweighted(self, factor: Tensor) -> Problem:
+    def reweighted(self, factor: Tensor) -> FitProblem:
         """The same with deviations that are so many times (channels,) as large."""
         every = self.noise.each(factor)
         sigma = [m.sigma * own for (_, m), own in zip(self.measurements, self.by_measurement(every), strict=True)]
@@ -187,7 +187,7 @@ class Problem:
         return replace(self, experiments=self._with_measured("sigma", sigma), weight=self.weight * less,
                        target=self.target * less, basis=self.basis * less)
 
-    def with_targets(self, target: Tensor) -> Problem:
+    def with_targets(self, target: Tensor) -> FitProblem:
         """The same with other data, (S, T) weighted, for each start."""
         return replace(self, target=target)
 
@@ -219,6 +219,6 @@ def _surprise(entry: Any, theta: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         (first,) = torch.autograd.grad(total, theta, create_graph=True)
         second = torch.zeros_like(theta)
         if first.requires_grad:
-            found = torch.autograd.grad(first.sum(), theta, allow_unused=True)[0]
-            second = second if found is None else found
+            gradient = torch.autograd.grad(first.sum(), theta, allow_unused=True)[0]
+            second = second if gradient is None else gradient
     return density.sum(-1).detach(), first.detach(), second.detach()

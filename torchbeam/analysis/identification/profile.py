@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ...solvers.least_squares import FAILED, search
-from .problem import Problem
+from .problem import FitProblem
 
 PLACES = (0.4, 0.75, 1.0, 1.35)  # of the half-interval that the covariance says
 WIDER = 4  # times that the outermost place is doubled where the interval is not found
@@ -31,7 +31,7 @@ class Profile:
     interval: Tensor
 
 
-def profiles(problem: Problem, x: Tensor, covariance: Tensor, step: Tensor, which: Sequence[int], quantile: Tensor,
+def profiles(problem: FitProblem, x: Tensor, covariance: Tensor, step: Tensor, which: Sequence[int], quantile: Tensor,
              scale: float) -> tuple[Profile, ...]:
     """Of the parameters `which`, from the fit's coordinates x (p,), their covariance, row by row, and half-intervals `step`
     (p,) for quantiles (p,); all held values of all of them are one batch of fits, and so are those that refine the ends.
@@ -50,7 +50,7 @@ def profiles(problem: Problem, x: Tensor, covariance: Tensor, step: Tensor, whic
             todo = [(j, c) for j in which for c in _next(points[j])]
             if not todo:
                 break
-        found = []
+        limits = []
         for j in which:
             places = torch.tensor(sorted(points[j]), dtype=x.dtype)
             heights = torch.tensor([points[j][c] for c in places.tolist()], dtype=x.dtype)
@@ -60,11 +60,11 @@ def profiles(problem: Problem, x: Tensor, covariance: Tensor, step: Tensor, whic
             values = problem.parameters.transform.theta(coordinates)[:, j]
             interval = torch.where(torch.isfinite(ends), values[-2:], ends)
             threshold = quantile[j].item() ** 2
-            found.append(Profile(problem.parameters.names[j], values[:-2], heights.square() * threshold, threshold, interval))
-    return tuple(found)
+            limits.append(Profile(problem.parameters.names[j], values[:-2], heights.square() * threshold, threshold, interval))
+    return tuple(limits)
 
 
-def _least(problem: Problem, x: Tensor, covariance: Tensor, held: Tensor, away: Tensor) -> Tensor:
+def _least(problem: FitProblem, x: Tensor, covariance: Tensor, held: Tensor, away: Tensor) -> Tensor:
     """Twice the least objective (n,) with the parameters `held` (n,) at x + away; infinite where no fit is found."""
     ridge = covariance[held] / covariance[held, held][:, None]
     starts = x + ridge * away[:, None]
@@ -76,15 +76,15 @@ def _least(problem: Problem, x: Tensor, covariance: Tensor, held: Tensor, away: 
     starts[rows, held] = torch.where(outside, x[held], pin)
     region = problem.region(starts).holding(torch.nn.functional.one_hot(held, len(x)).bool())
     try:
-        found = search(problem, starts, region, ITERATIONS, TOLERANCE)
+        minima = search(problem, starts, region, ITERATIONS, TOLERANCE)
     except ValueError:  # none of them can be evaluated
         return torch.full_like(away, torch.inf)
-    value = _objective(problem, found.r, found.x)
-    good = (found.status < FAILED) & ~outside  # one that is not finished is still no less than the least
+    value = _objective(problem, minima.r, minima.x)
+    good = (minima.status < FAILED) & ~outside  # one that is not finished is still no less than the least
     return torch.where(good & torch.isfinite(value), value, torch.inf)
 
 
-def _objective(problem: Problem, r: Tensor, x: Tensor) -> Tensor:
+def _objective(problem: FitProblem, r: Tensor, x: Tensor) -> Tensor:
     return r.square().sum(-1) + 2 * problem.prior(x)[0]
 
 

@@ -11,13 +11,13 @@ from torch import Tensor
 
 from ...solvers.least_squares import CONVERGED, FAILED, Found
 from ...solvers.region import Region
-from .problem import Problem
+from .problem import FitProblem
 
 STEPS, AGAIN = 20, 3
 SMALL = 1e-4  # squared length of a step over the noise's: a hundredth of a deviation
 
 
-def refined(problem: Problem, model: Any, x: Tensor, J: Tensor, scale: float) -> tuple[Problem, Found, Region]:
+def refined(problem: FitProblem, model: Any, x: Tensor, J: Tensor, scale: float) -> tuple[FitProblem, Found, Region]:
     """The finer problem, and what is found from the coordinates x (S, p) and J (S, T, p) of fits; see `Fit.refined`. The status
     of those for which the models differ too much is FAILED.
     """
@@ -27,17 +27,17 @@ def refined(problem: Problem, model: Any, x: Tensor, J: Tensor, scale: float) ->
     finer = replace(problem, experiments=tuple(
         replace(e, model=model[e.name] if isinstance(model, Mapping) else model) if e.measured else e
         for e in problem.experiments))
-    every, way = torch.arange(len(x), device=x.device), [x]
+    every, iterates = torch.arange(len(x), device=x.device), [x]
     last, done = torch.full_like(x[:, 0], torch.inf), torch.zeros_like(every, dtype=torch.bool)
     failed = done.clone()
     with torch.no_grad():
         region = problem.region(x)
         for k in range(STEPS):
-            r, (_, slope, bend) = finer.residuals(way[-1], every), finer.prior(way[-1])
+            r, (_, slope, bend) = finer.residuals(iterates[-1], every), finer.prior(iterates[-1])
             if k == AGAIN:  # derivatives from where the finer model is going: deviations follow them
-                _, J = problem.linearised(way[-1], every)
+                _, J = problem.linearised(iterates[-1], every)
             gradient = ((J.mT @ r[..., None])[..., 0] + slope).nan_to_num()
-            free = (~region.held(way[-1], gradient)).to(x)
+            free = (~region.held(iterates[-1], gradient)).to(x)
             A = (J.mT @ J + torch.diag_embed(bend)).nan_to_num() * free[:, None] * free[..., None]
             step = -(torch.linalg.pinv(A, hermitian=True) @ (gradient * free)[..., None])[..., 0]
             length = (step * (A @ step[..., None])[..., 0]).sum(-1)
@@ -46,7 +46,7 @@ def refined(problem: Problem, model: Any, x: Tensor, J: Tensor, scale: float) ->
             if (k >= AGAIN and (done | failed).all()):
                 break
             last = length
-            way.append(torch.where((done | failed)[:, None], way[-1],
-                                   torch.maximum(torch.minimum(way[-1] + step, region.largest), region.least)))
+            iterates.append(torch.where((done | failed)[:, None], iterates[-1],
+                                   torch.maximum(torch.minimum(iterates[-1] + step, region.largest), region.least)))
     status = torch.where(done & ~failed, CONVERGED, FAILED)
-    return finer, Found(way[-1], r, J, status, torch.stack(way)), problem.region(way[-1])
+    return finer, Found(iterates[-1], r, J, status, torch.stack(iterates)), problem.region(iterates[-1])

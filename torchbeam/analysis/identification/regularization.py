@@ -47,23 +47,23 @@ class Linearised:
         misfit = (self.r + step @ self.J.mT).square().sum(-1)
         rough = torch.stack([((self.x + step) @ L.mT - c).square().sum(-1) for L, c in zip(self.L, self.target, strict=True)],
                             -1)
-        told = (inverse * data).sum((-1, -2))
+        determined = (inverse * data).sum((-1, -2))
         normal = self.other > 0
         over = torch.where(normal, self.other, 1)
         apart = torch.where(normal, self.other * (step + self.pull / over).square(), 2 * self.pull * step).sum(-1)
-        return Solved(misfit, rough, apart, told, log_det)
+        return Solved(misfit, rough, apart, determined, log_det)
 
 
 @dataclass(frozen=True)
 class Solved:
     """misfit (...) squares of the data's misfits;  rough (..., fields) squares of the rows;  apart (...) squares of other
-    priors;  told (...) numbers that the data determine;  log_det (...) of the posterior's inverse covariance.
+    priors;  determined (...): how many numbers the data determine;  log_det (...) of the posterior's inverse covariance.
     """
 
     misfit: Tensor
     rough: Tensor
     apart: Tensor
-    told: Tensor
+    determined: Tensor
     log_det: Tensor
 
 
@@ -107,16 +107,16 @@ def weigh(problem: Linearised, criterion: str, known: bool) -> Weighing:
         if (weight / before).log().abs().max() < 0.01:
             break
     solved = problem.solved(weight)
-    freedom = (len(problem.r) - solved.told).clamp(min=1)
+    freedom = (len(problem.r) - solved.determined).clamp(min=1)
     sigma = 1.0 if known else (solved.misfit / freedom).sqrt().item()
-    return Weighing(weight, sigma, solved.told.item(), tried, *curves)
+    return Weighing(weight, sigma, solved.determined.item(), tried, *curves)
 
 
 def _value(problem: Linearised, solved: Solved, weight: Tensor, criterion: str, known: bool) -> Tensor:
     """What is to be least (tried,)."""
     T = len(problem.r)
     if criterion == "gcv":
-        return T * solved.misfit / (T - solved.told).clamp(min=1e-3 * T) ** 2
+        return T * solved.misfit / (T - solved.determined).clamp(min=1e-3 * T) ** 2
     if criterion == "lcurve":
         return -_curvature(solved.misfit.log() / 2, solved.rough[:, 0].log() / 2)
     ranks = torch.tensor([float(len(L)) for L in problem.L]).to(weight)
@@ -132,8 +132,8 @@ def _curvature(a: Tensor, b: Tensor) -> Tensor:
         return (x[2:] - x[:-2]) / 2
 
     da, db, dda, ddb = slope(a), slope(b), a.diff(n=2), b.diff(n=2)
-    found = (da * ddb - dda * db) / (da.square() + db.square()).clamp(min=torch.finfo(a.dtype).eps) ** 1.5
-    return torch.nn.functional.pad(found, (1, 1), value=-torch.inf)
+    curvature = (da * ddb - dda * db) / (da.square() + db.square()).clamp(min=torch.finfo(a.dtype).eps) ** 1.5
+    return torch.nn.functional.pad(curvature, (1, 1), value=-torch.inf)
 
 
 def _least(weights: Tensor, value: Tensor) -> Tensor:

@@ -63,8 +63,8 @@ class Residuals:
     @property
     def variance(self) -> float:
         """Of the noise over sigma: by the residuals, but no less than sigma says."""
-        found = self.r.square().sum().item() / self.left
-        return max(found, 1.0) if self.known else found
+        variance = self.r.square().sum().item() / self.left
+        return max(variance, 1.0) if self.known else variance
 
     def excess(self) -> Alarm:
         """More squares than sigma allows: `size` is their root over that of noise."""
@@ -85,13 +85,13 @@ class Residuals:
         both = both + torch.diag(mean.new_tensor([(n - lag) / 2 for lag in lags]))
         outer = mean[:, None] * mean
         covariance = (outer + 2 * both) / (self.freedom * (self.freedom + 2)) - outer / self.freedom**2
-        found = torch.stack([self.r @ _neighbours(self.r, lag) for lag in lags]) / (self.variance * left)
-        off = (found - mean / left) / covariance.diagonal().sqrt()
+        correlation = torch.stack([self.r @ _neighbours(self.r, lag) for lag in lags]) / (self.variance * left)
+        off = (correlation - mean / left) / covariance.diagonal().sqrt()
         alike = covariance / covariance.diagonal().outer(covariance.diagonal()).sqrt()
         first, second = len(off)**2 / alike.square().sum().item(), self.freedom / 2 + HEAVY
         ratio = off.square().mean().item()
         tail = beta_probability(second / (second + first * ratio), second / 2, first / 2)
-        return Alarm(self.name, tail, found[off.abs().argmax()].item())
+        return Alarm(self.name, tail, correlation[off.abs().argmax()].item())
 
     def line(self) -> Alarm:
         """The largest line of the periodogram: by how much a cosine and a sine beside the parameters make the squares fall,
@@ -131,7 +131,7 @@ class Residuals:
 
 def _neighbours(values: Tensor, lag: int) -> Tensor:
     """Mean of the two values (n, ...) that are `lag` before and after each; 0 beyond the ends."""
-    found = torch.zeros_like(values)
-    found[lag:] += values[:-lag] / 2
-    found[:-lag] += values[lag:] / 2
-    return found
+    sums = torch.zeros_like(values)
+    sums[lag:] += values[:-lag] / 2
+    sums[:-lag] += values[lag:] / 2
+    return sums

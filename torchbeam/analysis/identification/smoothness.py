@@ -48,13 +48,13 @@ class Smoothness:
             if at.shape != (n,):
                 raise ValueError(f"places of shape {tuple(at.shape)} were given for a field of {n} numbers; ({n},) are wanted")
             at = (at - at[0]) / (at[-1] - at[0])
-        found = torch.eye(n).to(like)
+        operator = torch.eye(n).to(like)
         width = torch.cat((at[1:2] - at[:1], (at[2:] - at[:-2]) / 2, at[-1:] - at[-2:-1]))  # about each place
         for _ in range(self.order):
             width = at.diff()
-            found = found.diff(dim=0) / width[:, None]
+            operator = operator.diff(dim=0) / width[:, None]
             at = (at[1:] + at[:-1]) / 2
-        return found * width.sqrt()[:, None]
+        return operator * width.sqrt()[:, None]
 
     @staticmethod
     def factors(squares: Tensor) -> Tensor:

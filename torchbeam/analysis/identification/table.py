@@ -16,10 +16,10 @@ def table(fit: Any, level: float, reason: dict[int, str]) -> str:
     rows = []
     for k, name in enumerate(fit.names):
         low, high = interval[k]
-        told, held = not bool(fit.open[k]), bool(fit.held[k])
-        rows.append((name, f"{fit.theta[k].item():.5g}", f"{fit.deviation[k].item():.2g}" if told and not held else "",
-                     f"{low:.5g} to {high:.5g}" if told else "",
-                     "not told by the data" if not told else "at its bound" if held else ""))
+        determined, held = not bool(fit.open[k]), bool(fit.held[k])
+        rows.append((name, f"{fit.theta[k].item():.5g}", f"{fit.deviation[k].item():.2g}" if determined and not held else "",
+                     f"{low:.5g} to {high:.5g}" if determined else "",
+                     "not told by the data" if not determined else "at its bound" if held else ""))
     widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
     lines = ["  ".join(cell.ljust(w) if i in (0, 4) else cell.rjust(w) for i, (cell, w) in
                        enumerate(zip(row, widths, strict=True))).rstrip() for row in (head, *rows)]

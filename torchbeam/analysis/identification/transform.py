@@ -30,20 +30,20 @@ class Transform:
     def theta(self, x: Tensor) -> Tensor:
         """Parameters (..., p) of coordinates."""
         zero = torch.zeros_like(x)
-        found = torch.where(self.log, torch.where(self.log, x, zero).exp(), x)
+        theta = torch.where(self.log, torch.where(self.log, x, zero).exp(), x)
         share = torch.sigmoid(torch.where(self.logit, x, zero))
-        return torch.where(self.logit, self.low + (self.high - self.low) * share, found)
+        return torch.where(self.logit, self.low + (self.high - self.low) * share, theta)
 
     def x(self, theta: Tensor) -> Tensor:
         """Coordinates (..., p) of parameters; infinite at the ends of what they can be."""
         one = torch.ones_like(theta)
-        found = torch.where(self.log, torch.where(self.log, theta, one).log(), theta)
+        coordinates = torch.where(self.log, torch.where(self.log, theta, one).log(), theta)
         width = torch.where(self.logit, self.high - self.low, one)
         share = torch.where(self.logit, (theta - self.low) / width, 0.5 * one)
-        return torch.where(self.logit, torch.logit(share), found)
+        return torch.where(self.logit, torch.logit(share), coordinates)
 
     def slope(self, x: Tensor) -> Tensor:
         """d theta / d x (..., p)."""
         share = torch.sigmoid(x)
-        found = torch.where(self.log, self.theta(x), torch.ones_like(x))
-        return torch.where(self.logit, (self.high - self.low) * share * (1 - share), found)
+        slope = torch.where(self.log, self.theta(x), torch.ones_like(x))
+        return torch.where(self.logit, (self.high - self.low) * share * (1 - share), slope)

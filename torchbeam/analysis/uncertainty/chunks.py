@@ -146,13 +146,13 @@ def _parts(function: Callable, laws: dict[str, Any], version_: str | None) -> tu
     given = [(f"the law of {name!r}", law) for name, law in laws.items()]
     for what, value in given if version_ is not None else [("", function), *given]:
         try:
-            found, used = fingerprint(value)
+            fingerprint_of, used = fingerprint(value)
         except NoFingerprint as error:
             if version_ is not None:
                 continue
             raise ValueError(f"{what or 'a function'} that holds {error}, which may change unseen, was given with a folder; "
                              "version= is wanted, another one for each change") from None
-        parts |= {" ".join(filter(None, (what, name))): digest for name, digest in found.items()}
+        parts |= {" ".join(filter(None, (what, name))): digest for name, digest in fingerprint_of.items()}
         versions |= used
     return parts, versions
 

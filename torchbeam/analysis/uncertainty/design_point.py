@@ -72,8 +72,8 @@ def design_points(limit: LimitState, starts: int, seed: int, steps: int = 60) ->
     z, slope = z[ends], slope[ends]
     beta = (z * slope / slope.norm(dim=-1, keepdim=True)).sum(-1)
     order = beta.abs().argsort()
-    kept: list[int] = []
+    distinct: list[int] = []
     for k in order.tolist():
-        if all((z[k] - z[j]).norm() > 0.1 for j in kept):
-            kept.append(k)
-    return DesignPoints(z[kept], beta[kept])
+        if all((z[k] - z[j]).norm() > 0.1 for j in distinct):
+            distinct.append(k)
+    return DesignPoints(z[distinct], beta[distinct])

@@ -58,10 +58,10 @@ class Estimate:
     def __repr__(self) -> str:
         lost = f"; {failures(self.reasons)}" if self.failed else ""
         rows = [*zip(*(x.flatten()[:SHOWN].tolist() for x in self), strict=True)]
-        found = "; ".join(f"{e:.5g}, {a:.5g} to {b:.5g}" for e, a, b in rows)
+        text = "; ".join(f"{e:.5g}, {a:.5g} to {b:.5g}" for e, a, b in rows)
         if self.estimate.numel() > 1:
-            found = f"{tuple(self.estimate.shape)}: {found}{'; ...' * (self.estimate.numel() > SHOWN)}"
-        return f"Estimate({found} at {100 * self.level:g} % by {self.method}; {self.samples} samples{lost})"
+            text = f"{tuple(self.estimate.shape)}: {text}{'; ...' * (self.estimate.numel() > SHOWN)}"
+        return f"Estimate({text} at {100 * self.level:g} % by {self.method}; {self.samples} samples{lost})"
 
 
 def failures(reasons: Mapping[str, int]) -> str:

@@ -89,20 +89,20 @@ class Evaluation:
 
     def chunks(self, first: int, last: int, progress: Progress | None = None) -> Generator[Any, None, None]:
         """Chunks of samples first to last - 1, in order; from the folder where they are there, and reduced if so wished."""
-        found: dict[int, Chunk] = {}
+        stored: dict[int, Chunk] = {}
         todo: Iterable[tuple[int, int]] = self._ends(first, last)
         if self.folder is not None:
-            found = {a: chunk for a, b in self._ends(first, last) if (chunk := self.folder.get(a, b - a)) is not None}
-            todo = [end for end in todo if end[0] not in found]
+            stored = {a: chunk for a, b in self._ends(first, last) if (chunk := self.folder.get(a, b - a)) is not None}
+            todo = [end for end in todo if end[0] not in stored]
             if todo:
                 self.folder.writable()
         jobs = (Job(self.function, self.joint, self.design.part(a, b), a, b, self.dtype, self.by_name, self.folder, _here(),
                     torch.get_default_dtype(), self.total, self.reduce) for a, b in todo)
-        made = (job() for job in jobs) if self.executor is None else _gathered(self.executor, jobs)
+        results = (job() for job in jobs) if self.executor is None else _gathered(self.executor, jobs)
         try:
             for a, b in self._ends(first, last):
-                known = found.pop(a, None)
-                chunk, written = (tuple(part[:b - a] for part in known), True) if known is not None else next(made)
+                known = stored.pop(a, None)
+                chunk, written = (tuple(part[:b - a] for part in known), True) if known is not None else next(results)
                 if self.folder is not None and not written:
                     self.folder.put(a, chunk)
                 if progress is not None:
@@ -110,7 +110,7 @@ class Evaluation:
                     progress.add(b - a, failed, known is not None)
                 yield chunk
         finally:
-            made.close()
+            results.close()
             if self.folder is not None and todo:
                 with suppress(NotWritten):
                     self.folder.finish(self.function, self.joint.laws)

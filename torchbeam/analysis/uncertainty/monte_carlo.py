@@ -128,8 +128,8 @@ def folder_of(out: str | Path | None, function: Function, joint: JointLaw, versi
 
 def chunk_of(out: str | Path | None) -> int | None:
     """Chunk of the run that is in a folder; None where there is none."""
-    found = None if out is None else ChunkFolder.setting(out, "chunk")
-    return found if isinstance(found, int) and found > 0 else None
+    size = None if out is None else ChunkFolder.setting(out, "chunk")
+    return size if isinstance(size, int) and size > 0 else None
 
 
 def _own(laws: Any, theta: Value, n: int | None, dtype: torch.dtype | None, correlation: Any) -> tuple[JointLaw, Tensor]:
@@ -190,8 +190,8 @@ def _reached(samples: Samples, until: Until) -> bool:
     if not (samples.status == 0).any():
         return False
     error, statistic = until if isinstance(until, (tuple, list)) else (until, lambda given: given.mean_interval(LEVEL))
-    found = statistic(samples)
-    if not isinstance(found, Estimate):
-        raise ValueError(f"until with a function that gave a {type(found).__name__} was given; a torchbeam.Estimate, with its "
+    estimate = statistic(samples)
+    if not isinstance(estimate, Estimate):
+        raise ValueError(f"until with a function that gave a {type(estimate).__name__} was given; a torchbeam.Estimate, with its "
                          "interval, is wanted")
-    return bool((found.relative_error <= error).all())
+    return bool((estimate.relative_error <= error).all())

@@ -88,26 +88,26 @@ def _taken_up(folder: ChunkFolder, joint: JointLaw, independent: bool) -> tuple[
             raise ValueError("it is another run's, or its checksum is wrong")
         return _stream(stored, joint, independent), done
 
-    found = loaded(folder.path / FILE, content)
-    if found is None:
+    content_of_file = loaded(folder.path / FILE, content)
+    if content_of_file is None:
         folder.writable()
         return Stream(joint.names, independent), 0
-    return found
+    return content_of_file
 
 
-def _stream(found: dict[str, Any], joint: JointLaw, independent: bool) -> Stream:
+def _stream(saved: dict[str, Any], joint: JointLaw, independent: bool) -> Stream:
     """Stream that a file holds."""
-    return Stream(joint.names, independent, None if found["shape"] is None else tuple(found["shape"]),
-                  [None if one is None else Moments(*one) for one in found["moments"]],
-                  [[Sketch(*one) for one in sketches] for sketches in found["sketches"]], found["samples"], found["reasons"])
+    return Stream(joint.names, independent, None if saved["shape"] is None else tuple(saved["shape"]),
+                  [None if one is None else Moments(*one) for one in saved["moments"]],
+                  [[Sketch(*sketch) for sketch in sketches] for sketches in saved["sketches"]], saved["samples"], saved["reasons"])
 
 
 def _state(stream: Stream) -> dict[str, Any]:
     """What a file holds of a stream: numbers, texts and tensors."""
     return dict(shape=None if stream.shape is None else list(stream.shape), samples=stream.samples, reasons={**stream.reasons},
-                moments=[None if one is None else [one.n, one.mean, one.second, one.third, one.fourth, one.least, one.largest]
-                         for one in stream.moments],
-                sketches=[[[one.most, one.keys, one.counts, one.least, one.largest, one.joined] for one in sketches]
+                moments=[None if moment is None else [moment.n, moment.mean, moment.second, moment.third, moment.fourth, moment.least, moment.largest]
+                         for moment in stream.moments],
+                sketches=[[[sketch.most, sketch.keys, sketch.counts, sketch.least, sketch.largest, sketch.joined] for sketch in sketches]
                           for sketches in stream.sketches])
 
 

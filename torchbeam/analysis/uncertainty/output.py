@@ -62,11 +62,11 @@ class Summary:
         """Numbers and texts, for JSON: rows of quantity, y, estimate, low, high, level for mean, deviation (not of a stream),
         quantiles and probabilities of y > threshold, of each number of y; numbers of samples, of failed ones by reason.
         """
-        found = {"mean": self.mean_interval(interval)}
+        summary = {"mean": self.mean_interval(interval)}
         if hasattr(self, "deviation_interval"):
-            found["deviation"] = self.deviation_interval(interval)
+            summary["deviation"] = self.deviation_interval(interval)
         rows = []
-        for name, one in found.items():
+        for name, one in summary.items():
             rows += _rows(name, one, interval)
         levels, thresholds = (_several(name, given) for name, given in (("levels", levels), ("thresholds", thresholds)))
         quantiles = self.quantile(levels, interval)
@@ -75,7 +75,7 @@ class Summary:
         for threshold in thresholds:
             rows += _rows(f"P(y > {threshold:g})", self.exceedance(threshold, interval), interval)
         return {"samples": quantiles.samples + quantiles.failed, "failed": quantiles.failed, "reasons": dict(quantiles.reasons),
-                "names": list(self.names), "method": found["mean"].method, "statistics": rows}
+                "names": list(self.names), "method": summary["mean"].method, "statistics": rows}
 
     def write_summary(self, path: str | Path, levels: Sequence[float] = LEVELS, interval: float = 0.95,
                       thresholds: Sequence[float] = ()) -> Path:
@@ -88,12 +88,12 @@ class Summary:
         return path
 
 
-def write_found(path: Path, found: dict[str, Any]) -> None:
+def write_found(path: Path, summary: dict[str, Any]) -> None:
     """A summary in a file: .csv for its rows alone, .json for all of it. Raises files.NotWritten."""
     if path.suffix == ".json":
-        write(path, json.dumps(found, indent=1) + "\n")
+        write(path, json.dumps(summary, indent=1) + "\n")
     else:
-        write(path, csv_text([COLUMNS, *([row[name] for name in COLUMNS] for row in found["statistics"])]))
+        write(path, csv_text([COLUMNS, *([row[name] for name in COLUMNS] for row in summary["statistics"])]))
 
 
 def _several(name: str, given: Any) -> tuple[float, ...]:

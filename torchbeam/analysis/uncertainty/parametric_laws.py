@@ -208,8 +208,8 @@ class Gumbel(TwoTails):
 
 def checked_number(name: str, value: Any) -> float | Tensor:
     """One finite number; as the tensor that was given where it carries a gradient. ValueError otherwise."""
-    found = number(name, value)
-    return value if isinstance(value, Tensor) and value.requires_grad else found
+    checked = number(name, value)
+    return value if isinstance(value, Tensor) and value.requires_grad else checked
 
 
 def plain_number(name: str, value: Any, *, infinite: bool = False) -> float:

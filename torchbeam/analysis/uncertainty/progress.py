@@ -34,10 +34,10 @@ class Progress:
         if self.report is not True:
             checked_function("progress", self.report, "progress")
 
-    def add(self, samples: int, failed: int, found: bool) -> None:
+    def add(self, samples: int, failed: int, stored: bool) -> None:
         """Count a chunk, and tell."""
         self.done += samples
-        self.found += samples * found
+        self.found += samples * stored
         self.failed += failed
         if self.report is not True:
             self.report(self)

@@ -52,10 +52,10 @@ class RareEvent:
         return sum(self.reasons.values())
 
     def __repr__(self) -> str:
-        way = (f"{len(self.thresholds)} thresholds on the way" if self.points is None else
+        method = (f"{len(self.thresholds)} thresholds on the way" if self.points is None else
                f"{len(self.points)} design points, FORM {self.form:.3g}")
         return (f"RareEvent({self.probability:.3g}, {self.low:.3g} to {self.high:.3g} at {100 * self.level:g} %; "
-                f"{self.method}, {way}; {self.evaluations} evaluations, {self.failed} failed)")
+                f"{self.method}, {method}; {self.evaluations} evaluations, {self.failed} failed)")
 
 
 def rare_event(function: Function, laws: Mapping[str, Law], threshold: float, n: int, *, method: str = "subset",
@@ -91,9 +91,9 @@ def rare_event(function: Function, laws: Mapping[str, Law], threshold: float, n:
         each = n // runs // round(1 / SHARE) * round(1 / SHARE)
         if each < least:
             raise ValueError(f"n = {n} was given for {runs} runs of subset simulation; at least {least * runs} are wanted")
-        found = subset_simulation(limit, each, runs, seed)
-        thresholds = found.thresholds.nanmean(-1)
-        return RareEvent(joint.names, *found.interval(level), level, method, limit.evaluations, dict(limit.failures),
+        estimates = subset_simulation(limit, each, runs, seed)
+        thresholds = estimates.thresholds.nanmean(-1)
+        return RareEvent(joint.names, *estimates.interval(level), level, method, limit.evaluations, dict(limit.failures),
                          thresholds[~thresholds.isnan()])
     if n < 2 * runs:
         raise ValueError(f"n = {n} was given for {runs} replicates of importance sampling; at least {2 * runs} are wanted")

@@ -77,10 +77,10 @@ class Samples(output.Summary):
         given = probabilities(levels)
         several = given.reshape(-1)
         if interval is None:
-            found = estimate.quantile_of_sorted(self._numbers().sort(0).values, several)
-            return found if given.ndim else found[0]
-        found = estimate.quantile(self._groups(), several, level_of("interval", interval), self.reasons)
-        return found if given.ndim else replace(found, estimate=found.estimate[0], low=found.low[0], high=found.high[0])
+            quantiles = estimate.quantile_of_sorted(self._numbers().sort(0).values, several)
+            return quantiles if given.ndim else quantiles[0]
+        quantiles = estimate.quantile(self._groups(), several, level_of("interval", interval), self.reasons)
+        return quantiles if given.ndim else replace(quantiles, estimate=quantiles.estimate[0], low=quantiles.low[0], high=quantiles.high[0])
 
     def mean_interval(self, level: float = 0.95) -> Estimate:
         """Mean (...), with Student's interval: of the means of replicates, or of the samples. Of a y of yes and no that of a
@@ -194,8 +194,8 @@ def reasons_of(y: Tensor, status: Tensor, sentences: Mapping[int, str]) -> dict[
         return {}
     known = {**STATUS, **sentences}
     finite_ = torch.isfinite(y).reshape(len(y), -1).all(-1)
-    found = {NOT_FINITE: int(((status == FAILED) & ~finite_).sum())}
+    counts = {NOT_FINITE: int(((status == FAILED) & ~finite_).sum())}
     for code in status[(status != 0) & ((status != FAILED) | finite_)].unique().tolist():
         why = known.get(code, f"status {code}")
-        found[why] = found.get(why, 0) + int(((status == code) & ((status != FAILED) | finite_)).sum())
-    return dict(sorted(((why, n) for why, n in found.items() if n), key=lambda item: -item[1]))
+        counts[why] = counts.get(why, 0) + int(((status == code) & ((status != FAILED) | finite_)).sum())
+    return dict(sorted(((why, n) for why, n in counts.items() if n), key=lambda item: -item[1]))

@@ -102,21 +102,21 @@ def sobol_indices(function: Function, laws: Mapping[str, Law], n: int, *, replic
         raise ValueError(f"all {n} groups have samples that failed ({', '.join(reasons)}); there are no indices of none")
     values = y.double().reshape(n, size, *y.shape[1:])
     groups = [g[ok] for g, ok in zip(values.chunk(replicates), good.chunk(replicates), strict=True) if ok.any()]
-    found = _indices(torch.cat(groups))  # (2, p, ...)
-    half = _half(groups, found, level)
-    return SobolIndices(names, found[0], found[1], found - half, found + half, level, _variance(values[good]), n * size,
+    indices = _indices(torch.cat(groups))  # (2, p, ...)
+    half = _half(groups, indices, level)
+    return SobolIndices(names, indices[0], indices[1], indices - half, indices + half, level, _variance(values[good]), n * size,
                         int((~good).sum()), reasons)
 
 
-def _half(groups: list[Tensor], found: Tensor, level: float) -> Tensor:
+def _half(groups: list[Tensor], indices: Tensor, level: float) -> Tensor:
     """Half the interval (2, p, ...) of the indices found in all groups of replicates, by the jackknife; infinite where groups
     are good in one replicate alone.
     """
     R = len(groups)
     if R == 1:
-        return found.abs() + torch.inf
+        return indices.abs() + torch.inf
     without = torch.stack([_indices(torch.cat(groups[:k] + groups[k + 1:])) for k in range(R)])
-    return student_half(R * found - (R - 1) * without, level)
+    return student_half(R * indices - (R - 1) * without, level)
 
 
 def _indices(y: Tensor) -> Tensor:

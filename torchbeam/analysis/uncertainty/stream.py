@@ -201,12 +201,12 @@ class Stream(Summary):
 
     def _share_error(self, j: int, x: Tensor, level: float, n: int) -> Tensor:
         """Half the intervals (...) of P(y > x) from its shares in the replicates, x (...); at least the rule of three."""
-        known = [(sketches[j], one.n) for sketches, one in zip(self.sketches, self.moments, strict=True) if one is not None]
+        known = [(sketches[j], moment.n) for sketches, moment in zip(self.sketches, self.moments, strict=True) if moment is not None]
         shares = torch.stack([sum(sketch.above(x)) / 2 / size for sketch, size in known])
         return share_half(shares, level, n)
 
     def _known(self) -> list[Moments]:
-        known = [one for one in self.moments if one is not None]
+        known = [moment for moment in self.moments if moment is not None]
         if not known:
             raise ValueError(f"all {self.samples} samples failed ({', '.join(self.reasons)}); there is no statistic of none")
         return known
@@ -214,7 +214,7 @@ class Stream(Summary):
     @property
     def _good(self) -> int:
         """Good samples of all replicates."""
-        return sum(one.n for one in self._known())
+        return sum(part.n for part in self._known())
 
     @property
     def _groups(self) -> int:
@@ -227,13 +227,13 @@ class Stream(Summary):
         self._known()
         pooled = [Sketch.empty(BINS * 2) for _ in self.sketches[0]]
         for sketches in self.sketches:
-            for whole, one in zip(pooled, sketches, strict=True):
-                whole.merge(one)
+            for whole, sketch in zip(pooled, sketches, strict=True):
+                whole.merge(sketch)
         return pooled
 
     def _shaped(self, rows: Tensor, given: Tensor) -> Tensor:
-        found = rows.reshape(-1, *self.shape)
-        return found if given.ndim else found[0]
+        shaped = rows.reshape(-1, *self.shape)
+        return shaped if given.ndim else shaped[0]
 
     def _estimate(self, centre: Tensor, low: Tensor, high: Tensor, level: float, counted: Tensor) -> Estimate:
         """counted: whether samples were counted in place of replicates, number by number."""

@@ -83,9 +83,9 @@ def subset_simulation(limit: LimitState, samples: int, runs: int, seed: int) -> 
         for step in range(round(1 / SHARE) - 1):
             move = torch.randn(z.shape, generator=draw, dtype=z.dtype)
             trial = (1 - scale.square()).sqrt() * z + scale * move
-            found = limit(trial.flatten(0, 1)).reshape(y.shape)
-            taken = found >= bound[:, None]
-            z, y = torch.where(taken[..., None], trial, z), torch.where(taken, found, y)
+            trial_y = limit(trial.flatten(0, 1)).reshape(y.shape)
+            taken = trial_y >= bound[:, None]
+            z, y = torch.where(taken[..., None], trial, z), torch.where(taken, trial_y, y)
             states.append(z)
             values.append(y)
             rate = taken.double().mean(-1)[:, None, None]

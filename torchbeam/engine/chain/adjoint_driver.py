@@ -259,13 +259,13 @@ class AdjointDriver(ChainCode):
 
     def _element(self, e: str) -> None:
         """What the solution asks of an element: of its gap through the balance, then of its start and its constants."""
-        found = {side: self.at("found", self._move_of(self._node_of(e, side))) for side in SIDES[self.order]}
-        pushed = {bar(side): place for side, place in found.items()}
+        places = {side: self.at("found", self._move_of(self._node_of(e, side))) for side in SIDES[self.order]}
+        pushed = {bar(side): place for side, place in places.items()}
         self._call("pushed bar", lambda f: self.at("change", 0, "gap_bar") if f[0] == ">" else
                    pushed[f] if f in pushed else self._of_element(f, e))
         self._add(self.at("law", e, "gap_bar"), self.at("change", 0, "gap_bar"), self.layout.records["stress"].size)
         given = {bar("gap"): self.at("law", e, "gap_bar")}
-        given |= {bar(f"{side}.balance"): place for side, place in found.items()}
+        given |= {bar(f"{side}.balance"): place for side, place in places.items()}
         with self._element_kind(e) as kinds:
             for k in kinds:
                 self._call(f"element bar {k}", lambda f: self.at("of_element", 0, f[2:]) if f[0] == ">" else

@@ -33,8 +33,8 @@ class LocalAlphaProblem(Given, GeneralizedAlphaProblem):
     def conditions_before(self) -> Conditions:
         return replace(self.before or self.given, t=self.t - self.dt)
 
-    def straining(self, way: EndKinematics) -> Tensor:
-        return super().straining(way) if self.model.topology.element_count else self.start.straining
+    def straining(self, kinematics: EndKinematics) -> Tensor:
+        return super().straining(kinematics) if self.model.topology.element_count else self.start.straining
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class AlphaFunctions(LocalFunctions):
     def _stepping(self, rows: Rows, start: State, common: Common, given: Fields, now: Conditions, C: Tensor | None
                   ) -> LocalAlphaProblem:
         stations = rows.topology.element_count * self.order
-        straining = given.get(STRAINING, start.position.new_zeros(stations, 2 * rows.space.strain))
+        straining = given.get(STRAINING, start.position.new_zeros(stations, 2 * rows.space.dims.strain))
         start = AlphaState(**vars(start), acceleration=given["acceleration"], straining=straining)
         return LocalAlphaProblem(rows, start, common.dt, common.t, common.inputs, rho_inf=self.rho_inf, given=now, stiffness=C)
 

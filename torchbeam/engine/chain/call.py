@@ -76,7 +76,7 @@ class Chain:
         self._blocks[lanes].append(block)
 
 
-class Table:
+class TransferTable:
     """Where a program finds fields, or puts them: rows of integers, see `transfers.ENTRY`. Fields that the program does not
     have are left out. varying: how many of them, the first, are other tensors at each call, of the same shapes and strides;
     constants: how many of the next are told by `holding`.
@@ -89,19 +89,19 @@ class Table:
         self.places: list[tuple[int, int, Field | None]] = []
         self.constants: list[tuple[int, int, Field | None]] = []
         rows: list[int] = []
-        for k, one in enumerate(fields):
-            if chain.has(one.record, one.name):
-                x = self._fitted(one, one.value)
+        for k, field in enumerate(fields):
+            if chain.has(field.record, field.name):
+                x = self._fitted(field, field.value)
                 if k < varying + constants:
-                    copied = one._replace(value=None) if x.data_ptr() != one.value.data_ptr() else None
+                    copied = field._replace(value=None) if x.data_ptr() != field.value.data_ptr() else None
                     places, first = (self.places, 0) if k < varying else (self.constants, varying)
                     places.append((len(rows), k - first, copied))
                 else:
                     self.held.append(x)
-                rows += self._row(one, x)
+                rows += self._row(field, x)
         self.count, self.rows = len(rows) // len(ENTRY), _integers(rows)
 
-    def holding(self, constants: Sequence[Tensor]) -> Table:
+    def holding(self, constants: Sequence[Tensor]) -> TransferTable:
         """This table with these constants."""
         other = copy(self)
         other.rows, other.held = _copied(self.rows), [*self.held, *constants]
@@ -122,12 +122,12 @@ class Table:
                 held.append(x)
             rows[place] = x.data_ptr()
 
-    def _fitted(self, one: Field, x: Tensor) -> Tensor:
+    def _fitted(self, field: Field, x: Tensor) -> Tensor:
         """The tensor as (steps, samples, rows, components), the components one after the other in memory."""
-        x, record = x.detach(), self.chain.program.layout.records[one.record]
-        components = record.fields[one.name][1]
-        batch = torch.Size((self.batch.numel(),)) if one.flat else self.batch
-        lead, own = x.shape[:x.ndim - one.axes], x.shape[x.ndim - one.axes:]
+        x, record = x.detach(), self.chain.program.layout.records[field.record]
+        components = record.fields[field.name][1]
+        batch = torch.Size((self.batch.numel(),)) if field.flat else self.batch
+        lead, own = x.shape[:x.ndim - field.axes], x.shape[x.ndim - field.axes:]
         steps, lead = (lead[0], lead[1:]) if len(lead) > len(batch) else (1, lead)
         samples = lead.numel()
         if x.dtype != self.chain.dtype:
@@ -136,17 +136,17 @@ class Table:
             x, samples = x.reshape(steps, *lead, *own).expand(steps, *batch, *own), batch.numel()
         rows = own.numel() // components
         if not rows and own[0] == 1:  # all stations of all elements have it in common
-            x, rows = x.expand(*x.shape[:x.ndim - one.axes], self.chain.program.order, *own[1:]), 1
+            x, rows = x.expand(*x.shape[:x.ndim - field.axes], self.chain.program.order, *own[1:]), 1
         x = x.reshape(steps, samples, rows, components)
         return x.contiguous() if components > 1 and x.stride(-1) != 1 else x
 
-    def _row(self, one: Field, x: Tensor) -> tuple[int, ...]:
+    def _row(self, field: Field, x: Tensor) -> tuple[int, ...]:
         chain = self.chain
-        record = chain.program.layout.records[one.record]
-        first, components = record.fields[one.name]
+        record = chain.program.layout.records[field.record]
+        first, components = record.fields[field.name]
         step, sample, row = (0 if n == 1 else stride for n, stride in zip(x.shape[:3], x.stride()[:3], strict=True))
-        return (x.data_ptr(), sample, step, one.every, row, chain.rows(one.record), components,
-                chain.base[one.record] + first, record.size)
+        return (x.data_ptr(), sample, step, field.every, row, chain.rows(field.record), components,
+                chain.base[field.record] + first, record.size)
 
 
 class Arguments(NamedTuple):
@@ -166,7 +166,7 @@ class Call:
         self.lanes = lanes or chain.lanes(self.B)
         self.groups = -(-self.B // self.lanes)
         self.place = {name: k for k, name in enumerate(chain.program.driver.ARGS)}
-        self.tables: dict[str, Table] = {}
+        self.tables: dict[str, TransferTable] = {}
         self._arguments: list[Arguments] = []  # that no call uses
 
     def empty(self, *own: int, steps: bool = True) -> Tensor:
@@ -178,7 +178,7 @@ class Call:
         first, the tensors are told by `run`; constants: of how many of the next by `holding`.
         """
         constants = constants or {}
-        self.tables = {name: Table(self.chain, [*fields], self.batch, varying.get(name, 0), constants.get(name, 0))
+        self.tables = {name: TransferTable(self.chain, [*fields], self.batch, varying.get(name, 0), constants.get(name, 0))
                        for name, fields in tables.items()}
         return self
 

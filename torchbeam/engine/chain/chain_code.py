@@ -57,11 +57,11 @@ class ChainCode:
 
     def at(self, record: str, index: str | int = 0, field: str | None = None) -> str:
         """Pointer to a field of a record's row."""
-        one = self.layout.records[record]
-        first = 0 if field is None else one.place(field)
+        layout_record = self.layout.records[record]
+        first = 0 if field is None else layout_record.place(field)
         if isinstance(index, int):
-            return self.code.at(self.base[record], (index * one.size + first) * self.bytes, "i8")
-        begin = self.code.mul(index, one.size * self.bytes)
+            return self.code.at(self.base[record], (index * layout_record.size + first) * self.bytes, "i8")
+        begin = self.code.mul(index, layout_record.size * self.bytes)
         return self.code.at(self.code.at(self.base[record], begin, "i8"), first * self.bytes, "i8")
 
     def _call(self, name: str, where: Callable[[str], str]) -> None:
@@ -226,7 +226,7 @@ class ChainCode:
         V, T, scalar, W, size = self.lanes.vector, self.lanes.truth, self.lanes.scalar, self.lanes.count, self.lanes.bytes
         zero, one, align = self.lanes.constant(0.0), self.lanes.constant(1.0), f"align {size}"
         load = "{0} = load " + V + ", ptr {1}, " + align
-        kept = load.replace("load", "load volatile")  # else what is chosen becomes a masked store, which is slow
+        volatile = load.replace("load", "load volatile")  # else what is chosen becomes a masked store, which is slow
 
         def straight(name: str, given: str, *lines: str) -> str:
             return "\n".join((f'define internal void @"{name}"({given}) alwaysinline nounwind {{', *("  " + x for x in lines),
@@ -242,12 +242,12 @@ class ChainCode:
             return code.text().replace("define void", "define internal void").replace(") nounwind", ") alwaysinline nounwind")
 
         def chosen(name: str, compared: str) -> str:
-            return over(name, ["to", "source", "mask"], load.format("%m", "%mask"), kept.format("%a", "{to}"),
+            return over(name, ["to", "source", "mask"], load.format("%m", "%mask"), volatile.format("%a", "{to}"),
                         load.format("%b", "{source}"), f"%c = fcmp {compared} {V} %m, {zero}",
                         f"%r = select {T} %c, {V} %b, {V} %a", f"store {V} %r, ptr {{to}}, {align}")
 
         def extreme(name: str, compared: str) -> str:
-            return straight(name, "ptr %to, ptr %source", kept.format("%a", "%to"), load.format("%b", "%source"),
+            return straight(name, "ptr %to, ptr %source", volatile.format("%a", "%to"), load.format("%b", "%source"),
                             f"%c = fcmp {compared} {V} %a, %b", f"%n = fcmp uno {V} %a, %a", f"%d = or {T} %c, %n",
                             f"%r = select {T} %d, {V} %a, {V} %b", f"store {V} %r, ptr %to, {align}")
 
@@ -264,7 +264,7 @@ class ChainCode:
             chosen("keep", "oeq"), chosen("take", "one"), extreme("largest", "ogt"), extreme("least", "olt"),
             straight("opposite", "ptr %to, ptr %source", load.format("%a", "%source"), f"%r = fsub {V} {one}, %a",
                      f"store {V} %r, ptr %to, {align}"),
-            over("sum", ["to", "source", "mask"], load.format("%m", "%mask"), kept.format("%a", "{to}"),
+            over("sum", ["to", "source", "mask"], load.format("%m", "%mask"), volatile.format("%a", "{to}"),
                  load.format("%b", "{source}"), f"%c = fcmp one {V} %m, {zero}", f"%s = fadd {V} %a, %b",
                  f"%r = select {T} %c, {V} %s, {V} %a", f"store {V} %r, ptr {{to}}, {align}"),
             over("add", ["to", "source"], load.format("%a", "{to}"), load.format("%b", "{source}"),

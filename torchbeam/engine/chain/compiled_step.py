@@ -94,7 +94,7 @@ class CompiledStep:
         values = self.constants.changing(dt, instant * dt, nothing, self.constants.orientation)
         values = {name: x.clone() for name, x in values.items()}  # one tensor each, by which their fields are found
         trees = self.constants.trees(values)
-        self.function = any(one.axes is None for one in functions((trees[0].now.loads, trees[2].now.loads)))
+        self.function = any(leaf.axes is None for leaf in functions((trees[0].now.loads, trees[2].now.loads)))
         by_user = self.function or not all(map(of_library, self.constants.loads))
         self.around = NOTHING if around is None and not by_user else around
         kinds = kinds_of(model, self.constants.loads)
@@ -168,17 +168,17 @@ class CompiledStep:
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         every = 1 if wanted or frame is not None else every
         form = self._form(tensors, K, dims, (tolerance, least, lanes, every))
-        made = made_like(form.made)
-        form.call.run(limit, inputs=tensors, outputs=made)
-        *made, status, iterations = made
+        outputs = made_like(form.made)
+        form.call.run(limit, inputs=tensors, outputs=outputs)
+        *outputs, status, iterations = outputs
         if wanted:
             good = status == 0 if moving is None else (status == 0) & moving.expand(status.shape)
             changing = [one._replace(value=x) for (one, _), x in zip(structure.changing, given, strict=True)]
             known = [*changing, *self.constant]
             chain = self.adjoint(frozenset(known[k].name for k in wanted if k < len(known)), values)
             adjoint = Adjoint(chain, form.call, form.adjoints, changing, self.constant, good.reshape(form.call.K, -1), wanted)
-            made = Differentiated.apply(adjoint, states, made, *(held[k] for k in wanted))
-        fields = dict(zip(structure.state, made, strict=True))
+            outputs = Differentiated.apply(adjoint, states, outputs, *(held[k] for k in wanted))
+        fields = dict(zip(structure.state, outputs, strict=True))
         if INTERNAL in fields:
             fields[INTERNAL] = self.constants.of_rows(fields[INTERNAL])
         if frame is not None:
@@ -210,15 +210,15 @@ class CompiledStep:
     def _form(self, tensors: list[Tensor], K: int | None, dims: int, options: tuple[Any, ...]) -> Form:
         """Of the structure, with this model's constants."""
         key = (K, dims, options, *[(x.shape, x.stride(), x.dtype) for x in tensors])
-        found = self._forms.get(key)
-        if found is None:
+        form = self._forms.get(key)
+        if form is None:
             if len(self._forms) >= FORMS:
                 self._forms.pop(next(iter(self._forms)), None)
             constants = [*self.constant, *self._lengths]
-            found = self.structure.form(tensors, constants, K, dims, options)
-            found = found._replace(call=found.call.holding(inputs=[one.value for one in constants]))
-            self._forms[key] = found
-        return found
+            form = self.structure.form(tensors, constants, K, dims, options)
+            form = form._replace(call=form.call.holding(inputs=[constant.value for constant in constants]))
+            self._forms[key] = form
+        return form
 
     def adjoint(self, names: frozenset[str], values: dict[str, Tensor]) -> Chain:
         """Of the cotangents of constants of these names; values: of those that change."""

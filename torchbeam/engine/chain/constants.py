@@ -16,7 +16,7 @@ from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import same_law
 from ...nodal.conditions import acting, conditions, supports
-from ...nodal.coordinates.planar import Plane
+from ...nodal.coordinates.planar import Planar
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
 from ...scene.effects import Input, Inputs, Pose
@@ -103,36 +103,36 @@ class Constants:
         """
         model = self.model
         C, exact = self._tangent(dt)
-        found = {"dt": dt, "t": t, "C": C, "exact": exact}
-        found |= self._loads(t, inputs, frame)
+        values = {"dt": dt, "t": t, "C": C, "exact": exact}
+        values |= self._loads(t, inputs, frame)
         if self.before:
-            found |= {f"before {name}": x for name, x in self._loads(t - dt, inputs, frame).items()}
+            values |= {f"before {name}": x for name, x in self._loads(t - dt, inputs, frame).items()}
         if model.scene.eigenstrains:
-            found["eigenstrain"] = (
+            values["eigenstrain"] = (
                 self._held("eigenstrain", lambda: model.eigenstrain(t, inputs))
                 if self.given_eigenstrain else model.eigenstrain(t, inputs))
         for name, x in inputs.items():
-            found[f"input {name}"] = x
+            values[f"input {name}"] = x
         velocities = zip(("frame velocity", "frame angular_velocity"), model.prescribed_motion.frame(t), strict=True)
-        found |= {name: x for name, x in velocities if x is not None}
-        found |= {} if frame is None else {"frame": frame}
-        return found | self._prescribed(t + (1 - self.instant) * dt) if self.prescribes else found
+        values |= {name: x for name, x in velocities if x is not None}
+        values |= {} if frame is None else {"frame": frame}
+        return values | self._prescribed(t + (1 - self.instant) * dt) if self.prescribes else values
 
     def _loads(self, t: Tensor, inputs: Inputs, frame: Tensor | None) -> dict[str, Tensor]:
         """Those that are dead, what the others have by time, and where the root's support stands."""
-        model, found = self.model, {}
+        model, values = self.model, {}
         if self.given or self.asked:
             dead = self._held("dead", lambda: self._dead(t, inputs))
             asked = conditions(model, t, inputs, loads=self.asked)
-            found["dead"] = external(model, self.still._replace(frame=frame), asked, total=dead) if self.asked else dead
+            values["dead"] = external(model, self.still._replace(frame=frame), asked, total=dead) if self.asked else dead
         if self.wants_support:
             pose = (self._held("support", lambda: model.prescribed_motion.root_pose(t)) if self.rests
                     else model.prescribed_motion.root_pose(t))
-            found |= {f"support {name}": x for name, x in zip(pose._fields, pose, strict=True) if x is not None}
+            values |= {f"support {name}": x for name, x in zip(pose._fields, pose, strict=True) if x is not None}
         for k, (load, known) in enumerate(zip(self.loads, self.valued, strict=True)):
             if known is not load:
-                found |= self._values(k, load, t, inputs)
-        return found
+                values |= self._values(k, load, t, inputs)
+        return values
 
     def _dead(self, t: Tensor, inputs: Inputs) -> Tensor | float:
         """Loads that no motion and no time changes, wherever the beam is."""
@@ -153,12 +153,12 @@ class Constants:
 
     def _prescribed(self, end: Tensor) -> dict[str, Tensor]:
         """The motion of supports at the time `end`."""
-        like, found = self.model.length, {}
+        like, values = self.model.length, {}
         still = (like.new_zeros(3), like.new_zeros(4)), (like.new_zeros(3),) * 2
-        rows = [(*(one.pose or still[0]), *(one.motion or still[1])) for one in supports(self.model, end)]
+        rows = [(*(support.pose or still[0]), *(support.motion or still[1])) for support in supports(self.model, end)]
         for name, parts in zip(HELD, zip(*rows, strict=True), strict=rows != []):
-            found[f"held {name}"] = torch.stack(torch.broadcast_tensors(*parts), -2)
-        return found
+            values[f"held {name}"] = torch.stack(torch.broadcast_tensors(*parts), -2)
+        return values
 
     def orientations(self, start: Tensor, dt: Tensor, t: Tensor) -> tuple[Tensor, Tensor]:
         """Of frame a in the middle and at the end of K steps of dt (K, ...) with the middles t, from `start` (...), in the
@@ -184,21 +184,21 @@ class Constants:
         """Internal states (..., z) of a state as rows of nodes (..., N+1, Z): of each load in turn, zeros where it does not
         act.
         """
-        nodes, found, places = self.model.node_count, [], self._internal
+        nodes, states, places = self.model.node_count, [], self._internal
         for load in self.loads:
             if load.internal:
                 j = 0 if load.node is None else load.node % nodes
                 rows = internal[..., places[id(load)]].unflatten(-1, (-1, load.internal))
-                found.append(rows if load.node is None else pad(rows, (0, 0, j, nodes - 1 - j)))
-        return torch.cat(found, -1)
+                states.append(rows if load.node is None else pad(rows, (0, 0, j, nodes - 1 - j)))
+        return torch.cat(states, -1)
 
     def of_rows(self, rows: Tensor) -> Tensor:
         """The inverse."""
         remembering, places = [load for load in self.loads if load.internal], self._internal
         parts = zip(remembering, rows.split([load.internal for load in remembering], -1), strict=True)
-        found = {places[id(load)].start: own.flatten(-2) if load.node is None else own[..., load.node, :]
+        states = {places[id(load)].start: own.flatten(-2) if load.node is None else own[..., load.node, :]
                  for load, own in parts}
-        return torch.cat([found[first] for first in sorted(found)], -1)
+        return torch.cat([states[first] for first in sorted(states)], -1)
 
     def at(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None) -> Trees:
         """The trees at once."""
@@ -208,7 +208,7 @@ class Constants:
         """The trees with the values that change."""
         now = self._conditions(values)
         before = self._conditions(values, "before ") if self.before else (None, None)
-        place = self.model.space.place if isinstance(self.model.space, Plane) else None
+        place = self.model.space.place if isinstance(self.model.space, Planar) else None
         inputs = {name: values[f"input {name}"] for name in self.model.scene.inputs}
         frame = (values.get(name) for name in ("frame velocity", "frame angular_velocity", "frame"))
         supports = SupportConstants(*(values[f"held {name}"] for name in HELD)) if f"held {HELD[0]}" in values else None
@@ -234,7 +234,7 @@ class Constants:
         model = detached(self.model)
         model = with_values(model, scene=with_values(model.scene, effects=tuple(load for load in loads if functions(load))))
         position, rotation = (x.detach() for x in self.still[:2])
-        zero, turn = torch.zeros_like(position), torch.zeros_like(position[..., :model.space.spin])
+        zero, turn = torch.zeros_like(position), torch.zeros_like(position[..., :model.space.dims.spin])
         still = Nodes(position, rotation, zero, turn, common.frame, position.new_zeros(model.internal_states), common.dt, zero,
                       turn)
         now = conditions(model, common.t, common.inputs, loads=model.scene.loads)
@@ -254,24 +254,24 @@ class Constants:
         fro where damping is strong.
         """
         known = dt is concrete(dt)
-        kept = self._kept.setdefault("tangents", []) if known else []
-        found = next((one for one in kept if torch.equal(one[0], dt)), None)
-        if found is None:
+        cached_tangents = self._kept.setdefault("tangents", []) if known else []
+        tangent = next((cached_tangent for cached_tangent in cached_tangents if torch.equal(cached_tangent[0], dt)), None)
+        if tangent is None:
             with lasting(), torch.no_grad():  # no solution depends on its tangent
                 C = self.model.tangent_stiffness(dt.detach())
-                found = dt.detach().clone(), C, same_law(C, self.model.law.C).to(C)
-            kept[:] = [found, *kept[:1]]
-        return found[1:]
+                tangent = dt.detach().clone(), C, same_law(C, self.model.law.C).to(C)
+            cached_tangents[:] = [tangent, *cached_tangents[:1]]
+        return tangent[1:]
 
 
 def _by_time(load: Any, by_place: bool) -> bool:
     """Whether what a load holds is asked at t."""
-    return not _unchanging(load) if by_place else any(one.axes == 1 and callable(one.value) for one in own_leaves(load))
+    return not _unchanging(load) if by_place else any(leaf.axes == 1 and callable(leaf.value) for leaf in own_leaves(load))
 
 
 def _unchanging(load: Any) -> bool:
     """Whether the values of a load by place are the same at all times and for all inputs."""
-    return all(constant(one.value) for one in own_leaves(load) if one.axes is not None)
+    return all(constant(leaf.value) for leaf in own_leaves(load) if leaf.axes is not None)
 
 
 def _given(effect: Any) -> bool:
@@ -281,6 +281,6 @@ def _given(effect: Any) -> bool:
 
 def _by_inputs(load: Any) -> bool:
     """Whether a load is one of the library's, and holds inputs beside plain numbers."""
-    values = [one.value for one in own_leaves(load) if one.value is not None]
+    values = [leaf.value for leaf in own_leaves(load) if leaf.value is not None]
     return (of_library(load) and any(isinstance(x, Input) for x in values)
             and all(isinstance(x, (Tensor, Input)) for x in values) and not load.inputs)

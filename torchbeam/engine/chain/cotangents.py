@@ -61,12 +61,12 @@ class Adjoint:
             self.calls[form] = self._backward(fields, start)
         call, whole, stepwise = self.calls[form]
         call = call.holding(inputs=[one.value for one in self.constant])
-        whole, stepwise = (dict(zip(found, made_like(found.values()), strict=True)) for found in (whole, stepwise))
-        call.run(inputs=[one.value for one in fields], outputs=[*whole.values()], stepwises=[*stepwise.values()])
-        found = {k: x.reshape((*call.batch, *x.shape[1:])) for k, x in whole.items()}
-        found |= {k: x.reshape((call.K, *call.batch, *x.shape[2:])) for k, x in stepwise.items()}
+        whole, stepwise = (dict(zip(cotangents, made_like(cotangents.values()), strict=True)) for cotangents in (whole, stepwise))
+        call.run(inputs=[field.value for field in fields], outputs=[*whole.values()], stepwises=[*stepwise.values()])
+        cotangents = {k: x.reshape((*call.batch, *x.shape[1:])) for k, x in whole.items()}
+        cotangents |= {k: x.reshape((call.K, *call.batch, *x.shape[2:])) for k, x in stepwise.items()}
         given = [*(one.value for one in (*self.changing, *self.constant)), *start]
-        return [found[k].sum_to_size(given[k].shape) if k in found else None for k in self.wanted]
+        return [cotangents[k].sum_to_size(given[k].shape) if k in cotangents else None for k in self.wanted]
 
     def _steps(self, start: Sequence[Tensor], made: Sequence[Tensor], grads: Sequence[Tensor | None]) -> Iterator[Field]:
         """The states that each step lies between, and the cotangents of what it made."""
@@ -141,6 +141,6 @@ class Differentiated(torch.autograd.Function):
         adjoint, saved, count = ctx.adjoint, ctx.saved_tensors, len(grads)
         start, made, known = saved[:count], saved[count:2 * count], saved[2 * count:]
         with torch.no_grad(), without_autocast():  # it may be on where backward is called
-            found = adjoint.cotangents(start, made, grads)
+            cotangents = adjoint.cotangents(start, made, grads)
         sources = [grad for grad in grads if grad is not None] + [(*known, *start)[k] for k in adjoint.wanted]
-        return None, None, None, *(None if x is None else first_only(x, *sources) for x in found)
+        return None, None, None, *(None if x is None else first_only(x, *sources) for x in cotangents)

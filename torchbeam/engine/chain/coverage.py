@@ -76,7 +76,7 @@ def untraceable(load: Any, error: Exception) -> str:
 
 def place(load: Any) -> str:
     """File and line of the first function that a load is made of, in brackets; of a class of the user's own its name."""
-    functions = [one.value for one in own_leaves(load) if isinstance(one.value, types.FunctionType)]
+    functions = [leaf.value for leaf in own_leaves(load) if isinstance(leaf.value, types.FunctionType)]
     if not functions:
         return f" (class {type(load).__qualname__} of {type(load).__module__})" if not of_library(load) else ""
     code = functions[0].__code__

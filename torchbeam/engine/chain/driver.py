@@ -77,10 +77,10 @@ class Driver(ChainCode):
             self._pass()
             self._back()
             self._judge()
-            made = code.add(code.load(count), 1)
-            code.store(made, count)
+            iterations = code.add(code.load(count), 1)
+            code.store(iterations, count)
             code.call("all", self.at("sample", 0, "over"), result := code.slot())
-            ends.append(code.new(f"or i1 {code.compare('sge', made, self.args['limit'])}, "
+            ends.append(code.new(f"or i1 {code.compare('sge', iterations, self.args['limit'])}, "
                                  f"{code.compare('ne', code.load(result), 0)}"))
 
     def _pass(self) -> None:
@@ -226,8 +226,8 @@ class Driver(ChainCode):
         places = {"before": "last_status", "> status": "found_status", "> moving": "good"}
         self._call("outcome", lambda f: self.at("common", 0, f) if f in records["common"].fields else
                    self.at("sample", 0, places.get(f, f)))
-        for name, found in (("last_status", "found_status"), ("moving", "good")):
-            self._copy_to(self.at("sample", 0, name), self.at("sample", 0, found), 1)
+        for name, source in (("last_status", "found_status"), ("moving", "good")):
+            self._copy_to(self.at("sample", 0, name), self.at("sample", 0, source), 1)
         good = self.at("sample", 0, "good")
         if "energy" in records:
             self._fill(self.at("energy"), records["energy"].size)

@@ -38,10 +38,10 @@ class Layout:
         self.records: dict[str, Record] = {}
 
     def record(self, name: str, rows: str, fields: Iterable[tuple[str, int]] = ()) -> Record:
-        found = self.records.setdefault(name, Record(name, rows))
+        record = self.records.setdefault(name, Record(name, rows))
         for one, components in fields:
-            found.add(one, components)
-        return found
+            record.add(one, components)
+        return record
 
     def fields(self, record: str) -> dict[str, tuple[int, int]]:
         """Of a record; none where there is none of that name."""
@@ -55,20 +55,20 @@ class Layout:
 
     def bases(self, order: int, elements: int, supports: int) -> tuple[list[int], int]:
         """First component of each record's first row, in order; components in all."""
-        found, at = [], 0
+        bases, at = [], 0
         for record in self.records.values():
-            found.append(at)
+            bases.append(at)
             at += record.size * self.rows(record, order, elements, supports)
-        return found, at
+        return bases, at
 
     def numbers(self) -> list[list[Any]]:
         """As plain lists, names and integers."""
-        return [[one.name, one.rows, [[name, size] for name, (_, size) in one.fields.items()]] for one in self.records.values()]
+        return [[record.name, record.rows, [[name, size] for name, (_, size) in record.fields.items()]] for record in self.records.values()]
 
     @classmethod
     def of(cls, numbers: list[list[Any]]) -> Layout:
         """From such lists. Raises ValueError, TypeError for others."""
-        found = cls()
+        layout = cls()
         for name, rows, fields in numbers:
-            found.record(str(name), str(rows), [(str(field), int(size)) for field, size in fields])
-        return found
+            layout.record(str(name), str(rows), [(str(field), int(size)) for field, size in fields])
+        return layout

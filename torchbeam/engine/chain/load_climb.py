@@ -122,7 +122,7 @@ def _called(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance
                          JudgedProgram if judged else LoadProgram)
     chain = Chain(program, model, kinds)
     like, one = model.length, model.length.new_tensor
-    p, least = model.space.position, rounding_stress(model)
+    p, least = model.space.dims.position, rounding_stress(model)
     numbers = {"total": like.sum((-1, -2)), "longest": like.amax((-1, -2)), "exact": same_law(trees[1].C, model.law.C),
                "tolerance": one(tolerance or TOLERANCE[like.dtype]),
                "least_force": least[..., :p].amax((-1, -2)), "least_moment": least[..., p:].amax((-1, -2))}
@@ -132,25 +132,25 @@ def _called(model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance
     given = [one for one in given if chain.has(one.record, one.name)]
     batch = broadcast_shapes(*(one.value.shape[:one.value.ndim - one.axes] for one in given))
     call = Call(chain, batch, 1, lanes)
-    made = {name: call.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
-    made["reaction"] = call.empty(*model.constraints.fixed.shape, steps=False)
-    found = {name: call.empty(steps=False) for name in ("last_status", "indefinite")}
+    states = {name: call.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
+    states["reaction"] = call.empty(*model.constraints.fixed.shape, steps=False)
+    outputs = {name: call.empty(steps=False) for name in ("last_status", "indefinite")}
     record = {"stress": ("start_stress", "stress"), "reaction": ("support", "last")}
-    out = [Field(*record.get(name, ("kept", name)), v, 2, flat=True) for name, v in made.items()]
-    out += [Field("sample", name, v, 0, flat=True) for name, v in found.items()]
+    out = [Field(*record.get(name, ("kept", name)), v, 2, flat=True) for name, v in states.items()]
+    out += [Field("sample", name, v, 0, flat=True) for name, v in outputs.items()]
     call.bound({}, inputs=[*given, Field("free", "free", chain.free, 2)], outputs=out).run(LIMIT)
-    *shape, reaction = (v.reshape(*batch, *v.shape[1:]) for v in made.values())
-    status, indefinite = (v.reshape(batch) for v in found.values())
+    *shape, reaction = (v.reshape(*batch, *v.shape[1:]) for v in states.values())
+    status, indefinite = (v.reshape(batch) for v in outputs.values())
     return Climbed(Configuration(*shape), reaction, status.long(), indefinite != 0 if judged else None)
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:
     """Of supports."""
     beam = model.scene.beam
-    found = {"position": beam.nodes, "frame": beam.frames}
+    poses = {"position": beam.nodes, "frame": beam.frames}
     for name in ("displacement", "turn"):
-        found[name] = torch.zeros_like(beam.nodes)
+        poses[name] = torch.zeros_like(beam.nodes)
     for support in model.scene.supports:
         for name, value in zip(("displacement", "turn"), model.prescribed_motion.displacement(support, t), strict=True):
-            found[name] = found[name] if value is None else set_node(found[name], support.node, value)
-    return [Field("pose", f"pose.{name}", value, 2) for name, value in found.items()]
+            poses[name] = poses[name] if value is None else set_node(poses[name], support.node, value)
+    return [Field("pose", f"pose.{name}", value, 2) for name, value in poses.items()]

@@ -31,21 +31,21 @@ class LoadProgram(ChainProgram):
     def _of_nodes(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
         w, q = self.w, self.shapes["rotation"]
         node = {**traced.node, "load_factor": ()}
-        found = {"cosine": traced(local.cosine, {"before": q, "rotation": q}), "turn": traced(local.turn, {"move": (w,)})}
+        functions = {"cosine": traced(local.cosine, {"before": q, "rotation": q}), "turn": traced(local.turn, {"move": (w,)})}
         for k, kind in enumerate(self.kinds.nodes):
-            found[f"node {k}"] = traced(partial(local.node, kind), node)
-            found[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
+            functions[f"node {k}"] = traced(partial(local.node, kind), node)
+            functions[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
             if kind.placed is not None:
                 pose = {f"pose.{name}": (size,) for name, size in POSE.items()}
-                found[f"place {k}"] = traced(partial(local.place, kind), node | pose)
-        return found | {name: traced(getattr(local, name), dict.fromkeys(fields, ())) for name, fields in RULES.items()}
+                functions[f"place {k}"] = traced(partial(local.place, kind), node | pose)
+        return functions | {name: traced(getattr(local, name), dict.fromkeys(fields, ())) for name, fields in RULES.items()}
 
     def _functions(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
-        found = super()._functions(traced, local)
+        functions = super()._functions(traced, local)
         for name in ("row", "held row"):
-            if name in found and not self.judged:
-                found[name] = found[name].only(field for field in found[name].outputs if field != "indefinite")
-        return found
+            if name in functions and not self.judged:
+                functions[name] = functions[name].only(field for field in functions[name].outputs if field != "indefinite")
+        return functions
 
     def _layout(self) -> Layout:
         layout = super()._layout()
@@ -53,7 +53,7 @@ class LoadProgram(ChainProgram):
         layout.record("kept", NODES, self.outputs("update 0"))
         layout.record("change", ONE, [("cosine", 1), ("turn", 1)])
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
-        layout.record("ruled", ONE, [one for name in RULES for one in self.outputs(name)])
+        layout.record("ruled", ONE, [output for name in RULES for output in self.outputs(name)])
         if self.judged:
             layout.record("sums", ONE, [("indefinite", 1)])
         return layout

@@ -49,8 +49,8 @@ class LocalFunctions(LocalProblems):
         """Balance (w) of the node's inertia and loads, its derivative D (w, w); both terms apart."""
         problem, x = self.of_node(fields, kind)
         x = problem.apply_supports(x)  # they are; but so that derivatives know it
-        way, inertia, load = problem.node_balance(x)
-        matrix, w = problem.node_tangent(way, inertia)[1], self.model.space.unknowns
+        kinematics, inertia, load = problem.node_balance(x)
+        matrix, w = problem.node_tangent(kinematics, inertia)[1], self.model.space.unknowns
         load, D = unbatched(load + x[0].new_zeros(1, w), 2)[0], x[0].new_zeros(w, w)
         terms = {} if inertia is None else {"inertia": inertia.wrench[0]}
         balance = -load if inertia is None else inertia.wrench[0] - load
@@ -72,13 +72,13 @@ class LocalFunctions(LocalProblems):
         problem, x = self.of_node(fields, kind)
         reaction = x.u.new_zeros(0, self.model.space.unknowns) if kind.support is None else fields["found"][None]
         after = problem.finish(x, reaction)
-        found = {name: getattr(after, name)[0] for name in self.NODE} | {"work": after.work}
+        fields_after = {name: getattr(after, name)[0] for name in self.NODE} | {"work": after.work}
         if INTERNAL in self.state:
             own = {} if after.internal is None else dict(zip(
                 kind.acting, unbatched(after.internal, 1).split([self.internal[k] for k in kind.acting]), strict=True))
             still = fields[INTERNAL].split(self.internal)
-            found[INTERNAL] = torch.cat([own.get(k, still[k]) for k in range(len(still))])
-        return found | self.energies(problem, after)
+            fields_after[INTERNAL] = torch.cat([own.get(k, still[k]) for k in range(len(still))])
+        return fields_after | self.energies(problem, after)
 
     def energies(self, problem: StepProblem, after: State) -> Fields:
         """Those of a node at the end of the step: none are asked for."""
@@ -94,30 +94,30 @@ class LocalFunctions(LocalProblems):
         """
         problem, x = self.of_element(fields, kind)
         x = problem.apply_supports(x)
-        way, inertia, load = problem.node_balance(x)
-        element = problem.element_balance(x, way)
-        tangent, own, wrench = problem.tangent(x, way, element, inertia), problem.eigenstrain, None
+        kinematics, inertia, load = problem.node_balance(x)
+        element = problem.element_balance(x, kinematics)
+        tangent, own, wrench = problem.tangent(x, kinematics, element, inertia), problem.eigenstrain, None
         if self.elements.rows.coupling is not None:
             wrench = inertia.wrench if inertia is not None else None if isinstance(load, float) else -load
-        model, p, assembly = problem.model, self.model.space.position, problem.model.assembly
+        model, p, assembly = problem.model, self.model.space.dims.position, problem.model.assembly
         balance = assembly.to_nodes(element.forces)
-        asked = balance + assembly.to_nodes(pushed_by(tangent.hB, tangent.C, element.gap))
+        asked = balance + assembly.to_nodes(pushed_by(tangent.force_operator, tangent.stiffness, element.constitutive_residual))
         if wrench is not None:
             balance, asked = balance + wrench, asked + wrench
-        forces, felt = [element.forces], [element.felt]
+        forces, effective_strain = [element.forces], [element.effective_strain]
         if isinstance(own, Tensor):
             forces.append(restrained_forces(model, element.acting, own, model.length))
-            felt.append(own)
-        forces, felt = (torch.cat([x.expand(self.order, x.shape[-1]) for x in part], -2).abs() for part in (forces, felt))
+            effective_strain.append(own)
+        forces, effective_strain = (torch.cat([x.expand(self.order, x.shape[-1]) for x in part], -2).abs() for part in (forces, effective_strain))
         D, U, L, *far = tangent.matrix.tensors
         found = {"D": D, "balance": balance, "asked": asked, **({} if wrench is None else {"inertia": wrench})}
         found = {f"{side}.{name}": value[k] for name, value in found.items() for k, side in enumerate(self.sides)}
         if far:
             found |= {"far_U": far[0][0], "far_L": far[1][0]}
         return found | {
-            "U": U if far else U[0], "L": L if far else L[0], "gap": element.gap, "E": tangent.E, "hB": tangent.hB,
-            "force": forces[..., :p].amax(), "moment": forces[..., p:].amax(), "left_strain": element.gap.abs().amax(),
-            "strain": felt.amax()}
+            "U": U if far else U[0], "L": L if far else L[0], "gap": element.constitutive_residual, "E": tangent.strain_by_move, "hB": tangent.force_operator,
+            "force": forces[..., :p].amax(), "moment": forces[..., p:].amax(), "left_strain": element.constitutive_residual.abs().amax(),
+            "strain": effective_strain.amax()}
 
     def stress(self, stress: Tensor, gap: Tensor, E: Tensor, **fields: Tensor) -> Fields:
         """The stress (stations, k) after the moves of its nodes, `i.move` and so on (w)."""
@@ -137,20 +137,20 @@ class LocalFunctions(LocalProblems):
         (D, U, L, *far), balance = self._blocks(fields), fields["own.balance"]
         asked = torch.stack((element["i.asked"], element["m.asked"] + balance, element["j.asked"]))
         left, rows = balance + element["m.balance"], torch.cat((L[0], D[1], U[1]), -1)
-        found = {"rows": rows, "asked": asked[1]} if held else {}
+        outputs = {"rows": rows, "asked": asked[1]} if held else {}
         if held:
             free = _between_free(fields["free"])
             D, U, L, *far = masked(self.order, free, D, U, L, *far)
             left, asked = left * free[1], asked * free
         sizes = self._sizes(fields.get("own.load"), _total(fields.get("own.inertia"), element.get("m.inertia")), left)
-        found |= self.pivot(D[1]) | sizes
+        outputs |= self.pivot(D[1]) | sizes
         D, L, U, middle = condensed(D, L, U, *far)
         ends, own = middle.condense(-asked)
         for k, (side, by) in enumerate(zip("ij", (middle.by_i, middle.by_j), strict=True)):
             same = f"{side}.balance", f"{side}.inertia"
-            found |= {name: element[name] for name in same if name in element}
-            found |= {f"{side}.D": D[k], f"{side}.asked": -ends[k], f"by_{side}": by[0]}
-        return found | {"U": U[0], "L": L[0], "own": own[0]}
+            outputs |= {name: element[name] for name in same if name in element}
+            outputs |= {f"{side}.D": D[k], f"{side}.asked": -ends[k], f"by_{side}": by[0]}
+        return outputs | {"U": U[0], "L": L[0], "own": own[0]}
 
     def _blocks(self, fields: Fields) -> tuple[Tensor, ...]:
         """(D, U, L, far upper, far lower) of a chain of one element, with D of its midside node's own."""
@@ -174,19 +174,19 @@ class LocalFunctions(LocalProblems):
 
         balance, D = total("balance"), total("D")
         asked, U, L = total("asked") + fields["own.balance"], fields["right.U"], fields["left.L"]
-        found, left = {}, balance
+        blocks, left = {}, balance
         if held:
             free = fields["free_here"]
-            found = {"rows": torch.cat((L, D, U), -1), "asked": asked}
+            blocks = {"rows": torch.cat((L, D, U), -1), "asked": asked}
             left, asked = balance * free, asked * free
             D, L, U = _masked_row(D, L, U, fields)
         ahead, y = eliminated(D, U, -asked[:, None], L, fields["ahead"], fields["y"][:, None])
         sizes = self._sizes(fields.get("own.load"), total("inertia"), left)
-        return found | self.pivot(D - L @ fields["ahead"]) | {"ahead": ahead, "y": y[:, 0]} | sizes
+        return blocks | self.pivot(D - L @ fields["ahead"]) | {"ahead": ahead, "y": y[:, 0]} | sizes
 
     def _sizes(self, load: Tensor | None, inertia: Tensor | None, left: Tensor) -> Fields:
         """The largest force and moment in a node's terms, and left of its balance (w)."""
-        p = self.model.space.position
+        p = self.model.space.dims.position
         terms, left = torch.stack(self.terms(load, inertia)).abs(), left.abs()
         return {"force": terms[:, :p].amax(), "moment": terms[:, p:].amax(), "left_force": left[:p].amax(),
                 "left_moment": left[p:].amax()}
@@ -217,8 +217,8 @@ class LocalFunctions(LocalProblems):
 
     def pushed(self, gap: Tensor, hB: Tensor, **fields: Tensor) -> Fields:
         """What an element's strain gap asks of its nodes (w)."""
-        found = self.element_assembly.to_nodes(pushed_by(hB, self.element_constants(fields).C, gap))
-        return dict(zip(self.sides, found, strict=True))
+        pushed = self.element_assembly.to_nodes(pushed_by(hB, self.element_constants(fields).C, gap))
+        return dict(zip(self.sides, pushed, strict=True))
 
     def transposed_condense(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
         """As `condense`, of the transposed matrix, for what moves are asked for of the midside node (w): the blocks of the ends
@@ -234,10 +234,10 @@ class LocalFunctions(LocalProblems):
             D, U, L, *far = masked(self.order, free, D, U, L, *far)
         D, U, L, middle = condensed(D.mT, U.mT, L.mT, *(x.mT for x in reversed(far)))
         ends, own = middle.condense(torch.stack((torch.zeros_like(right), right, torch.zeros_like(right))))
-        found = {"U": U[0].mT, "L": L[0].mT, "own": own[0]}
+        outputs = {"U": U[0].mT, "L": L[0].mT, "own": own[0]}
         for k, (side, by) in enumerate(zip("ij", (middle.by_i, middle.by_j), strict=True)):
-            found |= {f"{side}.D": D[k].mT, f"by_{side}": by[0], f"right_{side}": ends[k] + sides[k]}
-        return found
+            outputs |= {f"{side}.D": D[k].mT, f"by_{side}": by[0], f"right_{side}": ends[k] + sides[k]}
+        return outputs
 
     def transposed_restore(self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor) -> Fields:
         """As `restore`, of the transposed matrix, from the cotangents of its ends' balances (w)."""

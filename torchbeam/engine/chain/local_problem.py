@@ -17,7 +17,7 @@ from ...equations.midpoint import MidpointProblem, MidpointUnknowns
 from ...equations.step_problem import StepProblem
 from ...nodal.assembly import Assembly
 from ...nodal.conditions import Conditions, SupportConditions, acting
-from ...nodal.coordinates.planar import Plane
+from ...nodal.coordinates.planar import Planar
 from ...nodal.frame import frame_of
 from ...nodal.model import Model
 from ...nodal.rows import ElementRows, Held, NodeRows, Rows
@@ -81,7 +81,7 @@ class LocalProblems:
     def element_assembly(self) -> Assembly:
         """Of one element."""
         space = self.model.space
-        return Assembly(Chain(self.order, 1), space.interpolation, space.position)
+        return Assembly(Chain(self.order, 1), space.interpolation, space.dims.position)
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -175,8 +175,8 @@ class LocalProblems:
     def _rows(self, nodes: NodeRows, element: ElementRows | None, common: Common, supports: tuple[SupportConditions, ...],
               hinges: tuple[tuple[int, tuple[float, ...]], ...]) -> Rows:
         space = self.model.space
-        space = replace(space, place=common.place) if isinstance(space, Plane) else space
-        held = Held(tuple(one.node for one in supports), tuple(one.fixed for one in supports),
+        space = replace(space, place=common.place) if isinstance(space, Planar) else space
+        held = Held(tuple(support.node for support in supports), tuple(support.fixed for support in supports),
                     tuple((node, nodes.mass.new_tensor(axis)) for node, axis in hinges))
         return Rows.of(space, self.order, nodes, element, held, getattr(self.model.inertia.translational, "difference", None))
 
@@ -195,7 +195,7 @@ class LocalProblems:
 
     def _problem(self, rows: Rows, element: ElementConstants | None, common: Common, given: Fields, now: Conditions
                  ) -> tuple[BalanceProblem, Any]:
-        stress = given.get("stress", given["position"].new_zeros(0, rows.space.strain))
+        stress = given.get("stress", given["position"].new_zeros(0, rows.space.dims.strain))
         return self._solved(rows, common, {**given, "stress": stress}, now, None if element is None else element.C)
 
     def _solved(self, rows: Rows, common: Common, given: Fields, now: Conditions, C: Tensor | None
@@ -221,11 +221,11 @@ class OwnBatch(NotTraceable):
         self.batch = batch
 
 
-def unbatched(found: Tensor, axes: int) -> Tensor:
+def unbatched(value: Tensor, axes: int) -> Tensor:
     """What loads give one node, which has so many axes. Raises OwnBatch for more."""
-    if found.ndim > axes:
-        raise OwnBatch(found.shape[:-axes])
-    return found
+    if value.ndim > axes:
+        raise OwnBatch(value.shape[:-axes])
+    return value
 
 
 def _of_one_sample(load: Any) -> Any:
@@ -250,4 +250,4 @@ def acting_loads(kind: NodeKind, rows: tuple[Any, ...], loads: tuple[Any, ...]) 
 
 def _hinges(*nodes: NodeKind | EndKind) -> tuple[tuple[int, tuple[float, ...]], ...]:
     """Node and axis of each."""
-    return tuple((k, one.hinge) for k, one in enumerate(nodes) if one.hinge is not None)
+    return tuple((k, node.hinge) for k, node in enumerate(nodes) if node.hinge is not None)

@@ -27,9 +27,9 @@ def eliminating(condense: dict[str, Function], restore: Function, own: Packing, 
     makers = [inner.taken(own.taken(one, {f"own.{name}": name for name in own.fields}), names) for one in condense.values()]
     between = Packing(BETWEEN, makers, to_nodes(makers[0].outputs))
     middle = Packing(MIDDLE, between.made(), FOLLOWING)
-    found = dict(zip(condense, middle.made(), strict=True))
-    found["restore"] = middle.taken(restore, {name: name for name in FOLLOWING})
-    return found, between, {name: makers[0].outputs[name].shape for name in between.fields}
+    functions = dict(zip(condense, middle.made(), strict=True))
+    functions["restore"] = middle.taken(restore, {name: name for name in FOLLOWING})
+    return functions, between, {name: makers[0].outputs[name].shape for name in between.fields}
 
 
 def record(layout: Layout, functions: dict[str, Function], element: str) -> None:

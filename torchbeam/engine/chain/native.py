@@ -54,7 +54,7 @@ class NativeProgram:
         self.state, self.element_state, self.sample_state = local.state, local.element_state, local.sample_state
         self.key, self.seconds = key, 0.0
         self.order, self.sides = local.order, local.sides
-        self.w, self.k = local.model.space.unknowns, local.order * local.model.space.strain
+        self.w, self.k = local.model.space.unknowns, local.order * local.model.space.dims.strain
         self._libraries: dict[int, Any] = {}
         self._untraced: LocalFunctions | None = local
         layout = None if key is None else stored_layout(key)
@@ -63,7 +63,7 @@ class NativeProgram:
             if key is not None:
                 store_layout(key, layout)
         else:
-            self._untraced = replace(local, **{one.name: detached(getattr(local, one.name)) for one in fields(local)})
+            self._untraced = replace(local, **{field.name: detached(getattr(local, field.name)) for field in fields(local)})
         self.layout = layout
 
     @cached_property
@@ -71,9 +71,9 @@ class NativeProgram:
         begin, local = time.perf_counter(), self._untraced
         tracing = Tracing(local, self.traced)
         self.shapes = tracing.shapes
-        found = self._functions(tracing, local)
+        functions = self._functions(tracing, local)
         self.seconds, self._untraced = time.perf_counter() - begin, None
-        return found
+        return functions
 
     def _traced_layout(self) -> Layout:
         _ = self.functions
@@ -119,8 +119,8 @@ class NativeProgram:
 
     def outputs(self, name: str, *fields: str) -> list[tuple[str, int]]:
         """(field, components) of a function's outputs, all or those of `fields` that it has."""
-        found = {field: len(out.nodes) for field, out in self.functions[name].outputs.items()}
-        return [(field, found[field]) for field in fields or found if field in found]
+        sizes = {field: len(out.nodes) for field, out in self.functions[name].outputs.items()}
+        return [(field, sizes[field]) for field in fields or sizes if field in sizes]
 
     def largest(self, name: str, count: int, field: str) -> list[tuple[str, int]]:
         """(field, components) of a record that takes this output of the functions "name 0", "name 1" ... of all kinds."""
@@ -133,7 +133,7 @@ class NativeProgram:
         """
         sides = [dict(zip(self.sides, kind, strict=True)) for kind in self.kinds.elements]
         rests, ends = share_ends([*zip(elements, sides, strict=True)], unknown, common)
-        return [one.joined(ends[kind.end]) for one, kind in zip(nodes, self.kinds.nodes, strict=True)], rests
+        return [node.joined(ends[kind.end]) for node, kind in zip(nodes, self.kinds.nodes, strict=True)], rests
 
     def constants(self, kind: str) -> list[tuple[str, int]]:
         """(field, components) of the constants of a kind that functions read."""

@@ -70,7 +70,7 @@ class Kinds(NamedTuple):
     @classmethod
     def of(cls, nodes: list[NodeKind], order: int) -> Kinds:
         """From those of all nodes; order: of the elements."""
-        held = [one.end for one in nodes]
+        held = [node.end for node in nodes]
         return cls(tuple(nodes), tuple(tuple(held[i:i + order + 1]) for i in range(0, len(held) - 1, order)))
 
     def distinct(self) -> Kinds:
@@ -81,12 +81,12 @@ def kinds_of(model: Model, loads: tuple[Any, ...], rest: bool = False) -> Kinds:
     """Of a model's nodes, on which these loads act, and elements: in a step, or at rest."""
     nodes, supports = model.node_count, {}
     hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
-    for one, fixed in zip(model.scene.supports, map(tuple, model.constraints.fixed.tolist()), strict=True):
+    for support, fixed in zip(model.scene.supports, map(tuple, model.constraints.fixed.tolist()), strict=True):
         if rest:
-            displaced = one.displacement is not None, one.turn is not None
-            supports[one.node] = PlacedKind(fixed, displaced, hinges.get(one.node))
+            displaced = support.displacement is not None, support.turn is not None
+            supports[support.node] = PlacedKind(fixed, displaced, hinges.get(support.node))
         elif model.scene.has_prescribed_motion:
-            supports[one.node] = SupportKind(fixed, one.moves, one.clamp)
+            supports[support.node] = SupportKind(fixed, support.moves, support.clamp)
 
     def kind(j: int) -> NodeKind:
         acting = tuple(k for k, load in enumerate(loads) if load.node is None or load.node % nodes == j)

@@ -11,7 +11,7 @@ from torch import Tensor
 from ...core.derivatives import cache_of
 from ...core.leaves import Tree, map_leaves
 from ...core.surroundings import Surroundings
-from ...nodal.coordinates.planar import Plane
+from ...nodal.coordinates.planar import Planar
 from ..compiler.function import Function
 from ..compiler.object_cache import key_of
 from ..compiler.packing import Packing
@@ -47,8 +47,8 @@ class ChainProgram(NativeProgram):
         raise NotImplementedError
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        w, found = self.w, self._of_nodes(traced, local)
-        nodes = [found[f"node {k}"] for k in range(len(self.kinds.nodes))]
+        w, functions = self.w, self._of_nodes(traced, local)
+        nodes = [functions[f"node {k}"] for k in range(len(self.kinds.nodes))]
         own = Packing(OWN, nodes, nodes[0].outputs)
         elements = [traced(partial(local.element, kind), traced.element | {name: () for name in self.varying})
                     for kind in self.kinds.elements]
@@ -56,11 +56,11 @@ class ChainProgram(NativeProgram):
         between = Packing(BETWEEN if self.order == 1 else INNER, elements, midsides.to_nodes(shapes))
         law = Packing(LAW, between.made(), ("gap", "E"))
         elements = [one.only(name for name in one.outputs if name != "hB") for one in law.made()]
-        self._iterated(found, own.made(), elements, traced)
+        self._iterated(functions, own.made(), elements, traced)
 
         moves = {f"{side}.move": (w,) for side in self.sides}
         stress = traced(local.stress, {**traced.element, **{name: shapes[name] for name in law.fields}, **moves})
-        found["stress"] = law.taken(stress, {name: name for name in law.fields})
+        functions["stress"] = law.taken(stress, {name: name for name in law.fields})
         given = {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
         if self.order == 2:
             inner = given | {f"element.{name}": shapes[name] for name in between.fields}
@@ -69,7 +69,7 @@ class ChainProgram(NativeProgram):
                 condense["held condense"] = traced(partial(local.condense, True), inner | {"free": (w,)})
             restore = traced(local.restore, {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)})
             more, between, shapes = midsides.eliminating(condense, restore, own, between)
-            found |= more
+            functions |= more
         row = dict(given)
         sides = {
             f"{side}.{name.removeprefix(f'{end}.')}": name for side, end, block in (("left", "j", "L"), ("right", "i", "U"))
@@ -80,26 +80,26 @@ class ChainProgram(NativeProgram):
         def packed(function: Function) -> Function:
             return between.taken(own.taken(function, {f"own.{name}": name for name in own.fields}), sides)
 
-        found["row"] = packed(traced(partial(local.row, False), row))
-        found["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
+        functions["row"] = packed(traced(partial(local.row, False), row))
+        functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
         if self.held:
             free = {f"free_{name}": (w,) for name in ("before", "here", "after")}
-            found["held row"] = packed(traced(partial(local.row, True), row | free))
-            found["reaction"] = traced(local.reaction, {
+            functions["held row"] = packed(traced(partial(local.row, True), row | free))
+            functions["reaction"] = traced(local.reaction, {
                 "rows": (w, 3 * w), **{name: (w,) for name in ("asked", "free", "before", "here", "after")}})
-        found["judge"] = traced(local.judge, dict.fromkeys(self.judging, ()))
-        return found
+        functions["judge"] = traced(local.judge, dict.fromkeys(self.judging, ()))
+        return functions
 
-    def _iterated(self, found: dict[str, Function], nodes: list[Function], elements: list[Function], traced: Tracing) -> None:
+    def _iterated(self, functions: dict[str, Function], nodes: list[Function], elements: list[Function], traced: Tracing) -> None:
         """What each iteration computes of nodes and elements: what is of one of an element's nodes alone is computed there, and
         before the iterations what does not depend on the unknowns.
         """
         nodes, elements = self.with_ends(nodes, elements, self.unknown, (*traced.constants["common"], *self.varying))
         for k, one in enumerate(nodes):
-            _split(found, f"node {k}", one, (*self.unknown, *self.varying))
+            _split(functions, f"node {k}", one, (*self.unknown, *self.varying))
         changing = [f"{side}.{name}" for side in self.sides for name in (*self.unknown, END)]
         for k, one in enumerate(elements):
-            _split(found, f"element {k}", one, (*changing, "stress", *self.varying))
+            _split(functions, f"element {k}", one, (*changing, "stress", *self.varying))
 
     def _layout(self) -> Layout:
         inputs, outputs, w, k = self.constants, self.outputs, self.w, self.k
@@ -117,7 +117,7 @@ class ChainProgram(NativeProgram):
         layout.record("at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain"))
         midsides.record(layout, self.functions, "element 0")
         layout.record("row", ENDS, outputs(row, "ahead", "y"))
-        layout.record("at_row", ONE, [one for one in outputs(row) if one[0] not in ("ahead", "y")])
+        layout.record("at_row", ONE, [output for output in outputs(row) if output[0] not in ("ahead", "y")])
         layout.record("strain_law", ELEMENTS, outputs("element 0", LAW))
         layout.record("move", MOVES, [("move", w)])
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w))])
@@ -144,22 +144,22 @@ class StepProgram(ChainProgram):
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         w, node = self.w, traced.node
         still = {name: shape for name, shape in node.items() if name not in self.unknown}
-        found = {"cosine": traced(local.cosine, {"m": self.shapes["m"]})}
+        functions = {"cosine": traced(local.cosine, {"m": self.shapes["m"]})}
         for k, kind in enumerate(self.kinds.nodes):
-            found[f"node {k}"] = traced(partial(local.node, kind), node)
-            found[f"predictor {k}"] = traced(partial(local.predictor, kind), still)
-            found[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
-            found[f"finish {k}"] = traced(partial(local.finish, kind), node)
+            functions[f"node {k}"] = traced(partial(local.node, kind), node)
+            functions[f"predictor {k}"] = traced(partial(local.predictor, kind), still)
+            functions[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
+            functions[f"finish {k}"] = traced(partial(local.finish, kind), node)
         if "kinetic" in local.element_ends:
-            found["project"] = traced(local.project, dict.fromkeys(("defect", "kinetic", "rise"), ()))
+            functions["project"] = traced(local.project, dict.fromkeys(("defect", "kinetic", "rise"), ()))
             shapes = {name: self.shapes[name] for name in ("velocity", "spin")}
-            found["scaled"] = traced(local.scaled, shapes | {"scale": ()})
+            functions["scaled"] = traced(local.scaled, shapes | {"scale": ()})
         if local.element_ends:
             for k, kind in enumerate(self.kinds.elements):
-                found[f"finish element {k}"] = traced(partial(local.finish_element, kind), traced.element)
-        found["outcome"] = traced(local.outcome, {name: () for name in (
+                functions[f"finish element {k}"] = traced(partial(local.finish_element, kind), traced.element)
+        functions["outcome"] = traced(local.outcome, {name: () for name in (
             "moving", "done", "status", "before", "cosine", "least")})
-        return found
+        return functions
 
     def _layout(self) -> Layout:
         layout = super()._layout()
@@ -178,10 +178,10 @@ class StepProgram(ChainProgram):
         return layout
 
 
-def _split(found: dict[str, Function], name: str, function: Function, unknown: tuple[str, ...]) -> None:
+def _split(functions: dict[str, Function], name: str, function: Function, unknown: tuple[str, ...]) -> None:
     """The function in two, of which the first does not depend on the unknowns."""
     before, rest = split(function, [field for field in function.inputs if field not in unknown])
-    found[f"before {name}"], found[name] = before.only(before.outputs), rest
+    functions[f"before {name}"], functions[name] = before.only(before.outputs), rest
 
 
 PROGRAMS: dict[tuple, tuple[ChainProgram, Surroundings]] = {}  # by structure
@@ -198,13 +198,13 @@ def program_of(local: LocalFunctions, kinds: Kinds, held: bool, around: Surround
     if around is None:
         return made(local, kinds, held)
     key = made, around.key, *structure(local, kinds, held)
-    found = PROGRAMS.pop(key, None)  # other threads may ask too: at worst two of them make it
-    if found is None:
-        found = made(local, kinds, held, key_on_disk(key)), around  # which keeps what its key is made of
+    entry = PROGRAMS.pop(key, None)  # other threads may ask too: at worst two of them make it
+    if entry is None:
+        entry = made(local, kinds, held, key_on_disk(key)), around  # which keeps what its key is made of
         for oldest in [*PROGRAMS][:max(0, len(PROGRAMS) + 1 - KEPT)]:
             PROGRAMS.pop(oldest, None)
-    PROGRAMS[key] = found
-    return found[0]
+    PROGRAMS[key] = entry
+    return entry[0]
 
 
 def adjoint_of(program: StepProgram, local: LocalFunctions, wanted: frozenset[str]) -> AdjointProgram:
@@ -219,7 +219,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
     """What the program of a step depends on; never the values of tensors, nor how many elements there are."""
     model = local.model
     space = model.space
-    plane = (space.name, space.section_axes) if isinstance(space, Plane) else None
+    plane = (space.name, space.section_axes) if isinstance(space, Planar) else None
     trees = (local.nodes, 1), (local.elements, 1), (local.common, 0), (local.supports, 1)
     return (type(local), local.options, type(space), plane, model.length.dtype, model.scene.beam.offset,
             bool(model.scene.loads), kinds, held, *(_static(_shapes(tree, rows)) for tree, rows in trees))

@@ -77,7 +77,7 @@ class SteadyFunctions(LocalFunctions):
 
     def turn(self, move: Tensor) -> Fields:
         """Angle by which a move (w) turns a node."""
-        return {"turn": torch.linalg.vector_norm(move[self.model.space.position:])}
+        return {"turn": torch.linalg.vector_norm(move[self.model.space.dims.position:])}
 
     def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:
         """Loads less all inertia, of which `inertia` is what neighbours share."""
@@ -114,7 +114,7 @@ class SteadyFunctions(LocalFunctions):
     def advanced(self, climbing: Tensor, load_factor: Tensor, reached: Tensor, step: Tensor, last_status: Tensor, done: Tensor,
                  status: Tensor, cosine: Tensor, iterations: Tensor) -> Fields:
         """See `load_steps`; status: of the samples for which Newton's method is not done."""
-        found = torch.where(done != 0, float(SUCCESS), status)
-        good, reached, step, status = load_steps.advanced(climbing != 0, load_factor, reached, step, last_status, found, cosine,
+        status_after = torch.where(done != 0, float(SUCCESS), status)
+        good, reached, step, status = load_steps.advanced(climbing != 0, load_factor, reached, step, last_status, status_after, cosine,
                                                           iterations)
         return {"good": good.to(step), "reached": reached, "step": step, "last_status": status}

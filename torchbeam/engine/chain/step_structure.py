@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ...core.remembered import structure_of
 from ...math.shapes import broadcast_shapes
-from ...nodal.coordinates.planar import Plane
+from ...nodal.coordinates.planar import Planar
 from ...nodal.model import Model
 from ...topology.chain import Chain as ChainTopology
 from . import program as programs
@@ -47,9 +47,9 @@ class StepStructure:
         names = {id(x): name for name, x in values.items()}
         fields = [*constant_fields(trees)]
         # axes that functions of t may bring along; one at least, so that none of theirs is taken for that of steps
-        self.dims = max(1, *(one.value.ndim - one.axes for one in fields))
-        self.values, self.places = tuple(values), [names.get(id(one.value)) for one in fields]
-        self.changing = [(one._replace(value=None), name) for one, name in zip(fields, self.places, strict=True)
+        self.dims = max(1, *(field.value.ndim - field.axes for field in fields))
+        self.values, self.places = tuple(values), [names.get(id(field.value)) for field in fields]
+        self.changing = [(field._replace(value=None), name) for field, name in zip(fields, self.places, strict=True)
                          if name is not None]
         self.takes_time = asks or any(self.chain.has(one.record, one.name) for one, name in self.changing if name == "t")
         self.forms: dict[Any, Form] = {}
@@ -57,7 +57,7 @@ class StepStructure:
 
     def constant(self, trees: Trees) -> list[Field]:
         """The fields of a model's trees that hold for all steps."""
-        return [one for one, name in zip(constant_fields(trees), self.places, strict=True) if name is None]
+        return [constant_field for constant_field, name in zip(constant_fields(trees), self.places, strict=True) if name is None]
 
     def adjoint(self, names: frozenset[str], model: Model, program: Callable[[], AdjointProgram]) -> Chain:
         """Of the cotangents of constants of these names."""
@@ -69,7 +69,7 @@ class StepStructure:
         """Of K steps with such tensors: those that change, `exact`, `moving`, and the state's; constants: values of `constant`,
         and the lengths. dims: axes of the samples.
         """
-        key = K, dims, options, *[(x.shape, x.stride(), x.dtype) for x in (*tensors, *(one.value for one in constants))]
+        key = K, dims, options, *[(x.shape, x.stride(), x.dtype) for x in (*tensors, *(constant.value for constant in constants))]
         found = self.forms.get(key)
         if found is None:
             for oldest in [*self.forms][:max(0, len(self.forms) + 1 - FORMS)]:
@@ -92,7 +92,7 @@ class StepStructure:
                   *(Field(*self.state[name], x, self.axes[name]) for name, x in state.items()), *constants,
                   *(Field("common", name, x, 0) for name, x in numbers.items()),
                   Field("free", "free", self.chain.free, 2), Field("sample", "last_status", none, 0)]
-        leads = [one.value.shape[:one.value.ndim - one.axes] for one in fields if one.record != "free"]
+        leads = [field.value.shape[:field.value.ndim - field.axes] for field in fields if field.record != "free"]
         batch = broadcast_shapes(*(lead if K is None else lead[len(lead) > dims:] for lead in leads))
         call = Call(self.chain, batch, K or 1, lanes)
         axes, own = moving.ndim or state["work"].ndim, batch
@@ -117,7 +117,7 @@ def key_of(model: Model, *options: Any) -> Hashable | None:
     scene, space = model.scene, model.space
     if scene.numbers is None or not isinstance(model.topology, ChainTopology):
         return None
-    plane = space.section_axes if isinstance(space, Plane) else None
+    plane = space.section_axes if isinstance(space, Planar) else None
     key = structure_of(scene, []), type(space), plane, type(model.inertia.translational), model.topology, options
     try:
         hash(key)

@@ -28,7 +28,7 @@ class Tracing:
     def __init__(self, local: LocalFunctions, known: Traced | None = None) -> None:
         self.like, self.known = local.model.length.detach(), known
         space = local.model.space
-        p, s, k = space.position, space.spin, space.strain
+        p, s, k = space.dims.position, space.dims.spin, space.dims.strain
         q = space.identity(self.like.new_zeros(p)).shape[-1]
         self.shapes: Shapes = {"position": (p,), "rotation": (q,), "velocity": (p,), "spin": (s,), "u": (p,), "m": (q,),
                                "stress": (local.order, k)}
@@ -65,5 +65,5 @@ class Tracing:
     def _traced(self, function: Callable, shapes: Shapes, captured: dict[str, Tensor]) -> Function:
         generator = torch.Generator().manual_seed(0)
         given = {name: torch.rand(shape, generator=generator, dtype=self.like.dtype) for name, shape in shapes.items()}
-        found = trace(function, given, {name: x for name, x in captured.items() if name in shapes})
-        return found.only(found.outputs)
+        traced = trace(function, given, {name: x for name, x in captured.items() if name in shapes})
+        return traced.only(traced.outputs)

@@ -63,18 +63,18 @@ class Transfers:
         with code.when(alike), code.loop(0, components) as c:
             self._joined(code, [code.load(code.at(places[0], c, scalar), scalar)] * len(places), here, c)
         with code.when(code.new(f"xor i1 {alike}, true")), code.loop(0, components) as c:
-            self._joined(code, [code.load(code.at(one, c, scalar), scalar) for one in places], here, c)
+            self._joined(code, [code.load(code.at(place, c, scalar), scalar) for place in places], here, c)
 
     def _write(self, code: Code, places: list[str], here: str, components: str, whole: str, inside: list[str]) -> None:
         """Components of each lane to its own place; of those inside, where not all are (`whole`)."""
         scalar = self.lanes.scalar
         with code.when(whole), code.loop(0, components) as c:
-            for one, value in zip(places, self._parted(code, here, c), strict=True):
-                code.store(value, code.at(one, c, scalar), scalar)
+            for place, value in zip(places, self._parted(code, here, c), strict=True):
+                code.store(value, code.at(place, c, scalar), scalar)
         with code.when(code.new(f"xor i1 {whole}, true")), code.loop(0, components) as c:
-            for one, is_inside, value in zip(places, inside, self._parted(code, here, c), strict=True):
+            for place, is_inside, value in zip(places, inside, self._parted(code, here, c), strict=True):
                 with code.when(is_inside):
-                    code.store(value, code.at(one, c, scalar), scalar)
+                    code.store(value, code.at(place, c, scalar), scalar)
 
     def _joined(self, code: Code, numbers: list[str], here: str, component: str) -> None:
         """A number in each lane of a component."""

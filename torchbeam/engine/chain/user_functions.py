@@ -26,14 +26,14 @@ Made = TypeVar("Made")
 def by_function(model: Model) -> list[Any]:
     """Loads that depend on the motion and are functions that a user wrote, or hold such."""
     loads = (*model.loads[0], *(load for load in model.loads[1] if load.internal))
-    return [load for load in loads if not of_library(load) or any(one.axes is None for one in own_leaves(load))]
+    return [load for load in loads if not of_library(load) or any(leaf.axes is None for leaf in own_leaves(load))]
 
 
 def surroundings(loads: list[Any]) -> Surroundings:
     """What functions of the motion that a user wrote read beside the motion. Raises Unsteady for what may change unnoticed."""
     reads: list[Read] = []
     for load in loads:
-        own, functions = not of_library(load), {one.name for one in own_leaves(load) if one.axes is None}
+        own, functions = not of_library(load), {leaf.name for leaf in own_leaves(load) if leaf.axes is None}
         for one in fields(load):
             if one.name in functions or (own and AXES not in one.metadata):
                 reads.append((one.name, lambda load=load, name=one.name: getattr(load, name)))
@@ -82,9 +82,9 @@ def _rows(model: Model, around: Surroundings, batch: torch.Size) -> list[Tensor]
         lead = shift.shape[:axes]
         with Readings(lambda x: False, stand):
             load, internal = _in_motion(model, still, shift)
-        found = [x.expand(*lead, *x.shape[x.ndim - own:]).flatten(axes) for x, own in ((load, 2), (internal, 1))
+        parts = [x.expand(*lead, *x.shape[x.ndim - own:]).flatten(axes) for x, own in ((load, 2), (internal, 1))
                  if isinstance(x, Tensor)]
-        return torch.cat(found, -1)
+        return torch.cat(parts, -1)
 
     def row(x: Tensor, k: int) -> Tensor:
         return x[tuple(slice(None) if n == 1 else slice(k, k + 1 or None) for n in x.shape[:axes])]
@@ -109,7 +109,7 @@ def _rows(model: Model, around: Surroundings, batch: torch.Size) -> list[Tensor]
 
 def _in_motion(model: Model, still: Nodes, shift: Tensor) -> tuple[Tensor | float, Tensor | float]:
     """Users' loads, (..., N+1, w), and internal states after a step, of a beam in some motion by `shift` (..., N+1, p)."""
-    turn = shift[..., :1].expand(*shift.shape[:-1], model.space.spin)
+    turn = shift[..., :1].expand(*shift.shape[:-1], model.space.dims.spin)
     internal = shift[..., 0, :1].expand(*shift.shape[:-2], model.internal_states)
     t, inputs = shift.new_zeros(()), {name: shift.new_zeros(size) for name, size in model.scene.inputs.items()}
     rotation = model.space.normalize(model.space.multiply(model.space.cayley(turn), still.rotation))

@@ -31,10 +31,10 @@ STRUCTURAL: dict[str, tuple[int, ...]] = {
 def accumulated(g: Graph, x: Tensor, places: list[Tensor | None], values: Tensor) -> Tensor:
     """x with values added at places, of which one may come several times: `index_put` that accumulates."""
     at = torch.arange(x.numel()).reshape(x.shape)[tuple(slice(None) if p is None else p for p in places)]
-    found = x.flatten().tolist()
+    sums = x.flatten().tolist()
     for place, value in zip(at.flatten().tolist(), values.expand(at.shape).flatten().tolist(), strict=True):
-        found[place] = g.make("add", found[place], value)
-    return torch.tensor(found, dtype=torch.long).reshape(x.shape)
+        sums[place] = g.make("add", sums[place], value)
+    return torch.tensor(sums, dtype=torch.long).reshape(x.shape)
 
 
 def _matrix_product(g: Graph, a: Tensor, b: Tensor) -> Tensor:
@@ -43,13 +43,13 @@ def _matrix_product(g: Graph, a: Tensor, b: Tensor) -> Tensor:
     m, n, k = a.shape[-2], b.shape[-1], a.shape[-1]
     rows = a.expand(*lead, m, k).reshape(-1, m, k).tolist()
     columns = b.mT.expand(*lead, n, k).reshape(-1, n, k).tolist()
-    found = [g.dot(row, column) for one, other in zip(rows, columns, strict=True) for row, column in product(one, other)]
-    return torch.tensor(found, dtype=torch.long).reshape(*lead, m, n)
+    products = [g.dot(row, column) for one, other in zip(rows, columns, strict=True) for row, column in product(one, other)]
+    return torch.tensor(products, dtype=torch.long).reshape(*lead, m, n)
 
 
-def _plus(g: Graph, x: Tensor, found: Tensor, beta: float = 1, alpha: float = 1) -> Tensor:
+def _plus(g: Graph, x: Tensor, term: Tensor, beta: float = 1, alpha: float = 1) -> Tensor:
     return elementwise(g, lambda g, a, b: g.make("add", g.make("mul", g.const(float(beta)), a),
-                                                 g.make("mul", g.const(float(alpha)), b)), x, found)
+                                                 g.make("mul", g.const(float(alpha)), b)), x, term)
 
 
 def _cross(g: Graph, a: Tensor, b: Tensor, dim: int = -1) -> Tensor:
@@ -86,18 +86,18 @@ def _solved(g: Graph, A: list[list[int]], B: list[list[int]]) -> list[list[int]]
             factor = mul(rows[i][k], pivots[k])
             left = zip(rows[i][k + 1:], rows[k][k + 1:], strict=True)
             rows[i] = [g.zero] * (k + 1) + [sub(x, mul(factor, y)) for x, y in left]
-    found = [row[n:] for row in rows]
+    solution = [row[n:] for row in rows]
     for k in reversed(range(n)):
-        for c in range(len(found[k])):
-            known = g.dot(rows[k][k + 1:n], [found[i][c] for i in range(k + 1, n)])
-            found[k][c] = mul(sub(found[k][c], known), pivots[k])
-    return found
+        for c in range(len(solution[k])):
+            known = g.dot(rows[k][k + 1:n], [solution[i][c] for i in range(k + 1, n)])
+            solution[k][c] = mul(sub(solution[k][c], known), pivots[k])
+    return solution
 
 
-def _largest_first(g: Graph, one: list[int], other: list[int], column: int) -> tuple[list[int], list[int]]:
+def _largest_first(g: Graph, first: list[int], other: list[int], column: int) -> tuple[list[int], list[int]]:
     """Two rows, the one with the larger number in that column first."""
-    swap = g.make("lt", g.make("abs", one[column]), g.make("abs", other[column]))
-    pairs = list(zip(one, other, strict=True))
+    swap = g.make("lt", g.make("abs", first[column]), g.make("abs", other[column]))
+    pairs = list(zip(first, other, strict=True))
     return [g.make("select", swap, b, a) for a, b in pairs], [g.make("select", swap, a, b) for a, b in pairs]
 
 
@@ -109,9 +109,9 @@ def _solve(g: Graph, A: Tensor, B: Tensor, *, left: bool = True, **_: object) ->
     lead, n, m = broadcast_shapes(A.shape[:-2], columns.shape[:-2]), A.shape[-1], columns.shape[-1]
     pairs = zip(A.expand(*lead, n, n).reshape(-1, n, n).tolist(), columns.expand(*lead, n, m).reshape(-1, n, m).tolist(),
                 strict=True)
-    found = torch.tensor([_solved(g, a, b) for a, b in pairs], dtype=torch.long).reshape(*lead, n, m)
+    solutions = torch.tensor([_solved(g, a, b) for a, b in pairs], dtype=torch.long).reshape(*lead, n, m)
     factors = elementwise(g, _factor, A)
-    return found[..., 0] if vector else found, factors, *[torch.full((), UNKNOWN)] * 2
+    return solutions[..., 0] if vector else solutions, factors, *[torch.full((), UNKNOWN)] * 2
 
 
 def _solve_again(g: Graph, factors: Tensor, B: Tensor, *, left: bool = True, adjoint: bool = False) -> Tensor:
@@ -136,9 +136,9 @@ def _log_determinant(g: Graph, A: Tensor, **_: object) -> tuple[Tensor, ...]:
         terms = [g.make("mul", x, of([[*row[:k], *row[k + 1:]] for row in rows[1:]])) for k, x in enumerate(rows[0])]
         return g.total(g.make("neg", x) if k % 2 else x for k, x in enumerate(terms))
 
-    found = torch.tensor([of(a) for a in A.reshape(-1, n, n).tolist()], dtype=torch.long).reshape(A.shape[:-2])
-    size = elementwise(g, lambda g, x: g.make("log", g.make("abs", x)), found)
-    return elementwise(g, ELEMENTWISE["sign"], found), size, elementwise(g, _factor, A), torch.full((), UNKNOWN)
+    values = torch.tensor([of(a) for a in A.reshape(-1, n, n).tolist()], dtype=torch.long).reshape(A.shape[:-2])
+    size = elementwise(g, lambda g, x: g.make("log", g.make("abs", x)), values)
+    return elementwise(g, ELEMENTWISE["sign"], values), size, elementwise(g, _factor, A), torch.full((), UNKNOWN)
 
 
 def _factor(g: Graph, a: int) -> int:
@@ -147,13 +147,13 @@ def _factor(g: Graph, a: int) -> int:
 
 def _largest(g: Graph, x: Tensor, dim: int | None = None, keepdim: bool = False) -> Tensor | tuple[Tensor, ...]:
     """And where it is, along an axis."""
-    found = reduction(g, REDUCTIONS["amax"], x, dim, keepdim)
-    return found if dim is None else (found, reduction(g, REDUCTIONS["argmax"], x, dim, keepdim))
+    largest = reduction(g, REDUCTIONS["amax"], x, dim, keepdim)
+    return largest if dim is None else (largest, reduction(g, REDUCTIONS["argmax"], x, dim, keepdim))
 
 
 def _smallest(g: Graph, x: Tensor, dim: int | None = None, keepdim: bool = False) -> Tensor | tuple[Tensor, ...]:
-    found = reduction(g, REDUCTIONS["amin"], x, dim, keepdim)
-    return found if dim is None else (found, reduction(g, REDUCTIONS["argmin"], x, dim, keepdim))
+    smallest = reduction(g, REDUCTIONS["amin"], x, dim, keepdim)
+    return smallest if dim is None else (smallest, reduction(g, REDUCTIONS["argmin"], x, dim, keepdim))
 
 
 def _inverse(g: Graph, A: Tensor, **_: object) -> tuple[Tensor, ...]:
@@ -168,10 +168,10 @@ def _gathered(g: Graph, x: Tensor, dim: int, at: Tensor, **_: object) -> Tensor:
     rows = rows[tuple(slice(n) for n in lead.shape[:-1])][..., None, :].expand(*lead.shape, rows.shape[-1])
 
     def choice(g: Graph, place: int, *xs: int) -> int:
-        found = xs[-1]
+        chosen = xs[-1]
         for k in reversed(range(len(xs) - 1)):
-            found = g.make("select", g.make("eq", place, g.const(float(k))), xs[k], found)
-        return found
+            chosen = g.make("select", g.make("eq", place, g.const(float(k))), xs[k], chosen)
+        return chosen
 
     return elementwise(g, choice, lead, *rows.unbind(-1)).movedim(-1, dim)
 

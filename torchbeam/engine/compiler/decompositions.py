@@ -46,8 +46,8 @@ def _searchsorted(sequence: Tensor, x: Tensor | float, *, out_int32: bool = Fals
         raise NotImplementedError(f"a sorted table of at most {TABLE} numbers is wanted")
     x = torch.as_tensor(x, dtype=sequence.dtype)[..., None]
     sequence = sequence if sequence.ndim == 1 else sequence[..., None, :]
-    found = (sequence <= x) if right or side == "right" else (sequence < x)
-    return found.sum(-1)
+    below = (sequence <= x) if right or side == "right" else (sequence < x)
+    return below.sum(-1)
 
 
 def _index(x: Tensor, places: list[Tensor | None]) -> Tensor:
@@ -66,9 +66,9 @@ def _index(x: Tensor, places: list[Tensor | None]) -> Tensor:
     rows = x.reshape(*x.shape[:first], count, *x.shape[last:]).movedim(first, -1)
     lead = (*rows.shape[:-1], *at.shape)
     rows = rows.reshape(*rows.shape[:-1], *(1,) * at.ndim, count).expand(*lead, count)
-    found = torch.gather(rows, -1, at.expand(lead)[..., None])[..., 0]
+    chosen = torch.gather(rows, -1, at.expand(lead)[..., None])[..., 0]
     behind = x.ndim - last
-    return found.movedim(tuple(range(first, first + behind)), tuple(range(-behind, 0))) if behind else found
+    return chosen.movedim(tuple(range(first, first + behind)), tuple(range(-behind, 0))) if behind else chosen
 
 
 def _index_put(x: Tensor, places: list[Tensor | None], values: Tensor, accumulate: bool = False) -> Tensor:

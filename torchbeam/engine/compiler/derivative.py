@@ -89,11 +89,11 @@ def jvp(function: Function, wrt: Iterable[str], of: Iterable[str] | None = None)
 def _active(function: Function, wrt: tuple[str, ...]) -> set[int]:
     """Numbers that depend on the inputs `wrt`, these among them."""
     graph = function.graph
-    found = {x for name in wrt for x in function.components(name)}
+    active = {x for name in wrt for x in function.components(name)}
     for node in function.live():
-        if not graph.truths[node] and any(x in found for x in graph.args[node]):
-            found.add(node)
-    return found
+        if not graph.truths[node] and any(x in active for x in graph.args[node]):
+            active.add(node)
+    return active
 
 
 def partials(graph: Graph, node: int) -> Iterator[tuple[int, Linear]]:

@@ -37,8 +37,8 @@ def _logical(op: str) -> Callable[..., int]:
 def _compared(op: str, swapped: bool = False, negated: bool = False) -> Callable[..., int]:
     def compared(g: Graph, a: int, b: int) -> int:
         a, b = g.number(a), g.number(b)
-        found = g.make(op, b, a) if swapped else g.make(op, a, b)
-        return g.make("not", found) if negated else found
+        result = g.make(op, b, a) if swapped else g.make(op, a, b)
+        return g.make("not", result) if negated else result
     return compared
 
 
@@ -82,8 +82,8 @@ def _whole(op: str) -> Callable[..., int]:
 
 
 def _divided(g: Graph, a: int, b: int, *, rounding_mode: str | None = None) -> int:
-    found = g.make("div", g.number(a), g.number(b))
-    return found if rounding_mode is None else _whole(rounding_mode)(g, found)
+    quotient = g.make("div", g.number(a), g.number(b))
+    return quotient if rounding_mode is None else _whole(rounding_mode)(g, quotient)
 
 
 def _left(rounding_mode: str) -> Callable[..., int]:
@@ -172,10 +172,10 @@ def _extreme(op: str) -> Callable[[Graph, Sequence[int]], int]:
 def _position(op: str) -> Callable[[Graph, Sequence[int]], int]:
     """Of the largest, or smallest; the first, where there are several."""
     def position(g: Graph, xs: Sequence[int]) -> int:
-        extreme, found = g.make(op, *xs), g.const(float(len(xs) - 1))
+        extreme, place = g.make(op, *xs), g.const(float(len(xs) - 1))
         for k in reversed(range(len(xs) - 1)):
-            found = g.make("select", g.make("eq", xs[k], extreme), g.const(float(k)), found)
-        return found
+            place = g.make("select", g.make("eq", xs[k], extreme), g.const(float(k)), place)
+        return place
     return position
 
 
@@ -190,7 +190,7 @@ def reduction(g: Graph, rule: Callable[[Graph, Sequence[int]], int], x: Tensor, 
               keepdim: bool = False, **_: object) -> Tensor:
     dims = range(x.ndim) if dim is None or (not isinstance(dim, int) and not dim) else [dim] if isinstance(dim, int) else dim
     dims = [d % x.ndim for d in dims] if x.ndim else []
-    kept = [d for d in range(x.ndim) if d not in dims]
-    rows = x.permute([*kept, *dims]).reshape(math.prod(x.shape[d] for d in kept), -1).tolist()
-    shape = [1 if d in dims else n for d, n in enumerate(x.shape)] if keepdim else [x.shape[d] for d in kept]
+    others = [d for d in range(x.ndim) if d not in dims]
+    rows = x.permute([*others, *dims]).reshape(math.prod(x.shape[d] for d in others), -1).tolist()
+    shape = [1 if d in dims else n for d, n in enumerate(x.shape)] if keepdim else [x.shape[d] for d in others]
     return torch.tensor([rule(g, row) for row in rows], dtype=torch.long).reshape(shape)

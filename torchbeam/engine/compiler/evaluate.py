@@ -53,10 +53,10 @@ def evaluate(function: Function, inputs: dict[str, Tensor]) -> dict[str, Tensor]
             values[node] = parts[value[0]][value[1]]
         else:
             values[node] = OPERATIONS[op](*(values[x] for x in graph.args[node]))
-    found = {}
+    results = {}
     for name, out in function.outputs.items():
         same = all(graph.truths[x] for x in out.nodes)
         rows = [values[x] if same else values[x].to(like.dtype) for x in out.nodes]
         rows = torch.stack([x.expand(lead) for x in rows], -1) if rows else like.new_zeros(*lead, 0)
-        found[name] = rows.reshape((*lead, *out.shape))
-    return found
+        results[name] = rows.reshape((*lead, *out.shape))
+    return results

@@ -54,14 +54,14 @@ class Graph:
 
     def _intern(self, key: tuple, op: str, args: tuple[int, ...], value: float | bool | tuple[str, int] | None, truth: bool
                 ) -> int:
-        found = self._known.get(key)
-        if found is None:
-            found = self._known[key] = len(self.ops)
+        node = self._known.get(key)
+        if node is None:
+            node = self._known[key] = len(self.ops)
             self.ops.append(op)
             self.args.append(args)
             self.values.append(value)
             self.truths.append(truth)
-        return found
+        return node
 
     def const(self, value: float | bool) -> int:
         if isinstance(value, (bool, np.bool_)):
@@ -82,9 +82,9 @@ class Graph:
                 value = FOLDED[op](*(np.float64(self.values[x]) if not self.truths[x] else self.values[x] for x in args))
             return self.const(bool(value) if op in TRUTHS else float(value))
         rule = self._rules.get(op)
-        found = None if rule is None else rule(*args)
-        if found is not None:
-            return found
+        simpler = None if rule is None else rule(*args)
+        if simpler is not None:
+            return simpler
         if op in COMMUTATIVE:
             args = tuple(sorted(args))
         return self._intern((op, args), op, args, None, op in TRUTHS or (op == "select" and self.truths[args[1]]))
@@ -163,8 +163,8 @@ class Graph:
         return self.make("abs", self.args[a][0]) if self.ops[a] == "neg" else a if self.ops[a] in ("abs", "sqrt") else None
 
     def _max(self, *args: int, op: str = "max") -> int | None:
-        kept = tuple(dict.fromkeys(args))
-        return None if len(kept) == len(args) > 1 else kept[0] if len(kept) == 1 else self.make(op, *kept)
+        distinct = tuple(dict.fromkeys(args))
+        return None if len(distinct) == len(args) > 1 else distinct[0] if len(distinct) == 1 else self.make(op, *distinct)
 
     def _min(self, *args: int) -> int | None:
         return self._max(*args, op="min")
@@ -223,14 +223,14 @@ class Graph:
 
     def live(self, ends: Iterable[int], known: frozenset[int] | set[int] = frozenset()) -> list[int]:
         """What the nodes `ends` need, themselves among it, in order; of what is known nothing is needed."""
-        found = set(ends)
-        todo = list(found)
+        live = set(ends)
+        todo = list(live)
         while todo:
             node = todo.pop()
-            new = () if node in known else [x for x in self.args[node] if x not in found]
-            found.update(new)
+            new = () if node in known else [x for x in self.args[node] if x not in live]
+            live.update(new)
             todo.extend(new)
-        return sorted(found)
+        return sorted(live)
 
 
 def _power_of_two(value: float) -> bool:

@@ -36,10 +36,10 @@ class Library:
 
     def address(self, name: str) -> int:
         """Of a function. Raises ValueError where there is none of that name."""
-        found = self._engine.get_function_address(name)
-        if not found:
+        address = self._engine.get_function_address(name)
+        if not address:
             raise ValueError(f"no function {name!r} in this library; a name that it defines is wanted")
-        return found
+        return address
 
 
 def _object(text: str, machine: Any) -> bytes:

@@ -35,14 +35,14 @@ def checksum(key: str, data: bytes) -> bytes:
     return bytes.fromhex(key_of(key, data))
 
 
-def own(path: Path, found: os.stat_result) -> bool:
+def own(path: Path, status: os.stat_result) -> bool:
     """Whether a file or folder is this user's, and nobody else may write to it; a warning says so where not."""
     user = getattr(os, "geteuid", None)  # Windows has none: folders of users are closed there
     if user is None:
         return True
-    if found.st_uid != user():
+    if status.st_uid != user():
         _not_read(path, "belongs to another user")
-    elif found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+    elif status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         _not_read(path, f"may be written to by others; `chmod go-w {path}` closes it")
     else:
         return True

@@ -20,11 +20,11 @@ class Packing:
         places: dict[tuple[int, ...], int] = {}
         for name in self.fields:
             self.components[name] = []
-            for nodes in zip(*(one.outputs[name].nodes for one in makers), strict=True):
-                if all(x == one.graph.zero for x, one in zip(nodes, makers, strict=True)):
+            for nodes in zip(*(maker.outputs[name].nodes for maker in makers), strict=True):
+                if all(x == maker.graph.zero for x, maker in zip(nodes, makers, strict=True)):
                     self.components[name].append(None)
                     continue
-                opposite = tuple(one.graph.make("neg", x) for x, one in zip(nodes, makers, strict=True))
+                opposite = tuple(maker.graph.make("neg", x) for x, maker in zip(nodes, makers, strict=True))
                 negative = opposite in places
                 if not negative and nodes not in places:
                     negative = makers[0].graph.ops[nodes[0]] == "neg"
@@ -39,12 +39,12 @@ class Packing:
 
     def made(self) -> list[Function]:
         """The makers, with the one field in the place of the many."""
-        found = []
-        for k, one in enumerate(self._makers):
-            outputs = {name: out for name, out in one.outputs.items() if name not in self.fields}
+        packed = []
+        for k, maker in enumerate(self._makers):
+            outputs = {name: out for name, out in maker.outputs.items() if name not in self.fields}
             outputs[self.name] = Output((self.size,), tuple(nodes[k] for nodes in self._nodes))
-            found.append(Function(one.graph, one.inputs, outputs))
-        return found
+            packed.append(Function(maker.graph, maker.inputs, outputs))
+        return packed
 
     def taken(self, function: Function, names: Mapping[str, str]) -> Function:
         """A function that takes fields by `names` (its own name -> that among the packed ones), with the one field in their
@@ -56,7 +56,7 @@ class Packing:
                 field = f"{called.partition('.')[0]}.{self.name}" if "." in called else self.name
                 inputs[field] = self.size,
                 del inputs[called]
-                given[called] = [self._component(graph, field, one) for one in self.components[name]]
+                given[called] = [self._component(graph, field, component) for component in self.components[name]]
         nodes = function.into(graph, given)
         outputs = {name: Output(out.shape, tuple(nodes[name])) for name, out in function.outputs.items()}
         return Function(graph, inputs, outputs).only(outputs)
@@ -65,5 +65,5 @@ class Packing:
     def _component(graph: Graph, field: str, one: tuple[int, bool] | None) -> int:
         if one is None:
             return graph.zero
-        found = graph.input(field, one[0])
-        return graph.make("neg", found) if one[1] else found
+        node = graph.input(field, one[0])
+        return graph.make("neg", node) if one[1] else node

@@ -57,8 +57,8 @@ class Readings(TorchFunctionMode):
                   for p in listed]
         if not any(single):
             return x[places]
-        found = x[tuple(p[None] if one else p for p, one in zip(listed, single, strict=True))]
-        return found[0] if single[0] else found[..., 0]
+        chosen = x[tuple(p[None] if one else p for p, one in zip(listed, single, strict=True))]
+        return chosen[0] if single[0] else chosen[..., 0]
 
     def _standing(self, value: Any) -> Any:
         if isinstance(value, Tensor):

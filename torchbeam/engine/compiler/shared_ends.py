@@ -24,19 +24,19 @@ def share_ends(functions: Sequence[tuple[Function, Mapping[str, Hashable]]], unk
     places: dict[Hashable, dict[int, int]] = {}  # node of an end -> its component
     handed: list[dict[int, tuple[str, int]]] = []  # of each function, node -> side and component
     for function, sides in functions:
-        handed.append(found := {})
+        handed.append(shared := {})
         for side, kind in sides.items():
             end, place = graphs.setdefault(kind, Graph()), places.setdefault(kind, {})
             names = {name: name.removeprefix(f"{side}.") for name in function.inputs
                      if name.startswith(f"{side}.") or name in common}
             shapes.setdefault(kind, {}).update({short: function.inputs[name] for name, short in names.items()})
             for x, there in _of_end(function, names, {f"{side}.{name}" for name in unknown}, end).items():
-                found[x] = side, place.setdefault(there, len(place))
+                shared[x] = side, place.setdefault(there, len(place))
     ends = {kind: Function(end, shapes[kind], {END: Output((len(places[kind]),), tuple(places[kind]))}).only([END])
             for kind, end in graphs.items()}
-    rests = [function.taking({x: (f"{side}.{END}", place) for x, (side, place) in found.items()},
+    rests = [function.taking({x: (f"{side}.{END}", place) for x, (side, place) in shared.items()},
                              {f"{side}.{END}": (len(places[kind]),) for side, kind in sides.items()})
-             for (function, sides), found in zip(functions, handed, strict=True)]
+             for (function, sides), shared in zip(functions, handed, strict=True)]
     return rests, ends
 
 

@@ -33,14 +33,14 @@ def split(function: Function, fixed: Iterable[str]) -> tuple[Function, Function]
 
 def settled(function: Function, fixed: set[str]) -> set[int]:
     """Nodes that depend on the inputs `fixed`, and on these alone."""
-    graph, found = function.graph, set()
+    graph, settled_nodes = function.graph, set()
     for node in function.live():
         if graph.ops[node] == "input":
             if graph.values[node][0] in fixed:
-                found.add(node)
-        elif graph.args[node] and all(x in found or graph.is_const(x) for x in graph.args[node]):
-            found.add(node)
-    return found
+                settled_nodes.add(node)
+        elif graph.args[node] and all(x in settled_nodes or graph.is_const(x) for x in graph.args[node]):
+            settled_nodes.add(node)
+    return settled_nodes
 
 
 def _with_reciprocals(function: Function, known: set[int]) -> Function:
@@ -57,14 +57,14 @@ def _with_reciprocals(function: Function, known: set[int]) -> Function:
 
 def _smallest(graph: Graph, wanted: set[int]) -> set[int]:
     """Nodes that the wanted ones are at most one cheap operation away from; greedily, as few as possible."""
-    kept = set(wanted)
+    open_nodes = set(wanted)
     sources = {v: {x for x in graph.args[v] if not graph.is_const(x)} for v in wanted if graph.ops[v] in CHEAP}
     pinned: set[int] = set()  # what is computed again reads these
     for v in sorted(sources, reverse=True):
-        if v not in pinned and sources[v] <= kept - {v}:
-            kept.discard(v)
+        if v not in pinned and sources[v] <= open_nodes - {v}:
+            open_nodes.discard(v)
             pinned |= sources[v]
-    groups = _groups({v: needs - kept for v, needs in sources.items() if v in kept and v not in pinned})
+    groups = _groups({v: needs - open_nodes for v, needs in sources.items() if v in open_nodes and v not in pinned})
     for group in groups:
         while True:  # without a member that alone brings in two or more numbers
             users: dict[int, list[int]] = {}
@@ -76,10 +76,10 @@ def _smallest(graph: Graph, wanted: set[int]) -> set[int]:
                 break
             del group[dear[0]]
         if len(group) > len(users):
-            found = {x for v in group for x in sources[v]}
-            if not found & set(group):
-                kept = kept - set(group) | found
-    return kept
+            cut = {x for v in group for x in sources[v]}
+            if not cut & set(group):
+                open_nodes = open_nodes - set(group) | cut
+    return open_nodes
 
 
 def _groups(needs: dict[int, set[int]]) -> list[dict[int, set[int]]]:

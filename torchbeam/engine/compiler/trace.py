@@ -56,11 +56,11 @@ def trace(function: Callable[..., Any], inputs: dict[str, Tensor], captured: dic
     floating = {value.dtype for name, value in given.items() if value.is_floating_point() and name not in captured}
     try:
         torch.set_default_dtype(floating.pop() if len(floating) == 1 else before)
-        found = beside_hooks(run)
+        result = beside_hooks(run)
     finally:
         torch.set_default_dtype(before)
     outputs = {}
-    for name, value in _fields(found, ""):
+    for name, value in _fields(result, ""):
         if not isinstance(value, Tensor):
             raise NotTraceable(f"{type(value).__name__} was returned as {name!r}; tensors are wanted")
         nodes = tracer.nodes(value)
@@ -178,17 +178,17 @@ class _Tracer(TorchDispatchMode):
         behind = [a for a in schema.arguments[len(args):] if not a.kwarg_only]
         behind = behind[:max((k + 1 for k, a in enumerate(behind) if a.name in kwargs), default=0)]
         args = [*args, *(kwargs.pop(a.name, a.default_value) for a in behind)]
-        found = self._applied(func, name.rstrip("_") if written else name, args, kwargs)
-        if found is NotImplemented:
+        result = self._applied(func, name.rstrip("_") if written else name, args, kwargs)
+        if result is NotImplemented:
             return self._decomposed(func, args, kwargs)
         out = func(*args, **kwargs)
         if written:
             if not self.traced(args[0]):  # all that the memory holds is constant so far
                 whole = torch.empty(0, dtype=args[0].dtype).set_(args[0].untyped_storage())
                 self.hold(whole, self.nodes(whole))
-            self.hold(args[0], found)
+            self.hold(args[0], result)
             return out
-        outs, founds = out if isinstance(out, (tuple, list)) else (out,), found if isinstance(found, tuple) else (found,)
+        outs, founds = out if isinstance(out, (tuple, list)) else (out,), result if isinstance(result, tuple) else (result,)
         for k, one in enumerate(outs):
             self.hold(one, founds[k] if k < len(founds) else torch.full((), UNKNOWN))
         return out
@@ -212,16 +212,16 @@ class _Tracer(TorchDispatchMode):
         own = DECOMPOSED.get(func._schema.name.split("::")[-1])
         with self:
             try:
-                found = func.decompose(*args, **kwargs) if own is None else own(*args, **kwargs)
+                result = func.decompose(*args, **kwargs) if own is None else own(*args, **kwargs)
             except (NotImplementedError, TypeError) as error:
                 raise self._unknown(func, error) from error
-            if found is NotImplemented and func in decomposition_table:
-                found = decomposition_table[func](*args, **kwargs)
-            if found is NotImplemented and func._schema.name.endswith("_"):
-                found = args[0].copy_(getattr(torch, func._schema.name.split("::")[-1].rstrip("_"))(*args, **kwargs))
-        if found is NotImplemented:
+            if result is NotImplemented and func in decomposition_table:
+                result = decomposition_table[func](*args, **kwargs)
+            if result is NotImplemented and func._schema.name.endswith("_"):
+                result = args[0].copy_(getattr(torch, func._schema.name.split("::")[-1].rstrip("_"))(*args, **kwargs))
+        if result is NotImplemented:
             raise self._unknown(func)
-        return found
+        return result
 
     def _unknown(self, func: Any, why: object = "") -> NotTraceable:
         instead = INSTEAD.get(func._schema.name.split("::")[-1].rstrip("_"))

@@ -20,7 +20,7 @@ from ...topology.protocols import Topology
 from .. import element
 from ..assembly import Assembly
 from ..linear_interpolation import LinearInterpolation
-from .spatial import Space
+from .spatial import Spatial
 
 
 class Moves(NamedTuple):
@@ -36,7 +36,7 @@ class LinearElement(Tree):
     """Elements as they are undeformed: chord r_j - r_i (..., N, 3) m; B (..., N, 6, 9) the strain operator by spins in
     frame a; B_section by rotations in section axes.
 
-    interpolation, finite  between the nodes of an element, see `Space`; its functions where rotations are large
+    interpolation, finite  between the nodes of an element, see `Spatial`; its functions where rotations are large
     """
 
     chord: Tensor = leaf(2)
@@ -75,7 +75,7 @@ class LinearElement(Tree):
 
 
 @dataclass(frozen=True)
-class Small(Space):
+class Linearised(Spatial):
     """frames (..., N+1, 4), R (..., N+1, 3, 3): undeformed section axes -> frame a of each node; element: each one's own."""
 
     frames: Tensor = leaf(2)
@@ -86,12 +86,12 @@ class Small(Space):
     linear: ClassVar[type[LinearElement]] = LinearElement
 
     @classmethod
-    def of(cls, scene: Scene, topology: Topology) -> Small:
+    def of(cls, scene: Scene, topology: Topology) -> Linearised:
         beam = scene.beam
         element = cls.linear.of(topology, beam.nodes, beam.frames, beam.length[..., None])
         return cls(beam.frames, quat.matrix(beam.frames), element)
 
-    def of_nodes(self, nodes: slice | int) -> Small:
+    def of_nodes(self, nodes: slice | int) -> Linearised:
         return replace(self, frames=self.frames[..., nodes, :], R=self.R[..., nodes, :, :])
 
     def to_reduced(self, state: State) -> State:

@@ -21,7 +21,7 @@ from ...math import quaternions as quat
 from ...scene.scene import Scene
 from ...state.state import State
 from . import planar_element as element
-from .spatial import Space
+from .spatial import Dimensions, Spatial
 
 PLANES = {"xy": ((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0)), "xz": ((1.0, 0, 0), (0, 0, 1.0), (0, -1.0, 0))}  # e_1, e_2, e_3
 INSIDE, OUTSIDE = [0, 1, 5], [2, 3, 4]  # of [1 t n 1 t n]: strains that a plane has, and those it has not
@@ -30,7 +30,7 @@ LEFT_OUT = {torch.float64: 1e-6, torch.float32: 1e-3}  # of a state given to sta
 
 
 @dataclass(frozen=True)
-class Plane(Space):
+class Planar(Spatial):
     """See above. Maps from 3D and back are constant matrices.
 
     name    "xy" or "xz"
@@ -43,9 +43,7 @@ class Plane(Space):
     section: Tensor = leaf(2)
     place: Tensor = leaf(0)
 
-    position: ClassVar[int] = 2
-    spin: ClassVar[int] = 1
-    strain: ClassVar[int] = 3
+    dims: ClassVar[Dimensions] = Dimensions(position=2, spin=1, strain=3)
     functions: ClassVar[Any] = element
 
     multiply = staticmethod(element.multiply)
@@ -57,7 +55,7 @@ class Plane(Space):
         return self.name
 
     @classmethod
-    def of(cls, scene: Scene, name: str) -> Plane:
+    def of(cls, scene: Scene, name: str) -> Planar:
         """Raises ValueError where the beam or a section leaves the plane `name`."""
         beam = scene.beam
         numbers = (x.detach() for x in (beam.nodes, beam.frames, beam.elements, beam.length))
@@ -69,7 +67,7 @@ class Plane(Space):
         return plane
 
     @classmethod
-    def _through(cls, name: str, several: bool, nodes: Tensor, frames: Tensor, elements: Tensor, length: Tensor) -> Plane:
+    def _through(cls, name: str, several: bool, nodes: Tensor, frames: Tensor, elements: Tensor, length: Tensor) -> Planar:
         """Of a beam's nodes, see `Beam`; several: whether it has parts."""
         close = CLOSE.get(nodes.dtype, 1e-5)
         basis = torch.tensor(PLANES[name], dtype=nodes.dtype, device=nodes.device).mT
@@ -139,9 +137,9 @@ class Plane(Space):
         inside = self.to_reduced(state)
         there = self.to_public(inside)
         for name in ("position", "rotation", "velocity", "spin") if state.position.numel() else ():
-            given, kept = (getattr(x, name).detach() for x in (state, there))
+            given, reduced = (getattr(x, name).detach() for x in (state, there))
             size = given.abs().amax() + (name != "rotation") * state.position.detach().abs().amax()
-            if concrete((given - kept).abs() > LEFT_OUT[given.dtype] * size).any():
+            if concrete((given - reduced).abs() > LEFT_OUT[given.dtype] * size).any():
                 raise ValueError(f"an initial state whose {name} leaves the plane {self.name!r} was given; one in it is "
                                  "wanted, or plane=None")
         return inside

@@ -8,21 +8,21 @@ from typing import Any, ClassVar
 from .. import quadratic_element
 from ..quadratic_interpolation import QuadraticInterpolation
 from . import planar_quadratic_element
-from .linearised import LinearElement, Small
-from .planar import Plane
-from .spatial import Space
+from .linearised import LinearElement, Linearised
+from .planar import Planar
+from .spatial import Spatial
 
 
-class QuadraticSpace(Space):
-    """See `Space` and `quadratic_element`."""
+class QuadraticSpatial(Spatial):
+    """See `Spatial` and `quadratic_element`."""
 
     interpolation = QuadraticInterpolation()
     functions = quadratic_element
 
 
 @dataclass(frozen=True)
-class QuadraticPlane(Plane):
-    """See `Plane` and `planar_quadratic_element`."""
+class QuadraticPlanar(Planar):
+    """See `Planar` and `planar_quadratic_element`."""
 
     interpolation = QuadraticInterpolation()
     functions = planar_quadratic_element
@@ -37,8 +37,8 @@ class LinearQuadraticElement(LinearElement):
 
 
 @dataclass(frozen=True)
-class QuadraticSmall(Small):
-    """See `Small`."""
+class QuadraticLinearised(Linearised):
+    """See `Linearised`."""
 
     interpolation = QuadraticInterpolation()
     linear: ClassVar[type[LinearElement]] = LinearQuadraticElement

@@ -7,18 +7,18 @@ from ...scene.beam import Beam
 from ...scene.prescribed_motion import turning
 from ...scene.scene import Scene
 from ...topology.protocols import Topology
-from .linearised import Small
-from .planar import Plane
-from .quadratic import QuadraticPlane, QuadraticSmall, QuadraticSpace
-from .spatial import Space
+from .linearised import Linearised
+from .planar import Planar
+from .quadratic import QuadraticLinearised, QuadraticPlanar, QuadraticSpatial
+from .spatial import Spatial
 
 
-def in_space(beam: Beam) -> Space:
+def in_space(beam: Beam) -> Spatial:
     """3D coordinates of a beam."""
-    return QuadraticSpace() if beam.order == 2 else Space()
+    return QuadraticSpatial() if beam.order == 2 else Spatial()
 
 
-def space_of(scene: Scene, topology: Topology) -> Space:
+def space_of(scene: Scene, topology: Topology) -> Spatial:
     """The space of a scene whose plane is not "auto". Raises ValueError where the beam, the motion of its frame or follower
     loads do not fit it.
     """
@@ -32,10 +32,10 @@ def space_of(scene: Scene, topology: Topology) -> Space:
             if load.follower or load.wants_support:
                 raise ValueError(f"small=True with {load.called} was given, whose load turns with the beam; dead loads "
                                  "are wanted")
-        return (QuadraticSmall if quadratic else Small).of(scene, topology)
+        return (QuadraticLinearised if quadratic else Linearised).of(scene, topology)
     if scene.plane is None:
         return in_space(scene.beam)
-    return (QuadraticPlane if quadratic else Plane).of(scene, scene.plane)
+    return (QuadraticPlanar if quadratic else Planar).of(scene, scene.plane)
 
 
 def only_numbers(scene: Scene) -> bool:

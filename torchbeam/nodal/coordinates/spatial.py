@@ -4,7 +4,7 @@ unknowns, and `linearised` for small rotations, of the same mathematics.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -17,17 +17,20 @@ from .. import element
 from ..linear_interpolation import LinearInterpolation
 
 
-class Space(Tree):
-    """Rotations are unit quaternions, spins are 3-vectors. A spin has two axes to be told in: the section's and frame a's.
+class Dimensions(NamedTuple):
+    """How many numbers a node's position and its spin have, and an element's strain."""
 
-    position, spin, strain  numbers of a node's positions and spins, and of an element's strains
-    """
+    position: int
+    spin: int
+    strain: int
+
+
+class Spatial(Tree):
+    """Rotations are unit quaternions, spins are 3-vectors. A spin is expressed in the section's axes or in those of frame a."""
 
     plane: ClassVar[str | None] = None  # that it lies in, "xy" or "xz"; None = in space
     turns: ClassVar[bool] = True  # whether what is fixed to a section turns with it
-    position: ClassVar[int] = 3
-    spin: ClassVar[int] = 3
-    strain: ClassVar[int] = 6
+    dims: ClassVar[Dimensions] = Dimensions(position=3, spin=3, strain=6)
     interpolation: ClassVar[Any] = LinearInterpolation()  # between the nodes of an element
     functions: ClassVar[Any] = element  # of the element, those named below
 
@@ -50,9 +53,9 @@ class Space(Tree):
     @property
     def unknowns(self) -> int:
         """Of a node."""
-        return self.position + self.spin
+        return self.dims.position + self.dims.spin
 
-    def of_nodes(self, nodes: slice | int) -> Space:
+    def of_nodes(self, nodes: slice | int) -> Spatial:
         """Of some nodes, or of one, where nodes differ."""
         return self
 

@@ -114,19 +114,19 @@ class Load(LoadEffect):
     def internal_states(self, beam: Beam) -> int:
         return self.internal if self.node is not None else self.internal * beam.rows_along(self)
 
-    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         z = None
         if self.internal:
-            z = site.internal if site.dt is None else self.advance(site, site.internal, t, inputs, site.dt)
-        motion, named, lead = self._arguments(site, t, inputs, z)
+            z = point.internal if point.dt is None else self.advance(point, point.internal, t, inputs, point.dt)
+        motion, named, lead = self._arguments(point, t, inputs, z)
 
         def wrench(now: Tensor) -> Wrench:
-            found = self.function(*motion, now, **named)
-            if not isinstance(found, (tuple, list)) or len(found) != 2 or all(w is None for w in found):
-                given = f"{len(found)} values" if isinstance(found, (tuple, list)) and len(found) != 2 else shown(found)
+            returned = self.function(*motion, now, **named)
+            if not isinstance(returned, (tuple, list)) or len(returned) != 2 or all(w is None for w in returned):
+                given = f"{len(returned)} values" if isinstance(returned, (tuple, list)) and len(returned) != 2 else shown(returned)
                 raise ValueError(f"a Load's function that returns {given} was given; (force, moment) is wanted, one of them "
                                  "None where it is absent")
-            return tuple(None if w is None else _returned("a Load's function", w, 3, lead, site.R) for w in found)
+            return tuple(None if w is None else _returned("a Load's function", w, 3, lead, point.R) for w in returned)
 
         return at_time(wrench, t, own=1 if self.node is not None else 2)
 
@@ -138,12 +138,12 @@ class Load(LoadEffect):
         """Parameters (..., sites)."""
         return {name: to_sites(f"Load's value {name!r}", v, s, elements) for name, v in self.values.items()}
 
-    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        return super().tangent(site, t, inputs) if self.depends else {}
+    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        return super().tangent(point, t, inputs) if self.depends else {}
 
-    def rates(self, site: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs) -> Tensor:
+    def rates(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs) -> Tensor:
         """z' as z is, (..., internal) or (..., sites, internal)."""
-        motion, named, lead = self._arguments(site, t, inputs, z)
+        motion, named, lead = self._arguments(point, t, inputs, z)
         z = named.pop("z")
 
         def rate(now: Tensor) -> Tensor:
@@ -152,40 +152,40 @@ class Load(LoadEffect):
 
         return at_time(rate, t, own=1 if self.node is not None else 2)
 
-    def rates_tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+    def rates_tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Derivative (..., internal, 3 or internal) of z' by each name that the load depends on, as in `tangent`, and by z."""
-        return derivatives(lambda at: self.rates(at, at.internal, t, inputs), site, (*sorted(self.depends), INTERNAL))
+        return derivatives(lambda at: self.rates(at, at.internal, t, inputs), point, (*sorted(self.depends), INTERNAL))
 
-    def advance(self, site: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs, dt: Tensor) -> Tensor:
+    def advance(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs, dt: Tensor) -> Tensor:
         """z at the middle of a step of dt (...) that starts with z; the motion as at its middle."""
         half = (dt / 2)[..., None] if self.node is not None else (dt / 2)[..., None, None]
-        g = self.rates(site, z, t, inputs)
-        (slope,) = jacobians(lambda x: self.rates(site, x, t, inputs), z.expand(*g.shape))
+        g = self.rates(point, z, t, inputs)
+        (slope,) = jacobians(lambda x: self.rates(point, x, t, inputs), z.expand(*g.shape))
         eye = torch.eye(self.internal, dtype=g.dtype, device=g.device)
         return z + torch.linalg.solve(eye - half[..., None] * slope, (half * g)[..., None])[..., 0]
 
-    def _arguments(self, site: LoadPoint, t: Tensor, inputs: Inputs, z: Tensor | None
+    def _arguments(self, point: LoadPoint, t: Tensor, inputs: Inputs, z: Tensor | None
                    ) -> tuple[tuple[Tensor | None, ...], dict[str, Tensor], torch.Size]:
         """Position, rotation, velocity, spin (None where they are not used); the others by name; their axes before their
         own. All have as many of these, so that they can be stacked; along the beam one of them is for the sites.
         """
-        motion = dict(position=site.position, rotation=site.R, velocity=site.velocity, spin=site.spin)
+        motion = dict(position=point.position, rotation=point.R, velocity=point.velocity, spin=point.spin)
         motion = tuple(v if name in self.of else None for name, v in motion.items())
-        named = {i.name: value_at(i, t, inputs, site.R) for i in self.inputs}
+        named = {i.name: value_at(i, t, inputs, point.R) for i in self.inputs}
         numbers = self.values
         if self.node is None:
             named = {name: v[..., None, :] for name, v in named.items()}
-            numbers = self._values_at(site.s, site.elements)
-            numbers |= {PLACE: site.s} if PLACE in self.of else {}
+            numbers = self._values_at(point.s, point.elements)
+            numbers |= {PLACE: point.s} if PLACE in self.of else {}
         for name in INERTIAL:
             if name in self.of:
-                named[name] = torch.zeros_like(site.R[..., 0]) if getattr(site, name) is None else getattr(site, name)
+                named[name] = torch.zeros_like(point.R[..., 0]) if getattr(point, name) is None else getattr(point, name)
         if z is not None:
             named["z"] = z
         own = (1, 2, 1, 1)
-        axes = max([site.R.ndim - 2, *(x.ndim - k for x, k in zip(motion, own, strict=True) if x is not None),
+        axes = max([point.R.ndim - 2, *(x.ndim - k for x, k in zip(motion, own, strict=True) if x is not None),
                     *(x.ndim - 1 for x in named.values()), *(x.ndim for x in numbers.values())])
-        lead = broadcast_shapes(site.R.shape[:-2], *(x.shape[:-1] for x in named.values()),
+        lead = broadcast_shapes(point.R.shape[:-2], *(x.shape[:-1] for x in named.values()),
                                 *(x.shape for x in numbers.values()))
         named = {name: _with_axes(x, axes + 1) for name, x in named.items()}
         numbers = {name: _with_axes(x, axes) for name, x in numbers.items()}

@@ -70,24 +70,24 @@ class MassDamping(LoadEffect):
     def __post_init__(self) -> None:
         object.__setattr__(self, "alpha", parameter("alpha", self.alpha))
 
-    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        motion = torch.stack(torch.broadcast_tensors(site.velocity, site.spin), -2) @ site.R  # rows R^T v and R^T w
-        momenta = (site.mass @ motion.flatten(-2)[..., None]).unflatten(-2, (2, 3))[..., 0] @ site.R.mT
+    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        motion = torch.stack(torch.broadcast_tensors(point.velocity, point.spin), -2) @ point.R  # rows R^T v and R^T w
+        momenta = (point.mass @ motion.flatten(-2)[..., None]).unflatten(-2, (2, 3))[..., 0] @ point.R.mT
         return tuple((-self.alpha[..., None, None, None] * momenta).unbind(-2))
 
-    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """By the motion: -alpha R Mass R^T; by spin: R and R^T turn."""
-        M = self._mass(site)
-        force, moment = self.wrench(site, t, inputs)
-        turned = M @ torch.cat(torch.broadcast_tensors(skew(site.velocity), skew(site.spin)), -2)
+        M = self._mass(point)
+        force, moment = self.wrench(point, t, inputs)
+        turned = M @ torch.cat(torch.broadcast_tensors(skew(point.velocity), skew(point.spin)), -2)
         turned = turned - torch.cat((skew(force), skew(moment)), -2)
         return {ROTATION: turned, VELOCITY: M[..., :3], SPIN: M[..., 3:]}
 
-    def _mass(self, site: LoadPoint) -> Tensor:
+    def _mass(self, point: LoadPoint) -> Tensor:
         """-alpha times the mass per length in frame a, (..., sites, 6, 6)."""
-        zero = torch.zeros_like(site.R)
-        both = torch.cat((torch.cat((site.R, zero), -1), torch.cat((zero, site.R), -1)), -2)
-        return -self.alpha[..., None, None, None] * (both @ site.mass @ both.mT)
+        zero = torch.zeros_like(point.R)
+        both = torch.cat((torch.cat((point.R, zero), -1), torch.cat((zero, point.R), -1)), -2)
+        return -self.alpha[..., None, None, None] * (both @ point.mass @ both.mT)
 
 
 def rayleigh(frequency: Sequence[Value] | Tensor, ratio: Sequence[Value] | Tensor) -> tuple[MassDamping, Damping]:
@@ -120,8 +120,8 @@ def rayleigh(frequency: Sequence[Value] | Tensor, ratio: Sequence[Value] | Tenso
     if (tau < 0).any() or (alpha < 0).any():
         raise ValueError("rayleigh with ratios that take a negative coefficient was given; ratios nearer to each other are "
                          "wanted")
-    found = alpha * scale[..., 0], tau / scale[..., 0]
-    alpha, tau = (numbers(x.tolist()) for x in found) if plainly else found  # numbers have no dtype of their own
+    coefficients = alpha * scale[..., 0], tau / scale[..., 0]
+    alpha, tau = (numbers(x.tolist()) for x in coefficients) if plainly else coefficients  # numbers have no dtype of their own
     return MassDamping(alpha), Damping(tau, six=False)
 
 

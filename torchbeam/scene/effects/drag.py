@@ -90,23 +90,23 @@ class Drag(LoadEffect):
         more = {POSITION: callable(self.flow), ACCELERATION: self.carries}
         return frozenset({ROTATION, VELOCITY, *(name for name, read in more.items() if read)})
 
-    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        axis, u, across = self._parts(site, t, inputs)
+    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        axis, u, across = self._parts(point, t, inputs)
         normal, tangential = self._factors()
         force = normal * norm(across) * across + tangential * u.abs() * u * axis
-        if site.acceleration is None or not self.carries:
+        if point.acceleration is None or not self.carries:
             return force, None
-        a = site.acceleration
+        a = point.acceleration
         return force - self.added * (a - (a * axis).sum(-1, keepdim=True) * axis), None
 
-    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """With e the axis, P = e e^T and u = v.e:
 
             d(|v_n| v_n) = (|v_n| I + v_n v_n^T/|v_n|) d(v_n),    d(v_n) = (I - P) dv - (e v^T + u I) de
             d(|u| u e) = 2 |u| P dv + |u| (2 e v^T + u I) de,    de = spin x e
             d(a_n) = (I - P) da - (e a^T + (a.e) I) de
         """
-        axis, u, across = self._parts(site, t, inputs)
+        axis, u, across = self._parts(point, t, inputs)
         normal, tangential = (c[..., None] for c in self._factors())
         eye = torch.eye(3, dtype=axis.dtype, device=axis.device)
         size = norm(across)
@@ -117,18 +117,18 @@ class Drag(LoadEffect):
         turn = (along / 2 * (u[..., None] * eye + 2 * outer(axis, u * axis + across)) - grow @ by_axis) @ -skew(axis)
         P = outer(axis, axis)
         by_velocity = grow @ (eye - P) + along * P
-        found = {ROTATION: turn, VELOCITY: by_velocity}
+        derivatives = {ROTATION: turn, VELOCITY: by_velocity}
         if self.carries:
-            added, a = self.added[..., None], site.acceleration
-            found[ACCELERATION] = -added * (eye - P)
+            added, a = self.added[..., None], point.acceleration
+            derivatives[ACCELERATION] = -added * (eye - P)
             if a is not None:
                 along_a = (a * axis).sum(-1, keepdim=True)[..., None]
-                found[ROTATION] = turn + added * (outer(axis, a) + along_a * eye) @ -skew(axis)
+                derivatives[ROTATION] = turn + added * (outer(axis, a) + along_a * eye) @ -skew(axis)
         if callable(self.flow):
-            at = site.position.expand(*broadcast_shapes(site.position.shape, axis.shape))
+            at = point.position.expand(*broadcast_shapes(point.position.shape, axis.shape))
             (slope,) = jacobians(lambda x: torch.broadcast_tensors(self._flow(x, t), x)[0], at)
-            found[POSITION] = -by_velocity @ slope
-        return {name: torch.cat((d, torch.zeros_like(d)), -2) for name, d in found.items()}
+            derivatives[POSITION] = -by_velocity @ slope
+        return {name: torch.cat((d, torch.zeros_like(d)), -2) for name, d in derivatives.items()}
 
     def _flow(self, position: Tensor, t: Tensor) -> Tensor:
         """(..., sites, 3) m/s, frame a, of a flow that is a function."""
@@ -139,13 +139,13 @@ class Drag(LoadEffect):
         pressure = -self.density * self.diameter
         return tuple(v[..., None, None] for v in (pressure * self.normal / 2, pressure * self.tangential * (math.pi / 2)))
 
-    def _parts(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor, Tensor]:
+    def _parts(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor, Tensor]:
         """The axis (..., 3), the relative velocity along it (..., 1) and across it (..., 3)."""
-        axis, v = site.R[..., :, 0], site.velocity
+        axis, v = point.R[..., :, 0], point.velocity
         if callable(self.flow):
-            v = v - self._flow(site.position, t)
+            v = v - self._flow(point.position, t)
         elif self.flow is not None:
-            v = v - site.from_inertial(self.flow)[..., None, :]
+            v = v - point.from_inertial(self.flow)[..., None, :]
         u = (v * axis).sum(-1, keepdim=True)
         return axis, u, v - u * axis
 

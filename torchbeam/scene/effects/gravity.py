@@ -37,17 +37,17 @@ class Gravity(LoadEffect):
         """The moment of an offset centre of mass turns; the force does not."""
         return self.depends if offset else frozenset()
 
-    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
+    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
         """Per unit length: force R M11 R^T g, moment R M21 R^T g."""
-        body = site.R.mT @ self._here(site, t, inputs)[..., None]
-        weight = site.mass[..., :3] @ body
-        return tuple(site.rotate(w[..., 0]) for w in (weight[..., :3, :], weight[..., 3:, :]))
+        body = point.R.mT @ self._here(point, t, inputs)[..., None]
+        weight = point.mass[..., :3] @ body
+        return tuple(point.rotate(w[..., 0]) for w in (weight[..., :3, :], weight[..., 3:, :]))
 
-    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        turned = site.mass[..., :3] @ site.R.mT @ skew(self._here(site, t, inputs))
-        parts = zip((turned[..., :3, :], turned[..., 3:, :]), self.wrench(site, t, inputs), strict=True)
-        return {ROTATION: torch.cat([site.R @ part - skew(w) for part, w in parts], -2)}
+    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        turned = point.mass[..., :3] @ point.R.mT @ skew(self._here(point, t, inputs))
+        parts = zip((turned[..., :3, :], turned[..., 3:, :]), self.wrench(point, t, inputs), strict=True)
+        return {ROTATION: torch.cat([point.R @ part - skew(w) for part, w in parts], -2)}
 
-    def _here(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+    def _here(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         """g (..., 1, 3) in frame a."""
-        return site.from_inertial(value_at(self.g, t, inputs, site.R))[..., None, :]
+        return point.from_inertial(value_at(self.g, t, inputs, point.R))[..., None, :]

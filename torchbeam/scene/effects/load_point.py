@@ -104,17 +104,17 @@ class LoadEffect(Effect):
         """
         return self.depends
 
-    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         """Force and moment in frame a, N and N m (per metre along the beam); None where absent. t is 0-dim, or (...) where the
         samples stand at different times: see `functions_of_time.at_time`.
         """
         raise NotImplementedError
 
-    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Derivative (..., 6, 3) of [force; moment] by each name the wrench depends on: by displacement, by the spin s that
         turns R into (1 + ~s) R, by velocity, by angular velocity and by the accelerations, all in frame a.
         """
-        return derivatives(lambda at: together(self.wrench(at, t, inputs), at.R), site,
+        return derivatives(lambda at: together(self.wrench(at, t, inputs), at.R), point,
                            [name for name in MOTION if name in self.depends])
 
     def internal_states(self, beam: Beam) -> int:
@@ -134,8 +134,8 @@ class LoadEffect(Effect):
         here = self.at_sites(s, t, inputs, elements)
         if here is not None:
             return here
-        asked = {one.name: one.value for one in own_leaves(self)
-                 if one.axes == 1 and (callable(one.value) or isinstance(one.value, Input))}
+        asked = {leaf.name: leaf.value for leaf in own_leaves(self)
+                 if leaf.axes == 1 and (callable(leaf.value) or isinstance(leaf.value, Input))}
         return with_values(self, **{name: value_at(value, t, inputs, s) for name, value in asked.items()}) if asked else self
 
     def in_free_vibration(self) -> LoadEffect | None:
@@ -145,17 +145,17 @@ class LoadEffect(Effect):
         return None
 
 
-def derivatives(function: Callable[[LoadPoint], Tensor], site: LoadPoint, names: Sequence[str]) -> dict[str, Tensor]:
+def derivatives(function: Callable[[LoadPoint], Tensor], point: LoadPoint, names: Sequence[str]) -> dict[str, Tensor]:
     """Derivative (..., m, n) of a function (..., m) of the site by each name of it, see `LoadEffect.tangent`; sites do not
     mix.
     """
-    at = [getattr(site, n, None) for n in names]  # nothing is known of a turn, or of an acceleration: 0
-    at = [site.R.new_zeros(*site.R.shape[:-2], 3) if x is None else x for x in at]
+    at = [getattr(point, n, None) for n in names]  # nothing is known of a turn, or of an acceleration: 0
+    at = [point.R.new_zeros(*point.R.shape[:-2], 3) if x is None else x for x in at]
 
     def of(*xs: Tensor) -> Tensor:
-        moved = {("R" if n == ROTATION else n): site.R + skew(x) @ site.R if n == ROTATION else x
+        moved = {("R" if n == ROTATION else n): point.R + skew(x) @ point.R if n == ROTATION else x
                  for n, x in zip(names, xs, strict=True)}
-        return function(replace(site, **moved))
+        return function(replace(point, **moved))
 
     return dict(zip(names, jacobians(of, *at), strict=True))
 

@@ -46,18 +46,18 @@ class GivenLoad(LoadEffect):
         """Whether its work is independent of the path: that of a dead force is, that of a dead moment is not."""
         return self.moment is None and not self.follower
 
-    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        values = [None if v is None else self._at_sites(v, site, t, inputs) for v in (self.force, self.moment)]
-        return tuple(site.rotate(v) if self.follower and v is not None else v for v in values)
+    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        values = [None if v is None else self._at_sites(v, point, t, inputs) for v in (self.force, self.moment)]
+        return tuple(point.rotate(v) if self.follower and v is not None else v for v in values)
 
-    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """d(R f) = spin x R f."""
         if not self.follower:
             return {}
-        return {ROTATION: -torch.cat([skew(w) for w in together(self.wrench(site, t, inputs), site.R).split(3, -1)], -2)}
+        return {ROTATION: -torch.cat([skew(w) for w in together(self.wrench(point, t, inputs), point.R).split(3, -1)], -2)}
 
-    def _at_sites(self, value: LoadValue, site: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
-        return value_at(value, t, inputs, site.R)
+    def _at_sites(self, value: LoadValue, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        return value_at(value, t, inputs, point.R)
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,8 @@ class LineLoad(GivenLoad):
         return with_values(self, **{name: AtSites(value_along(value, s, t, inputs, s, elements))
                                     for name, value in given.items()})
 
-    def _at_sites(self, value: LoadValue, site: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
-        return value_along(value, site.s, t, inputs, site.R, site.elements)
+    def _at_sites(self, value: LoadValue, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        return value_along(value, point.s, t, inputs, point.R, point.elements)
 
 
 def whole_node(node: Any) -> Any:

@@ -89,40 +89,40 @@ class Spring(LoadEffect):
     def depends(self) -> frozenset[str]:
         return frozenset({POSITION, *({VELOCITY} if self.damped else ())})
 
-    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         k, length, c = (None if v is None else v[..., None] for v in (self.stiffness, self.length, self.damping))
-        d = site.position - value_at(self.to, t, inputs, site.R)
+        d = point.position - value_at(self.to, t, inputs, point.R)
         if self.linear:
-            return -k * d - (c * self._rate(site, t, inputs) if self.damped else 0), None
+            return -k * d - (c * self._rate(point, t, inputs) if self.damped else 0), None
         n, r = _direction(d)
         tension = k * (r - length)
         if self.damped:
-            tension = tension + c * (n * self._rate(site, t, inputs)).sum(-1, keepdim=True)
+            tension = tension + c * (n * self._rate(point, t, inputs)).sum(-1, keepdim=True)
         return -tension * n, None
 
-    def _rate(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+    def _rate(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         """d' (..., 3) in frame a."""
-        (origin, omega), rate = site.frame, site.velocity
+        (origin, omega), rate = point.frame, point.velocity
         if origin is not None:
             rate = rate - origin
         if omega is not None:
-            rate = rate - torch.linalg.cross(*torch.broadcast_tensors(omega, site.position))
-        return rate if self.moving is None else rate - value_at(self.moving, t, inputs, site.R)
+            rate = rate - torch.linalg.cross(*torch.broadcast_tensors(omega, point.position))
+        return rate if self.moving is None else rate - value_at(self.moving, t, inputs, point.R)
 
-    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Undamped: -k (I - length/|d| (I - n n^T))."""
         if self.damped and not self.linear:
-            return super().tangent(site, t, inputs)
+            return super().tangent(point, t, inputs)
         k, length, c = (None if v is None else v[..., None, None] for v in (self.stiffness, self.length, self.damping))
-        eye = torch.eye(3, dtype=site.R.dtype, device=site.R.device)
+        eye = torch.eye(3, dtype=point.R.dtype, device=point.R.device)
         by_r = -k * eye
         if not self.linear:
-            n, r = _direction(site.position - value_at(self.to, t, inputs, site.R))
+            n, r = _direction(point.position - value_at(self.to, t, inputs, point.R))
             by_r = by_r + k * length / r[..., None] * (eye - outer(n, n))
-        if self.damped and site.frame[1] is not None:
-            by_r = by_r + c * skew(site.frame[1])
-        found = {POSITION: by_r, **({VELOCITY: -c * eye} if self.damped else {})}
-        return {name: torch.cat((d, torch.zeros_like(d)), -2) for name, d in found.items()}
+        if self.damped and point.frame[1] is not None:
+            by_r = by_r + c * skew(point.frame[1])
+        derivatives = {POSITION: by_r, **({VELOCITY: -c * eye} if self.damped else {})}
+        return {name: torch.cat((d, torch.zeros_like(d)), -2) for name, d in derivatives.items()}
 
 
 def _direction(d: Tensor) -> tuple[Tensor, Tensor]:
@@ -169,17 +169,17 @@ class RootSpring(LoadEffect):
     def depends(self) -> frozenset[str]:
         return frozenset({POSITION, ROTATION, *((VELOCITY, SPIN) if self.damping is not None else ())})
 
-    def wrench(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         """force -k d; moment -T^-T k phi, where T^-1 spin = d(phi)/dt: T^-T = I + ~phi/2 + c ~phi ~phi."""
-        support = _spread(site)
+        support = _spread(point)
         back = support.R.mT
         k = self.stiffness
-        arm = site.position - support.position
-        turn = _Turn.of(back @ site.R)
+        arm = point.position - support.position
+        turn = _Turn.of(back @ point.R)
         force = k[..., :3, None] * (back @ arm[..., None])
         moment = turn.back @ (k[..., 3:, None] * turn.phi[..., None])
         if self.damping is not None:
-            v, spin = site.velocity, site.spin
+            v, spin = point.velocity, point.spin
             v = v if support.velocity is None else v - support.velocity
             if support.spin is not None:
                 v = v - torch.linalg.cross(*torch.broadcast_tensors(support.spin, arm))
@@ -189,31 +189,31 @@ class RootSpring(LoadEffect):
             moment = moment + c[..., 3:, None] * (back @ spin[..., None])
         return tuple(-(support.R @ w)[..., 0] for w in (force, moment))
 
-    def tangent(self, site: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """With p = k phi:  d(T^-T p) = (T^-T k - ~p/2 - c (~(phi x p) + ~phi ~p) + 2 c' (phi x (phi x p)) phi^T) T^-1 spin."""
-        support = _spread(site)
+        support = _spread(point)
         k = self.stiffness
-        turn = _Turn.of(support.R.mT @ site.R)
+        turn = _Turn.of(support.R.mT @ point.R)
         p = k[..., 3:] * turn.phi
         tilde, across = skew(turn.phi), torch.linalg.cross(turn.phi, p)
         twice = (tilde @ across[..., None])[..., 0]
         by_phi = (turn.back * k[..., None, 3:] - skew(p) / 2 - turn.c[..., None] * (skew(across) + tilde @ skew(p))
                   + 2 * outer(turn.slope * twice, turn.phi))
-        found = {POSITION: _turned(support.R, torch.diag_embed(k[..., :3])),
+        derivatives = {POSITION: _turned(support.R, torch.diag_embed(k[..., :3])),
                  ROTATION: _turned(support.R, by_phi @ turn.back.mT)}
         if self.damping is not None:
             c = torch.diag_embed(self.damping.unflatten(-1, (2, 3)))
-            found[VELOCITY], found[SPIN] = (_turned(support.R, part) for part in c.unbind(-3))
+            derivatives[VELOCITY], derivatives[SPIN] = (_turned(support.R, part) for part in c.unbind(-3))
             if support.spin is not None:
-                found[POSITION] = found[POSITION] - found[VELOCITY] @ skew(support.spin)
+                derivatives[POSITION] = derivatives[POSITION] - derivatives[VELOCITY] @ skew(support.spin)
         pads = {POSITION: (0, 3), VELOCITY: (0, 3), ROTATION: (3, 0), SPIN: (3, 0)}
-        return {name: -pad(part, (0, 0, *pads[name])) for name, part in found.items()}
+        return {name: -pad(part, (0, 0, *pads[name])) for name, part in derivatives.items()}
 
 
-def _spread(site: LoadPoint) -> Pose:
+def _spread(point: LoadPoint) -> Pose:
     """The support with the site's batch axes: one matrix times a batch rounds otherwise than a batch times a batch."""
-    shape = broadcast_shapes(site.support.R.shape, site.R.shape)
-    return site.support._replace(R=site.support.R.expand(shape))
+    shape = broadcast_shapes(point.support.R.shape, point.R.shape)
+    return point.support._replace(R=point.support.R.expand(shape))
 
 
 class _Turn(NamedTuple):

@@ -153,7 +153,7 @@ def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
 
 def inputs_of(effect: Effect | Tree) -> list[Input]:
     """The inputs that an effect, or a joint, takes, in its leaves or beside them."""
-    held = [*(one.value for one in leaves(effect)), *getattr(effect, "inputs", ())]
+    held = [*(leaf.value for leaf in leaves(effect)), *getattr(effect, "inputs", ())]
     return [value for value in held if isinstance(value, Input)]
 
 

@@ -16,7 +16,7 @@ from ...core.results import measured_on, sentence, versions, write
 from .. import peers
 from ..common_case import KINDS
 from . import errors, explicit, measurement, references
-from .measurement import COLUMNS, Row
+from .measurement import COLUMNS, AccuracyRun
 from .motions import MOTIONS, Motion
 from .pictures import pictures
 from .report import markdown
@@ -71,7 +71,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(text)
     data = {**heading, "quick": given.quick, "rows": [asdict(row) for row in rows], "peers": others,
             "agreement": {name: (one.agreement, one.gradient_agreement) for name, one in known.items()},
-            "errors": {name: dict(space=one.space, time=one.time) for name, one in curves.items()}}
+            "errors": {name: dict(space=curve.space, time=curve.time) for name, curve in curves.items()}}
     write(out, "accuracy", text, data, COLUMNS, (asdict(row).values() for row in rows))
     pictures(rows, curves, known, others, out)
     return 0
@@ -86,7 +86,7 @@ def _options(parser: argparse.ArgumentParser) -> None:
                         help="only make the references anew, by runs finer than any setting here: some minutes")
 
 
-def _measured(given: argparse.Namespace) -> tuple[list[Row], dict[str, errors.Errors], dict[str, references.Reference],
+def _measured(given: argparse.Namespace) -> tuple[list[AccuracyRun], dict[str, errors.Errors], dict[str, references.Reference],
                                                   list[dict[str, Any]]]:
     """Rows, errors of space and time by motion, references, and what other programs have measured."""
     known = references.load()
@@ -95,10 +95,10 @@ def _measured(given: argparse.Namespace) -> tuple[list[Row], dict[str, errors.Er
     seconds = QUICK_SECONDS if given.quick and given.seconds == SECONDS else given.seconds
     progress, rows, curves = Progress(seconds), [], {}
     for motion in motions:
-        made = _motion(motion, known[motion.reference], (1.0 if given.quick else 1 - EXPLICIT) * seconds / len(motions),
+        measured = _motion(motion, known[motion.reference], (1.0 if given.quick else 1 - EXPLICIT) * seconds / len(motions),
                        given.quick, progress)
-        curves[motion.name] = next(made)
-        rows += made
+        curves[motion.name] = next(measured)
+        rows += measured
     if not given.quick:
         rows += explicit.rows(motions, known, EXPLICIT * seconds, progress.say)
     others = []
@@ -125,7 +125,7 @@ def _motion(motion: Motion, reference: references.Reference, seconds: float, qui
     yield curves
     end = time.process_time() + (1 - ERRORS) * seconds
     for (element, method), why in refused.items():
-        yield Row(motion.name, element, method, 0, 0.0, note=why)
+        yield AccuracyRun(motion.name, element, method, 0, 0.0, note=why)
     weights = [BASE_WEIGHT if pair == BASE else 1.0 for pair in taken]
     for k, (element, method) in enumerate(taken):
         progress.say(f"{motion.name}: {element}, {method}")
@@ -134,30 +134,30 @@ def _motion(motion: Motion, reference: references.Reference, seconds: float, qui
 
 
 def _pair(motion: Motion, curves: errors.Errors, element: str, method: str, reference: references.Reference, seconds: float,
-          quick: bool) -> Iterator[Row]:
+          quick: bool) -> Iterator[AccuracyRun]:
     """Rows of an element and a method: the cheapest setting of each error, while there is time for it."""
-    end, made, targets = time.process_time() + seconds, {}, TARGETS[:2] if quick else TARGETS
+    end, pair_made, targets = time.process_time() + seconds, {}, TARGETS[:2] if quick else TARGETS
     for k, target in enumerate(targets):
         if target < 2 * reference.agreement:
             return
         wanted = target
         for _ in range(TRIES):
-            found = curves.pair(element, method, 0.95 * wanted)
+            pair = curves.pair(element, method, 0.95 * wanted)
             left = end - time.process_time()
-            if found is None or PAYS * found[1] > left:
+            if pair is None or PAYS * pair[1] > left:
                 return
-            setting = found[0]
-            if setting not in made:
-                made[setting] = row, sol, _ = measurement.forward(motion, setting, reference)
+            setting = pair[0]
+            if setting not in pair_made:
+                pair_made[setting] = row, sol, _ = measurement.forward(motion, setting, reference)
                 if sol is None:  # it failed
                     yield row
-            error = made[setting][0].error
+            error = pair_made[setting][0].error
             if error is not None and error <= target:
                 break
             wanted *= 0.5
         else:
             continue
-        if made[setting][1] is not None:
-            row, sol, first = made[setting]
+        if pair_made[setting][1] is not None:
+            row, sol, first = pair_made[setting]
             yield measurement.costs(motion, setting, reference, row, sol, first, left / (len(targets) - k), not quick)
-            made[setting] = row, None, first  # it is measured
+            pair_made[setting] = row, None, first  # it is measured

@@ -71,15 +71,15 @@ def _error(tip: Tensor, limit: Tensor) -> float:
 
 
 def _space(motion: Motion, elements: Sequence[str], seconds: float, limit: Tensor) -> dict[str, list[Of]]:
-    found: dict[str, list[Of]] = {}
+    by_elements: dict[str, list[Of]] = {}
     for element in elements:
-        end, found[element] = time.process_time() + seconds, []
+        end, by_elements[element] = time.process_time() + seconds, []
         for count in MESHES[element]:
             error = _error(_tip(motion, element, count), limit)
-            found[element].append(Of(count, error, Setting(element, "", count, 0).nodes()))
+            by_elements[element].append(Of(count, error, Setting(element, "", count, 0).nodes()))
             if error < LEAST or time.process_time() > end:
                 break
-    return found
+    return by_elements
 
 
 def _time(motion: Motion, methods: Sequence[str], seconds: float) -> dict[str, list[Of]]:
@@ -91,9 +91,9 @@ def _time(motion: Motion, methods: Sequence[str], seconds: float) -> dict[str, l
         limit, now = tip, time.process_time()
         if (before is not None and difference(tip, before) < LEAST) or 3 * now - 2 * begun > end:
             break
-    found: dict[str, list[Of]] = {}
+    by_steps: dict[str, list[Of]] = {}
     for method in methods:
-        end, found[method] = time.process_time() + seconds, []
+        end, by_steps[method] = time.process_time() + seconds, []
         for fineness in TOLERANCES if method == "adaptive" else STEPS:
             setting = Setting("linear", method, mesh, fineness)
             count, begun = math.gcd(setting.instants(), COMMON), time.process_time()
@@ -101,7 +101,7 @@ def _time(motion: Motion, methods: Sequence[str], seconds: float) -> dict[str, l
             tip = sol.tip.position
             spent = time.process_time() - begun
             error = math.inf if sol.status.any() else _error(tip, limit[::COMMON // count])
-            found[method].append(Of(fineness, error, spent / (mesh + 4)))
+            by_steps[method].append(Of(fineness, error, spent / (mesh + 4)))
             if error < LEAST or time.process_time() + 2 * spent > end:
                 break
-    return found
+    return by_steps

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ...dynamics.simulate import simulate
 from ...state.solution import Solution
-from .measurement import Row, timed
+from .measurement import AccuracyRun, timed
 from .motions import INTERVALS, Motion
 from .references import LOSS, Reference, apart, difference, differentiated
 from .settings import EXPLICIT, FORMS, OUTPUTS
@@ -28,7 +28,7 @@ NEAR = 0.1  # of what the tip has moved: less than what is not stable is off by
 
 
 def rows(motions: Sequence[Motion], known: Mapping[str, Reference], seconds: float, say: Callable[[str], None]
-         ) -> Iterator[Row]:
+         ) -> Iterator[AccuracyRun]:
     """Methods and forms over motions, each with finer meshes as long as the whole motion is expected to take no more than its
     share of the CPU seconds (what others leave of theirs is shared out); of one that has no such mesh the first part of the
     motion, scaled up, without an error.
@@ -41,10 +41,10 @@ def rows(motions: Sequence[Motion], known: Mapping[str, Reference], seconds: flo
         yield from _meshes(motion, form, method, known[motion.reference], allowed)
 
 
-def _meshes(motion: Motion, form: str, method: str, reference: Reference, seconds: float) -> Iterator[Row]:
+def _meshes(motion: Motion, form: str, method: str, reference: Reference, seconds: float) -> Iterator[AccuracyRun]:
     end = time.process_time() + seconds
     for elements in MESHES:
-        row = Row(motion.name, form, method, elements, RTOL)
+        row = AccuracyRun(motion.name, form, method, elements, RTOL)
         try:
             row = _piece(motion, row)
         except (ValueError, RuntimeError) as error:  # what the form does not take, and a method that fails
@@ -69,7 +69,7 @@ def _meshes(motion: Motion, form: str, method: str, reference: Reference, second
         yield row
 
 
-def _piece(motion: Motion, row: Row) -> Row:
+def _piece(motion: Motion, row: AccuracyRun) -> AccuracyRun:
     """What the whole motion would take, by the first part of it; fineness of rk4: steps that are stable."""
     share = PIECE
     while True:
@@ -97,13 +97,13 @@ def _piece(motion: Motion, row: Row) -> Row:
                    scaled=1 / share)
 
 
-def _gradient(motion: Motion, row: Row, reference: Reference) -> Row:
+def _gradient(motion: Motion, row: AccuracyRun, reference: Reference) -> AccuracyRun:
     spent, (_, gradient) = timed(lambda: differentiated(
         motion, lambda by: _run(motion, row, motion.instants(LOSS), by)[0].tip.position))
     return replace(row, gradient=spent, gradient_median=spent, gradient_error=apart(gradient, reference.gradient))
 
 
-def _run(motion: Motion, row: Row, t: Tensor, by: Tensor | None = None) -> tuple[Solution, float]:
+def _run(motion: Motion, row: AccuracyRun, t: Tensor, by: Tensor | None = None) -> tuple[Solution, float]:
     """The motion at the instants t, and CPU seconds."""
     options: dict[str, Any] = dict(method=row.method, form="nodal" if row.element == FORMS[0] else row.element)
     if row.method == "rk4":

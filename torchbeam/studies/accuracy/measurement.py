@@ -25,7 +25,7 @@ ENOUGH = 0.08  # s that a part of a motion is to take by a batch
 
 
 @dataclass(frozen=True)
-class Row:
+class AccuracyRun:
     """What was found of a setting. Times are CPU s of one thread, least and median of the repeats; those of a batch are a
     sample's share of the whole motion, of which a part was made. None: not measured.
 
@@ -56,7 +56,7 @@ class Row:
     note: str = ""
 
 
-COLUMNS = tuple(f.name for f in fields(Row))
+COLUMNS = tuple(f.name for f in fields(AccuracyRun))
 
 
 def warm(motion: Motion, element: str, method: str, many: int) -> None:
@@ -76,9 +76,9 @@ def warm(motion: Motion, element: str, method: str, many: int) -> None:
                     sol.tip.position.square().sum().backward()
 
 
-def forward(motion: Motion, setting: Setting, reference: Reference) -> tuple[Row, Solution | None, list[float]]:
+def forward(motion: Motion, setting: Setting, reference: Reference) -> tuple[AccuracyRun, Solution | None, list[float]]:
     """Error and the first time of a setting; no solution where it failed."""
-    row = Row(motion.name, setting.element, setting.method, setting.elements, setting.fineness)
+    row = AccuracyRun(motion.name, setting.element, setting.method, setting.elements, setting.fineness)
     with torch.no_grad():
         seconds, sol = timed(lambda: setting.run(motion))
     steps = int(sol.stats.steps)
@@ -89,8 +89,8 @@ def forward(motion: Motion, setting: Setting, reference: Reference) -> tuple[Row
     return replace(row, steps=steps, error=error), sol, [seconds]
 
 
-def costs(motion: Motion, setting: Setting, reference: Reference, row: Row, sol: Solution, seconds: list[float], allowed: float,
-          batch: bool = True) -> Row:
+def costs(motion: Motion, setting: Setting, reference: Reference, row: AccuracyRun, sol: Solution, seconds: list[float], allowed: float,
+          batch: bool = True) -> AccuracyRun:
     """The row with all that a setting costs, within about as many CPU seconds as are allowed."""
     end = time.process_time() + allowed
 
@@ -121,25 +121,25 @@ def timed(run: Callable[[], Any]) -> tuple[float, Any]:
 
 def again(run: Callable[[], Any], allowed: float) -> list[float]:
     """CPU seconds of repeats, within about as many seconds as are allowed; one at least."""
-    found = [timed(run)[0]]
-    while len(found) < REPEATS and sum(found) + found[-1] < allowed:
-        found.append(timed(run)[0])
-    return found
+    times_taken = [timed(run)[0]]
+    while len(times_taken) < REPEATS and sum(times_taken) + times_taken[-1] < allowed:
+        times_taken.append(timed(run)[0])
+    return times_taken
 
 
-def _gradient(motion: Motion, setting: Setting, reference: Reference, row: Row, allowed: float) -> Row:
+def _gradient(motion: Motion, setting: Setting, reference: Reference, row: AccuracyRun, allowed: float) -> AccuracyRun:
     """With the gradient of the loss by the parameters."""
     gradients = []
 
     def run() -> None:
         gradients.append(differentiated(motion, lambda by: setting.run(motion, LOSS, by).tip.position)[1])
 
-    found = again(run, allowed)
-    return replace(row, gradient=min(found), gradient_median=median(found),
+    seconds = again(run, allowed)
+    return replace(row, gradient=min(seconds), gradient_median=median(seconds),
                    gradient_error=apart(gradients[-1], reference.gradient))
 
 
-def _batch(motion: Motion, setting: Setting, row: Row, sol: Solution, allowed: float) -> Row:
+def _batch(motion: Motion, setting: Setting, row: AccuracyRun, sol: Solution, allowed: float) -> AccuracyRun:
     """With times of a batch: of a part of the motion from its middle, or of adaptive steps the whole."""
     whole, step = setting.method == "adaptive", motion.duration / setting.fineness
     many = int(min(BATCH, max(1.0, 2 * allowed / row.seconds) // 8 * 8)) if whole else BATCH
@@ -156,21 +156,21 @@ def _batch(motion: Motion, setting: Setting, row: Row, sol: Solution, allowed: f
         t = motion.instants(OUTPUTS if not gradient else LOSS) if whole else begin + step * torch.tensor(
             [0.0, steps], dtype=torch.float64)
         with torch.set_grad_enabled(gradient):
-            made = simulate(motion.scene(setting.element, setting.elements, by), t, start, **setting.options(motion))
-            tip = made.tip.position
+            solution = simulate(motion.scene(setting.element, setting.elements, by), t, start, **setting.options(motion))
+            tip = solution.tip.position
             if gradient:
                 tip.square().sum().backward()
 
-    found: dict[str, Any] = dict(batch=many)
+    measured: dict[str, Any] = dict(batch=many)
     for gradient, name in ((False, "batch_seconds"), (True, "batch_gradient")):
         steps = min(most, 10)
         end = time.process_time() + 0.4 * allowed
-        if gradient and whole and 10 * found["batch_seconds"] * many > allowed:
+        if gradient and whole and 10 * measured["batch_seconds"] * many > allowed:
             break
         timed(partial(run, steps, gradient))
         pilot, _ = timed(partial(run, steps, gradient))
         steps = max(1, min(most, int(steps * ENOUGH / pilot)))
         times = again(partial(run, steps, gradient), end - time.process_time())
         share = (1.0 if whole else setting.fineness / steps) / many
-        found |= {name: share * min(times), f"{name}_median": share * median(times)}
-    return replace(row, **found)
+        measured |= {name: share * min(times), f"{name}_median": share * median(times)}
+    return replace(row, **measured)

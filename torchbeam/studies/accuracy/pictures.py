@@ -8,7 +8,7 @@ from typing import Any
 
 from ...plot.canvas import grid, save, where_installed
 from .errors import Errors
-from .measurement import Row
+from .measurement import AccuracyRun
 from .motions import MOTIONS
 from .references import Reference
 from .settings import FORMS
@@ -18,7 +18,7 @@ MARKS = {"linear": ("o", "C0"), "linked": ("s", "C1"), "order 2": ("^", "C2")}
 ORDERS = "sudden", "coupled", "silicone"  # motions of the picture of orders
 
 
-def pictures(rows: Sequence[Row], curves: Mapping[str, Errors], known: Mapping[str, Reference],
+def pictures(rows: Sequence[AccuracyRun], curves: Mapping[str, Errors], known: Mapping[str, Reference],
              others: Sequence[Mapping[str, Any]], folder: Path) -> None:
     """accuracy.png: error over CPU time, a panel a motion; orders.png: errors of meshes and steps. None without matplotlib."""
     with where_installed():
@@ -26,7 +26,7 @@ def pictures(rows: Sequence[Row], curves: Mapping[str, Errors], known: Mapping[s
         _orders(curves, folder / "orders.png")
 
 
-def _work(rows: Sequence[Row], known: Mapping[str, Reference], others: Sequence[Mapping[str, Any]], path: Path) -> None:
+def _work(rows: Sequence[AccuracyRun], known: Mapping[str, Reference], others: Sequence[Mapping[str, Any]], path: Path) -> None:
     motions = [motion for motion in MOTIONS if any(row.motion == motion.name for row in rows)]
     columns = min(3, len(motions))
     panels = grid(-(-len(motions) // columns), columns, (5.2 * columns, 4.2 * -(-len(motions) // columns)))
@@ -42,7 +42,7 @@ def _work(rows: Sequence[Row], known: Mapping[str, Reference], others: Sequence[
                     axis.plot(*zip(*points, strict=True), line, marker=mark, color=colour, ms=4, lw=1.2, mfc="white")
         points = [(row.seconds, row.error) for row in own if row.element in FORMS]
         axis.plot(*(zip(*points, strict=True) if points else ((), ())), "x", color="0.4", ms=5)
-        for k, one in enumerate(dict.fromkeys(one["peer"] for one in others if motion.name.startswith("sudden"))):
+        for k, one in enumerate(dict.fromkeys(other["peer"] for other in others if motion.name.startswith("sudden"))):
             points = sorted((row["best_cpu_s"], row["error"]) for row in others if row["peer"] == one and row["error"] < 1)
             axis.plot(*zip(*points, strict=True), marker="*Pd"[k % 3], color="k", ms=7, lw=0.8, label=one)
         limit = known[motion.reference].agreement

@@ -96,7 +96,7 @@ def load() -> dict[str, Reference]:
 
 def write(path: Path, settings: dict[str, tuple[Fine, Fine]] | None = None) -> Iterator[str]:
     """The file of references, made anew; a sentence on each."""
-    found = {}
+    references = {}
     for motion in MOTIONS:
         if motion.reference != motion.name or motion.name not in (settings or SETTINGS):
             continue
@@ -104,11 +104,11 @@ def write(path: Path, settings: dict[str, tuple[Fine, Fine]] | None = None) -> I
         (tip, gradient), (other, other_gradient) = (_limit(motion, one) for one in fine)
         agreement, of_gradients = difference(other, tip), apart(other_gradient, gradient)
         scale = motion.length
-        found[motion.name] = {
+        references[motion.name] = {
             "settings": [str(one) for one in fine], "agreement": agreement, "gradient agreement": of_gradients,
             "gradient": gradient.tolist(), "tip": [[round(x / scale, 10) * scale for x in row] for row in tip.tolist()]}
         yield f"{motion.name}: agree to {agreement:.1e}, gradients to {of_gradients:.1e}"
-    data = {"about": ABOUT.format(parameters=", ".join(PARAMETERS)), "intervals": INTERVALS, "references": found}
+    data = {"about": ABOUT.format(parameters=", ".join(PARAMETERS)), "intervals": INTERVALS, "references": references}
     files.write(path, json.dumps(data, separators=(",", ":")).replace('],"', '],\n"') + "\n")
 
 

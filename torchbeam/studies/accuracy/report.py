@@ -7,7 +7,7 @@ from typing import Any
 
 from ...core.results import table
 from ..common_case import KINDS
-from .measurement import Row
+from .measurement import AccuracyRun
 from .motions import MOTIONS, Motion
 from .references import Reference
 from .settings import BASE, FORMS, METHODS, TARGETS, Setting
@@ -30,13 +30,13 @@ PEERS = "Other programs in the common dynamic case, beside the cheapest setting 
 REFERENCES = "The references are known to: {said}. Errors below twice that are not looked for."
 
 
-def best(rows: Iterable[Row], target: float, cost: Callable[[Row], float | None] = lambda row: row.seconds) -> Row | None:
+def best(rows: Iterable[AccuracyRun], target: float, cost: Callable[[AccuracyRun], float | None] = lambda row: row.seconds) -> AccuracyRun | None:
     """The cheapest row of an error, or a smaller one."""
-    found = [row for row in rows if row.error is not None and row.error <= target and cost(row) is not None]
-    return min(found, key=cost, default=None)
+    within = [row for row in rows if row.error is not None and row.error <= target and cost(row) is not None]
+    return min(within, key=cost, default=None)
 
 
-def base(rows: Sequence[Row], target: float, cost: Callable[[Row], float | None]) -> tuple[float, bool, Row] | None:
+def base(rows: Sequence[AccuracyRun], target: float, cost: Callable[[AccuracyRun], float | None]) -> tuple[float, bool, AccuracyRun] | None:
     """What the second-order setting costs at an error, whether that is measured, and its row."""
     of_base = [row for row in rows if (row.element, row.method) == BASE]
     if (found := best(of_base, target, cost)) is not None:
@@ -48,7 +48,7 @@ def base(rows: Sequence[Row], target: float, cost: Callable[[Row], float | None]
     return cost(finest) * finest.error / target, False, finest
 
 
-def markdown(rows: Sequence[Row], known: Mapping[str, Reference], others: Sequence[Mapping[str, Any]]) -> str:
+def markdown(rows: Sequence[AccuracyRun], known: Mapping[str, Reference], others: Sequence[Mapping[str, Any]]) -> str:
     motions = [motion for motion in MOTIONS if any(row.motion == motion.name for row in rows)]
     implicit = [row for row in rows if row.method in METHODS]
     batch = max((row.batch for row in implicit if row.batch), default=0)
@@ -63,11 +63,11 @@ def markdown(rows: Sequence[Row], known: Mapping[str, Reference], others: Sequen
     return "\n\n".join((*parts, REFERENCES.format(said=said)))
 
 
-def _setting(row: Row) -> str:
+def _setting(row: AccuracyRun) -> str:
     return f"{row.element}, {row.method}, {_fineness(row)}"
 
 
-def _fineness(row: Row) -> str:
+def _fineness(row: AccuracyRun) -> str:
     setting = Setting(row.element, row.method, row.elements, row.fineness)
     return f"{row.elements}, {setting.fineness_text()}"
 
@@ -88,7 +88,7 @@ def _target(value: float) -> str:
     return f"{100 * value:g} %" if value >= 1e-3 else f"{value:.0e}".replace("e-0", "e-")
 
 
-def _cheapest(motions: Sequence[Motion], rows: Sequence[Row]) -> str:
+def _cheapest(motions: Sequence[Motion], rows: Sequence[AccuracyRun]) -> str:
     lines = []
     for motion in motions:
         own = [row for row in rows if row.motion == motion.name]
@@ -105,7 +105,7 @@ def _cheapest(motions: Sequence[Motion], rows: Sequence[Row]) -> str:
     return table(head, lines, words=4)
 
 
-def _batches(motions: Sequence[Motion], rows: Sequence[Row]) -> str:
+def _batches(motions: Sequence[Motion], rows: Sequence[AccuracyRun]) -> str:
     lines = []
     for motion in motions:
         own = [row for row in rows if row.motion == motion.name]
@@ -120,23 +120,23 @@ def _batches(motions: Sequence[Motion], rows: Sequence[Row]) -> str:
     return table(head, lines, words=3)
 
 
-def _every(motions: Sequence[Motion], rows: Sequence[Row]) -> str:
+def _every(motions: Sequence[Motion], rows: Sequence[AccuracyRun]) -> str:
     lines = []
     for motion in motions:
         for element in KINDS:
             for method in METHODS:
                 own = [row for row in rows if (row.motion, row.element, row.method) == (motion.name, element, method)]
-                found = [best(own, target) for target in TARGETS]
-                if any(found):
-                    said = ("" if row is None else f"{_ms(row.seconds)} ({_fineness(row)})" for row in found)
+                best_of_each = [best(own, target) for target in TARGETS]
+                if any(best_of_each):
+                    said = ("" if row is None else f"{_ms(row.seconds)} ({_fineness(row)})" for row in best_of_each)
                     lines.append((motion.name, element, method, *said))
                 elif own and (note := next((row.note for row in own if row.note), "")):
                     lines.append((motion.name, element, method, note.partition(";")[0], *[""] * (len(TARGETS) - 1)))
     return table(("motion", "element", "method", *map(_target, TARGETS)), lines, words=3)
 
 
-def _explicit(rows: Sequence[Row]) -> str:
-    last: dict[tuple[str, str, str], Row] = {}
+def _explicit(rows: Sequence[AccuracyRun]) -> str:
+    last: dict[tuple[str, str, str], AccuracyRun] = {}
     for row in rows:
         if row.element in FORMS:
             last[row.motion, row.element, row.method] = row
@@ -149,13 +149,13 @@ def _explicit(rows: Sequence[Row]) -> str:
     return table(head, lines, words=3)
 
 
-def _peers(rows: Sequence[Row], others: Sequence[Mapping[str, Any]]) -> str:
+def _peers(rows: Sequence[AccuracyRun], others: Sequence[Mapping[str, Any]]) -> str:
     lines = []
-    for one in others:
-        ours = [best((row for row in rows if row.motion == name), one["error"]) for name in ("sudden", "sudden, plane")]
-        if not one["error"] < 1:
+    for other in others:
+        ours = [best((row for row in rows if row.motion == name), other["error"]) for name in ("sudden", "sudden, plane")]
+        if not other["error"] < 1:
             continue
         said = ("" if row is None else f"{_ms(row.seconds)} ({_setting(row)})" for row in ours)
-        lines.append((f"{one['peer']}, {one['space']}", f"{one['elements']}", f"{one['step_ms']:g}", _percent(one["error"]),
-                      _ms(one["best_cpu_s"]), *said))
+        lines.append((f"{other['peer']}, {other['space']}", f"{other['elements']}", f"{other['step_ms']:g}", _percent(other["error"]),
+                      _ms(other["best_cpu_s"]), *said))
     return table(("program", "elements", "step, ms", "error", "ms", "here, 3D: ms", "here, plane: ms"), lines, words=1)

@@ -20,7 +20,7 @@ from ...engine.compiler.library import Library
 from ...engine.compiler.llvm import Module
 from ...state.state import rest
 from ..common_case import SPACES, Case
-from .measurement import Row, progress
+from .measurement import Measured, progress
 
 PART, STEP, STEPS = "breakdown", 0.005, 400
 CALLS = 1000  # of a function by itself
@@ -31,7 +31,7 @@ OF_ELEMENTS, OF_SAMPLES, OF_SUPPORTS = {"element", "before element", "stress"}, 
 NEAR = 2  # nodes that the clamp holds, or a neighbour of
 
 
-def rows(quick: bool) -> Iterator[Row]:
+def rows(quick: bool) -> Iterator[Measured]:
     """CPU microseconds of a step of the whole batch: in all, native, of this what the traced functions take by themselves, and
     the wrapper. What is native beside them is the driver: loops, masks, transfers between tensors and memory.
     """
@@ -59,11 +59,11 @@ def rows(quick: bool) -> Iterator[Row]:
 
             assembly, elimination = share(ASSEMBLY), share(ELIMINATION)
             others = sum(parts.values()) - assembly - elimination
-            found = {"in all": whole / steps, "wrapper": (whole - native) / steps, "native": native / steps,
+            shares_of = {"in all": whole / steps, "wrapper": (whole - native) / steps, "native": native / steps,
                      "native: assembly": assembly, "native: elimination": elimination, "native: other functions": others,
                      "native: driver": native / steps - assembly - elimination - others}
-            for what, seconds in found.items():
-                yield Row.of(PART, what, 1e6 * seconds, "CPU us a step", engine="compiled", space=space, elements=N,
+            for what, seconds in shares_of.items():
+                yield Measured.of(PART, what, 1e6 * seconds, "CPU us a step", engine="compiled", space=space, elements=N,
                              step_ms=1e3 * STEP, batch=batch)
             progress(f"{space}, batch {batch}: {1e6 * whole / steps:.0f} us a step, {1 - native / whole:.0%} of it not native")
 

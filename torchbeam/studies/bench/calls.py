@@ -12,13 +12,13 @@ from ...dynamics.simulate import simulate
 from ...dynamics.stepper import Stepper
 from ...scene.scene import Scene
 from ..common_case import SPACES, Case
-from .measurement import Row, progress, timed
+from .measurement import Measured, progress, timed
 
 PART = "calls"
 ELEMENTS, STEP, STEPS = 4, 0.01, 50
 
 
-def rows(quick: bool) -> Iterator[Row]:
+def rows(quick: bool) -> Iterator[Measured]:
     """CPU milliseconds of each call, and its ratio to that of `rollout`; without a gradient, and with one and its backward."""
     case, repeats = Case.load(), 5 if quick else 60
     for space in ("plane",) if quick else SPACES:
@@ -31,7 +31,7 @@ def rows(quick: bool) -> Iterator[Row]:
                 best = row.best if best is None else best
                 yield row
                 if what != "rollout":
-                    yield Row.of(PART, f"{kind}{what} / rollout", row.best / best, "", **where)
+                    yield Measured.of(PART, f"{kind}{what} / rollout", row.best / best, "", **where)
                     progress(f"{space}, {kind}{what}: {row.best / best:.2f} times rollout")
 
 

@@ -15,10 +15,10 @@ from ...engine.chain.coverage import MISSING
 from ...plot.canvas import where_installed
 from .. import peers
 from . import breakdown, calls, first_use, gradients, growth, loads, operations, others, throughput
-from .measurement import Row, progress
+from .measurement import Measured, progress
 from .report import markdown, picture
 
-PARTS: dict[str, Callable[[bool], Iterator[Row]]] = {
+PARTS: dict[str, Callable[[bool], Iterator[Measured]]] = {
     "throughput": throughput.rows, "gradients": gradients.rows, "calls": calls.rows, "environments": others.found,
     "first-use": first_use.rows,
     "breakdown": breakdown.rows, "growth": growth.rows, "operations": operations.rows,
@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     heading["versions"] |= versions("llvmlite")
     text = "\n\n".join((markdown(rows), *[QUICK] * given.quick, sentence(heading)))
     print(text)
-    write(out, "bench", text, {**heading, "quick": given.quick, "rows": [row._asdict() for row in rows]}, Row._fields, rows)
+    write(out, "bench", text, {**heading, "quick": given.quick, "rows": [row._asdict() for row in rows]}, Measured._fields, rows)
     with where_installed():
         picture(rows, out / "bench.png")
     return 0
@@ -80,19 +80,19 @@ def _loads(path: Path, out: Path, parser: argparse.ArgumentParser) -> int:
     torch.set_default_dtype(torch.float64)
     try:
         with threads(1):
-            found, heading = list(loads.rows(path)), measured_on()
+            measured, heading = list(loads.rows(path)), measured_on()
     except ValueError as error:
         parser.error(str(error))
     finally:
         torch.set_default_dtype(dtype)
     heading["versions"] |= versions("llvmlite")
-    text = "\n\n".join((loads.markdown(found), sentence(heading)))
+    text = "\n\n".join((loads.markdown(measured), sentence(heading)))
     print(text)
-    write(out, "loads", text, {**heading, "rows": [row._asdict() for row in found]}, loads.LoadRow._fields, found)
+    write(out, "loads", text, {**heading, "rows": [row._asdict() for row in measured]}, loads.LoadRow._fields, measured)
     return 0
 
 
-def _rows(given: argparse.Namespace) -> Iterator[Row]:
+def _rows(given: argparse.Namespace) -> Iterator[Measured]:
     """Rows of the parts that are asked for, the peers right behind what they are compared with."""
     for name in given.parts:
         progress(f"{name} ...")

@@ -10,30 +10,30 @@ import torch
 
 from ...dynamics.stepper import Stepper
 from ..common_case import SPACES, Case
-from .measurement import Row, apart, progress
+from .measurement import Measured, apart, progress
 
 PART = "first use"
 
 
-def rows(quick: bool) -> Iterator[Row]:
+def rows(quick: bool) -> Iterator[Measured]:
     """Each in a process of its own, torch and torchbeam imported."""
     for space in ("plane",) if quick else SPACES:
         with tempfile.TemporaryDirectory() as folder:
             for what in ("cold", "from the cache"):
-                found = apart(first, space, TORCHBEAM_CACHE=folder)
-                for name, seconds in found.items():
-                    yield Row.of(PART, f"{what}: {name}", seconds, "s", engine="compiled", space=space)
-                progress(f"{space}, {what}: {sum(found.values()):.2f} s")
+                seconds_apart = apart(first, space, TORCHBEAM_CACHE=folder)
+                for name, seconds in seconds_apart.items():
+                    yield Measured.of(PART, f"{what}: {name}", seconds, "s", engine="compiled", space=space)
+                progress(f"{space}, {what}: {sum(seconds_apart.values()):.2f} s")
 
 
 def first(space: str) -> dict[str, float]:
     """Seconds of what is done for the first time; llvmlite is imported by the first step."""
     case = Case.load()
-    EI, found, last = case.t.new_tensor(1.0, requires_grad=True), {}, time.perf_counter()
+    EI, seconds, last = case.t.new_tensor(1.0, requires_grad=True), {}, time.perf_counter()
 
     def lap(name: str) -> None:
         nonlocal last
-        found[name], last = time.perf_counter() - last, time.perf_counter()
+        seconds[name], last = time.perf_counter() - last, time.perf_counter()
 
     stepper = Stepper(case.scene(8, SPACES[space], EI), 0.005, engine="compiled")
     lap("tracing")
@@ -42,4 +42,4 @@ def first(space: str) -> dict[str, float]:
     lap("first step")
     stepper(stepper.rest()).tip.position.sum().backward()
     lap("first gradient")
-    return found
+    return seconds

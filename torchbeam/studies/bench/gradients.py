@@ -12,7 +12,7 @@ import torch
 from ...core.memory import peak_memory
 from ...dynamics.simulate import simulate
 from ..common_case import SPACES, Case
-from .measurement import Row, apart, progress, timed
+from .measurement import Measured, apart, progress, timed
 
 PART = "gradients"
 STEP, STEPS, OUTPUT = 0.005, 400, 0.02  # s; the tip enters the loss every 20 ms
@@ -37,7 +37,7 @@ def rollout(space: str, batch: int, gradient: bool, steps: int = STEPS, output: 
     return loss.item()
 
 
-def rows(quick: bool) -> Iterator[Row]:
+def rows(quick: bool) -> Iterator[Measured]:
     """Forward, gradient and their ratio by space and batch; memory in 3D."""
     steps, batches, repeats = (40, (1, 32), 2) if quick else (STEPS, (1, 256), 3)
     for space in ("3D",) if quick else ELEMENTS:
@@ -48,17 +48,17 @@ def rows(quick: bool) -> Iterator[Row]:
             yield forward.row(PART, f"forward, {steps} steps", **where)
             yield whole.row(PART, f"gradient, {steps} steps", **where)
             ratios = [b / a for a, b in zip(forward.wall, whole.wall, strict=True)]
-            yield Row(PART, "gradient over forward", min(whole.wall) / min(forward.wall), median(ratios), "", **where)
+            yield Measured(PART, "gradient over forward", min(whole.wall) / min(forward.wall), median(ratios), "", **where)
             progress(f"{space}, batch {batch}: gradient {median(ratios):.2f} times its forward")
     if find_spec("resource") is None:
         progress("memory is not measured: this system does not tell it")
         return
     kinds = (("memory, tip every 20 ms", OUTPUT), ("memory, tip at the end", STEPS * STEP))
     for what, output in kinds[:1] if quick else kinds:
-        found = apart(memory, "3D", batches[-1], output)
-        yield Row.of(PART, f"{what}, {STEPS} steps", found["MB"], "MB", engine="compiled", space="3D",
+        bytes_of = apart(memory, "3D", batches[-1], output)
+        yield Measured.of(PART, f"{what}, {STEPS} steps", bytes_of["MB"], "MB", engine="compiled", space="3D",
                      elements=ELEMENTS["3D"], step_ms=1e3 * STEP, batch=batches[-1])
-        progress(f"{what}: {found['MB']:.0f} MB")
+        progress(f"{what}: {bytes_of['MB']:.0f} MB")
 
 
 def memory(space: str, batch: int, output: float) -> dict[str, float]:

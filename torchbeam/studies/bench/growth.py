@@ -9,14 +9,14 @@ import torch
 from ...dynamics.simulate import simulate
 from ...state.state import rest
 from ..common_case import SPACES, Case
-from .measurement import Row, exponent, progress, timed
+from .measurement import Measured, exponent, progress, timed
 
 PART, STEP = "growth", 0.005
 LADDERS = {"elements": (16, 32, 64, 128, 256), "batch": (256, 512, 1024, 2048, 4096), "steps": (64, 128, 256, 512, 1024)}
 USUAL = {"elements": 10, "batch": 256, "steps": 64}
 
 
-def rows(quick: bool) -> Iterator[Row]:
+def rows(quick: bool) -> Iterator[Measured]:
     """Seconds of each size, others as usual, and the exponent."""
     case, repeats = Case.load(), 2 if quick else 3
     for space in ("plane",) if quick else SPACES:
@@ -30,7 +30,7 @@ def rows(quick: bool) -> Iterator[Row]:
                 seconds.append(row.best)
                 yield row
             power = exponent(sizes, seconds)
-            yield Row.of(PART, f"exponent of {what}", power, "", engine="compiled", space=space)
+            yield Measured.of(PART, f"exponent of {what}", power, "", engine="compiled", space=space)
             progress(f"{space}: time grows with {what} to the power {power:.2f}")
 
 

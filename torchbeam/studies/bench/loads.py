@@ -74,11 +74,11 @@ def _row(name: str, scene: Scene) -> LoadRow:
     return LoadRow(name, "eager" if reason else "native", native, eager, eager / native if native else "", reason)
 
 
-def markdown(found: list[LoadRow]) -> str:
+def markdown(rows: list[LoadRow]) -> str:
     """A table, and how many are native."""
     lines = ["| load | engine | native, ms a step | eager | eager over native |", "|---|---|---:|---:|---:|"]
-    for one in found:
+    for one in rows:
         numbers = (f"{x:.3g}" if isinstance(x, float) else x for x in (one.native_ms, one.eager_ms, one.ratio))
         lines.append(f"| {' | '.join((one.name, one.engine, *numbers))} |")
-    lines += ["", f"{sum(one.engine == 'native' for one in found)} of {len(found)} are native."]
-    return "\n".join([*lines, *(f"- {one.name}: {one.reason}" for one in found if one.reason)])
+    lines += ["", f"{sum(one.engine == 'native' for one in rows)} of {len(rows)} are native."]
+    return "\n".join([*lines, *(f"- {row.name}: {row.reason}" for row in rows if row.reason)])

@@ -16,7 +16,7 @@ import torch
 CPU, WALL = "simulated s per CPU s", "simulated s per s"  # rates by the clock
 
 
-class Row(NamedTuple):
+class Measured(NamedTuple):
     """One number. part: of the benchmark; best and median: of the repeats, both the number itself where it is not a time;
     engine: "eager", "compiled", or another program's name; error: of the tip, relative RMS; element: which one.
     """
@@ -36,7 +36,7 @@ class Row(NamedTuple):
     element: str = ""
 
     @classmethod
-    def of(cls, part: str, what: str, value: float, unit: str, **where: Any) -> Row:
+    def of(cls, part: str, what: str, value: float, unit: str, **where: Any) -> Measured:
         """Of what is not repeated."""
         return cls(part, what, value, value, unit, **where)
 
@@ -47,24 +47,24 @@ class Times(NamedTuple):
     cpu: list[float]
     wall: list[float]
 
-    def row(self, part: str, what: str, clock: str = "wall", unit: str = "s", per: float | None = None, **where: Any) -> Row:
+    def row(self, part: str, what: str, clock: str = "wall", unit: str = "s", per: float | None = None, **where: Any) -> Measured:
         """The time, or how much of `per` is done in a second."""
         values = [per / s for s in getattr(self, clock)] if per is not None else getattr(self, clock)
-        return Row(part, what, (min if per is None else max)(values), median(values), unit, **where)
+        return Measured(part, what, (min if per is None else max)(values), median(values), unit, **where)
 
 
 def timed(runs: Sequence[Callable[[], Any]], repeats: int) -> list[Times]:
     """Times of each run, after one to warm up, in turns: what else the machine does falls on all alike."""
-    found = [Times([], []) for _ in runs]
+    measured = [Times([], []) for _ in runs]
     for k in range(repeats + 1):
-        for run, times in zip(runs, found, strict=True):
+        for run, times in zip(runs, measured, strict=True):
             cpu, wall = time.process_time(), time.perf_counter()
             run()
             cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
             if k:
                 times.cpu.append(cpu)
                 times.wall.append(wall)
-    return found
+    return measured
 
 
 def thread_counts() -> tuple[int, ...]:

@@ -15,7 +15,7 @@ from ...analysis.trials import operations as tensor_operations
 from ...core import files
 from ...dynamics.stepper import Stepper
 from ..common_case import SPACES, Case
-from .measurement import Row
+from .measurement import Measured
 
 PART, UNIT = "operations", "operations"
 GROWTH = 0.03  # that is let pass
@@ -26,7 +26,7 @@ def counts() -> Counts:
     """Of the common dynamic case: of each traced function for a sample, the whole of an element, a node and a row in one
     iteration and in the adjoint; tensor operations of a call of `Stepper`, at batch 1 and in motion.
     """
-    case, found = Case.load(), {}
+    case, operations = Case.load(), {}
     for space, plane in SPACES.items():
         EI, force = case.t.new_tensor(1.0, requires_grad=True), case.t.new_tensor((0.0, 1.0, 0.0), requires_grad=True)
         scene = case.scene(4, plane, EI, force)
@@ -42,16 +42,16 @@ def counts() -> Counts:
         with torch.no_grad():
             for engine, stepper in steppers.items():
                 stepper(state)  # what it keeps is made
-                found[f"{space}: {engine} step, tensor operations"] = tensor_operations(partial(stepper, state))
+                operations[f"{space}: {engine} step, tensor operations"] = tensor_operations(partial(stepper, state))
         for kind, one in {"step": program, "adjoint": adjoint}.items():
-            found |= {f"{space}: {kind}, {name}": function.operations() for name, function in one.functions.items()}
-    return found
+            operations |= {f"{space}: {kind}, {name}": function.operations() for name, function in one.functions.items()}
+    return operations
 
 
-def rows(quick: bool) -> Iterator[Row]:
+def rows(quick: bool) -> Iterator[Measured]:
     for name, count in counts().items():
         space, _, what = name.partition(": ")
-        yield Row.of(PART, what, count, UNIT, space=space)
+        yield Measured.of(PART, what, count, UNIT, space=space)
 
 
 def stored(path: Path) -> Counts:
@@ -62,13 +62,13 @@ def stored(path: Path) -> Counts:
         raise ValueError(f"{str(path)!r} was given; a file of operation counts that --update has written is wanted") from None
 
 
-def store(path: Path, found: Counts) -> None:
-    files.write(path, json.dumps(found, indent=1) + "\n")
+def store(path: Path, operations: Counts) -> None:
+    files.write(path, json.dumps(operations, indent=1) + "\n")
 
 
-def grown(found: Counts, before: Counts) -> list[str]:
+def grown(operations: Counts, before: Counts) -> list[str]:
     """A sentence on each count that has grown by more than `GROWTH`, and on names that only one of the two has."""
     said = [f"{name}: {count} operations, {count / max(before[name], 1) - 1:+.1%} of the {before[name]} stored"
-            for name, count in found.items() if name in before and count > before[name] * (1 + GROWTH)]
-    said += [f"{name}: counted now, and not stored" for name in found if name not in before]
-    return said + [f"{name}: stored, and not counted any more" for name in before if name not in found]
+            for name, count in operations.items() if name in before and count > before[name] * (1 + GROWTH)]
+    said += [f"{name}: counted now, and not stored" for name in operations if name not in before]
+    return said + [f"{name}: stored, and not counted any more" for name in before if name not in operations]

@@ -14,22 +14,22 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from ..peers import measured
-from .measurement import CPU, Row, progress
+from .measurement import CPU, Measured, progress
 
 GROUP, PEERS = "torchbeam.benchmarks", "peers"
 
 
-def found(quick: bool) -> Iterator[Row]:
+def found(quick: bool) -> Iterator[Measured]:
     """Rows of every package that has some."""
     for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
         yield from entry.load()(quick)
 
 
-def peers(folder: Path, python: str, quick: bool) -> Iterator[Row]:
+def peers(folder: Path, python: str, quick: bool) -> Iterator[Measured]:
     """Rows of the scripts of a folder, see `measured`."""
     for one in measured(folder, python, *["--quick"] * quick):
         whole = one["rate"] * one["best_cpu_s"]
-        yield Row(PEERS, "rate by CPU time", one["rate"], whole / one["median_cpu_s"], CPU, engine=one["peer"],
+        yield Measured(PEERS, "rate by CPU time", one["rate"], whole / one["median_cpu_s"], CPU, engine=one["peer"],
                   space=one["space"], elements=one["elements"], step_ms=one["step_ms"], batch=1, error=one["error"],
                   element=one["element"])
         progress(f"{one['peer']}: {one['rate']:.4g} simulated s per CPU s at {100 * one['error']:.2f} %")

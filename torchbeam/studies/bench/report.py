@@ -8,17 +8,17 @@ from pathlib import Path
 from ...core.results import table
 from ...plot.canvas import grid, save
 from . import breakdown, calls, first_use, gradients, growth, operations, throughput
-from .measurement import CPU, WALL, Row
+from .measurement import CPU, WALL, Measured
 from .others import PEERS
 
 
-def markdown(rows: Sequence[Row]) -> str:
+def markdown(rows: Sequence[Measured]) -> str:
     """One table a part that has rows."""
-    made = ((title, make(rows)) for title, make in TABLES.items())
-    return "\n\n".join(f"**{title}**\n\n{text}" for title, text in made if text)
+    tables = ((title, make(rows)) for title, make in TABLES.items())
+    return "\n\n".join(f"**{title}**\n\n{text}" for title, text in tables if text)
 
 
-def _throughput(rows: Sequence[Row]) -> str:
+def _throughput(rows: Sequence[Measured]) -> str:
     rates = {((r.space, r.elements, r.step_ms, r.batch, r.element), (r.engine, r.unit, r.threads)): r
              for r in rows if r.part == throughput.PART}
     peers = {r.space: r for r in rows if r.part == PEERS}
@@ -43,7 +43,7 @@ def _table(heads: Sequence[str], lines: Sequence[Sequence[str]], words: int) -> 
     return table(heads, lines, words) if lines else ""
 
 
-def _rate(row: Row | None) -> str:
+def _rate(row: Measured | None) -> str:
     """Best, and the median behind it."""
     return "" if row is None else f"{_number(row.best)} ({_number(row.median)})"
 
@@ -53,21 +53,21 @@ def _number(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 999.5 else f"{value:.0f}"
 
 
-def _gradients(rows: Sequence[Row]) -> str:
+def _gradients(rows: Sequence[Measured]) -> str:
     rows = [r for r in rows if r.part == gradients.PART]
     lines = [(_case(r), r.what, *(f"{_number(x)} {r.unit}".strip() for x in (r.best, r.median))) for r in rows]
     return _table(("case", "", "best", "median"), lines, words=2)
 
 
-def _elsewhere(rows: Sequence[Row]) -> str:
+def _elsewhere(rows: Sequence[Measured]) -> str:
     known = {throughput.PART, gradients.PART, calls.PART, first_use.PART, breakdown.PART, growth.PART, operations.PART, PEERS}
     lines = [(r.what, f"{r.batch}", _number(r.best), _number(r.median), r.unit) for r in rows if r.part not in known]
     return _table(("environment", "batch", "best", "median", "unit"), lines, words=1)
 
 
-def _pairs(part: str, head: str, unit: str) -> Callable[[Sequence[Row]], str]:
+def _pairs(part: str, head: str, unit: str) -> Callable[[Sequence[Measured]], str]:
     """A table of what was measured (rows) by case (columns)."""
-    def make(rows: Sequence[Row]) -> str:
+    def make(rows: Sequence[Measured]) -> str:
         rows = [r for r in rows if r.part == part]
         cases = list(dict.fromkeys(_case(r) for r in rows))
         values = {(r.what, _case(r)): r.best for r in rows}
@@ -78,16 +78,16 @@ def _pairs(part: str, head: str, unit: str) -> Callable[[Sequence[Row]], str]:
     return make
 
 
-def _case(row: Row) -> str:
+def _case(row: Measured) -> str:
     return row.space if row.batch is None else f"{row.space}, batch {row.batch}"
 
 
-def _growth(rows: Sequence[Row]) -> str:
+def _growth(rows: Sequence[Measured]) -> str:
     return _pairs(growth.PART, "time grows with", ", to the power")(
         [r._replace(what=r.what.removeprefix("exponent of ")) for r in rows if r.what.startswith("exponent of ")])
 
 
-def _operations(rows: Sequence[Row]) -> str:
+def _operations(rows: Sequence[Measured]) -> str:
     names = {"element", "before element", "node", "row", "back", "element bar", "blocks", "law", "node bar", "block"}
     shown = [r for r in rows if r.what.endswith("tensor operations")
              or r.what.partition(", ")[2].rstrip(" 0123456789") in names]
@@ -102,12 +102,12 @@ TABLES = {
 }
 
 
-def picture(rows: Sequence[Row], path: Path) -> None:
+def picture(rows: Sequence[Measured], path: Path) -> None:
     """Throughput by batch, shares of a step, time against size. Raises ImportError without matplotlib."""
     first, second, third = grid(1, 3, (14.0, 4.0))
     legend = dict(frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     rates = [r for r in rows if r.part in (throughput.PART, PEERS) and r.unit == CPU]
-    best: dict[tuple[str, str], Row] = {}
+    best: dict[tuple[str, str], Measured] = {}
     for r in rates:
         name = f"{r.space}, batch {r.batch}", r.engine
         best[name] = max(r, best.get(name, r), key=lambda r: r.best)

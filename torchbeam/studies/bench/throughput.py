@@ -12,7 +12,7 @@ from ...cli import threads
 from ...dynamics.simulate import simulate
 from ...state.state import rest
 from ..common_case import KINDS, SPACES, Case, motion
-from .measurement import CPU, WALL, Row, progress, thread_counts, timed
+from .measurement import CPU, WALL, Measured, progress, thread_counts, timed
 
 PART = "throughput"
 BOUNDS = {"3D": 0.01, "plane": 0.007}  # errors that a setting may have
@@ -37,7 +37,7 @@ SETTINGS = {  # of the usual element, and the cheapest within the bound of every
 }
 
 
-def rows(quick: bool) -> Iterator[Row]:
+def rows(quick: bool) -> Iterator[Measured]:
     """Simulated seconds by CPU and by the clock on the wall, by one thread and two; the tip is read every 10 to 30 ms. Of
     elements other than the usual one eager steps are not timed.
     """
@@ -52,7 +52,7 @@ def rows(quick: bool) -> Iterator[Row]:
 
 
 def _batch(case: Case, space: str, setting: Setting, batch: int, repeats: int,
-           shares: dict[str, int], error: dict[str, float]) -> Iterator[Row]:
+           shares: dict[str, int], error: dict[str, float]) -> Iterator[Measured]:
     scene = case.scene(setting.elements, SPACES[space], element=setting.element)
     start = rest(scene, () if batch == 1 else (batch,))
     instants = case.t[::setting.every]
@@ -65,8 +65,8 @@ def _batch(case: Case, space: str, setting: Setting, batch: int, repeats: int,
     for count in thread_counts():
         engines = tuple(shares) if count == 1 else ("compiled",)
         with threads(count):
-            found = timed([partial(run, engine, shares[engine]) for engine in engines], repeats)
-        for engine, times in zip(engines, found, strict=True):
+            timings = timed([partial(run, engine, shares[engine]) for engine in engines], repeats)
+        for engine, times in zip(engines, timings, strict=True):
             per = batch * (len(instants) // shares[engine]) * (instants[1] - instants[0]).item()
             given = dict(per=per, engine=engine, threads=count, error=error.get(engine), **where)
             if count == 1:

@@ -95,8 +95,8 @@ def carriers(motion: Motion) -> Iterator[tuple[Point, Array]]:
     yield with_section(motion.case, p), motion.weights()
     for x in motion.case.breaks:
         for body in bodies(motion.case, x):
-            one = _with(motion.node(p, x), body)
-            yield one, np.ones(())
+            carrier = _with(motion.node(p, x), body)
+            yield carrier, np.ones(())
 
 
 def momenta(motion: Motion) -> tuple[Array, Array, Array]:

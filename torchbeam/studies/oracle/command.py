@@ -12,7 +12,7 @@ from dataclasses import asdict, fields
 from ...cli import study, threads
 from ...core.results import measured_on, sentence, write
 from ...core.results import table as markdown_table
-from .comparison import NETS, Row, compare
+from .comparison import NETS, Comparison, compare
 from .statics import NotFound
 
 ABOUT = (
@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ImportError:
         print("python -m torchbeam oracle: error: scipy is missing; the extra `control` brings it", file=sys.stderr)
         return 2
-    rows: list[Row] = []
+    rows: list[Comparison] = []
     failed, seconds = [], {}
     numbers = range(given.first, given.first + (QUICK if given.quick else given.cases))
     with threads(1), warnings.catch_warnings():
@@ -64,11 +64,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(text)
     write(out, "oracle", text, {**heading, "seconds": seconds, "rows": [{**asdict(r), "ok": r.ok} for r in rows],
                                 "failed": failed},
-          [*(f.name for f in fields(Row)), "ok"], ((*asdict(r).values(), r.ok) for r in rows))
+          [*(f.name for f in fields(Comparison)), "ok"], ((*asdict(r).values(), r.ok) for r in rows))
     return 0 if all(r.ok for r in rows) and not failed else 1
 
 
-def markdown(rows: Sequence[Row], seconds: dict[str, float]) -> str:
+def markdown(rows: Sequence[Comparison], seconds: dict[str, float]) -> str:
     """The table by quantity, and what disagrees."""
     lines = []
     for net, spent in seconds.items():
@@ -80,7 +80,7 @@ def markdown(rows: Sequence[Row], seconds: dict[str, float]) -> str:
                           f"{errors[-1]:.1e}", f"{max(r.tolerance for r in some):.1e}", f"{spent:.0f}"))
     head = ("net", "quantity", "agree", "error: median", "largest", "accepted at most", "s of the net")
     wrong = [(r.net, str(r.case), r.about, r.quantity, f"{r.error:.1e}", f"{r.tolerance:.1e}") for r in rows if not r.ok]
-    found = markdown_table(head, lines, words=2)
+    table = markdown_table(head, lines, words=2)
     if not wrong:
-        return found
-    return found + "\n\n" + markdown_table(("net", "case", "of", "quantity", "error", "accepted"), wrong, words=4)
+        return table
+    return table + "\n\n" + markdown_table(("net", "case", "of", "quantity", "error", "accepted"), wrong, words=4)

@@ -26,7 +26,7 @@ CAP = {"statics": 3e-5, "vibrations": 2e-4, "motion": 1e-3}  # no answer that se
 
 
 @dataclass(frozen=True)
-class Row:
+class Comparison:
     """An answer of the library in the limit of fine meshes (and steps): its distance from the oracle's, relative to the size of
     what it is, what is accepted, and by what the mesh's own answer still changed.
     """
@@ -60,12 +60,12 @@ def tolerance(net: str, change: float, own: float = 0.0) -> float:
 
 def statics(case: Case) -> list[tuple[str, float, float, float]]:
     """(quantity, error, tolerance, change): positions over the length, axes, and reactions over the largest of them."""
-    found = equilibrium(case)
-    r, R, _, _ = found.at(QUARTERS)
+    solution = equilibrium(case)
+    r, R, _, _ = solution.at(QUARTERS)
     exact = {"position": r, "axes": R}
     held = [x for x, support in sorted(case.supports.items()) if support.held.any()]
     if held:
-        exact["reaction"] = np.stack([found.reaction(x) for x in held])
+        exact["reaction"] = np.stack([solution.reaction(x) for x in held])
     L = case.rod.length
     F0 = 1 / (case.rod.S.diagonal()[3:].max() * L**2)
     size = {"position": L, "axes": 1.0, "reaction": max(F0 * min(L, 1.0), *np.abs(exact.get("reaction", 0.0)).flatten(), 0.0)}
@@ -82,8 +82,8 @@ def vibrations(case: Case) -> list[tuple[str, float, float, float]]:
     """The eigenvalues that oscillate, each against the oracle's nearest, over its size; and how many of the oracle's below the
     fastest of them are not among them.
     """
-    found = equilibrium(case)
-    exact, finer = eigenvalues(found, POINTS), eigenvalues(found, POINTS + 6)
+    solution = equilibrium(case)
+    exact, finer = eigenvalues(solution, POINTS), eigenvalues(solution, POINTS + 6)
     count = MODES if case.damping() is None else DAMPED_MODES
     rigid = not case.rod.S.diagonal().all()
     meshes = [scenes.vibrations(case, (1 + rigid) * N, count) for N in MESHES[case.order]]
@@ -110,7 +110,7 @@ def motion(case: Case, meshes: tuple[int, ...] | None = None, steps: int = STEPS
     """What is left of each balance, and energies and work beside the library's, over the largest term in them."""
     meshes = tuple(N // (1 if case.order == 2 else 2) for N in MESHES[case.order]) if meshes is None else meshes
     span = span * np.sqrt(case.rod.mass) * case.rod.length**2
-    found: dict[str, list[Array]] = {}
+    differences: dict[str, list[Array]] = {}
     for k, N in enumerate(meshes):
         moving, said = scenes.motion(case, N, span, steps * 2**k)
         own = balances(moving)
@@ -118,9 +118,9 @@ def motion(case: Case, meshes: tuple[int, ...] | None = None, steps: int = STEPS
         for name, value in own.items():
             if name in said:
                 value = (value - value[0] - said[name] + said[name][0]) / size
-            found.setdefault(name, []).append(value[::2**k])
+            differences.setdefault(name, []).append(value[::2**k])
     rows = []
-    for name, values in found.items():
+    for name, values in differences.items():
         left, change = limit(values, 2)
         rows.append((name, float(np.abs(left).max()), tolerance("motion", change), change))
     return rows
@@ -129,7 +129,7 @@ def motion(case: Case, meshes: tuple[int, ...] | None = None, steps: int = STEPS
 NETS = {"statics": statics, "vibrations": vibrations, "motion": motion}
 
 
-def compare(net: str, seed: int, number: int) -> list[Row]:
+def compare(net: str, seed: int, number: int) -> list[Comparison]:
     """The rows of a random case. Raises statics.NotFound where the oracle has no answer."""
     case = draw_case(np.random.default_rng((seed, number)), number, moving=net == "motion")
-    return [Row(net, seed, number, case.name, *row) for row in NETS[net](case)]
+    return [Comparison(net, seed, number, case.name, *row) for row in NETS[net](case)]

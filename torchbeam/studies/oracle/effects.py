@@ -11,7 +11,7 @@ from .rod import Point, Value
 from .rotations import Array, back, cross, dot, length, logarithm, skew, turn
 
 
-class Row:
+class OracleEffect:
     """kind: load, body, damping or eigenstrain.  at: its place x = s/L, None = along the rod.  on_mass: it acts on whatever
     has mass, bodies too.  holds: it is a support's part.
     """
@@ -23,7 +23,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class LineLoad(Row):
+class LineLoad(OracleEffect):
     """Force and moment per length, dead (of frame a) or following the section."""
 
     force: Value | None = None
@@ -49,7 +49,7 @@ class TipLoad(PointLoad):
 
 
 @dataclass(frozen=True)
-class Gravity(Row):
+class Gravity(OracleEffect):
     """Weight: m g at the centre of mass, g of inertial axes."""
 
     g: Array
@@ -61,7 +61,7 @@ class Gravity(Row):
 
 
 @dataclass(frozen=True)
-class MassDamping(Row):
+class MassDamping(OracleEffect):
     """-alpha times the momenta."""
 
     alpha: float
@@ -72,7 +72,7 @@ class MassDamping(Row):
 
 
 @dataclass(frozen=True)
-class Drag(Row):
+class Drag(OracleEffect):
     """Morison's equation: pressure across the axis, friction along it, and the mass of the fluid across."""
 
     density: float
@@ -93,7 +93,7 @@ class Drag(Row):
 
 
 @dataclass(frozen=True)
-class PointMass(Row):
+class PointMass(OracleEffect):
     """A rigid body; inertia about its own centre, `offset` of that from the node, section axes."""
 
     mass: float
@@ -108,7 +108,7 @@ class PointMass(Row):
 
 
 @dataclass(frozen=True)
-class Spring(Row):
+class Spring(OracleEffect):
     """A tie to a point of frame a: linear where its length is None."""
 
     stiffness: float
@@ -130,7 +130,7 @@ class Spring(Row):
 
 
 @dataclass(frozen=True)
-class RootSpring(Row):
+class RootSpring(OracleEffect):
     """An elastic clamp: -k d and -T^-T k phi, with the displacement and the rotation vector of node 0 in the support's axes;
     T^-T = I + ~phi/2 + (1 - |phi|/2 cot(|phi|/2))/|phi|^2 ~phi ~phi. Dampers act on the motion relative to the support.
     """
@@ -155,7 +155,7 @@ class RootSpring(Row):
 
 
 @dataclass(frozen=True)
-class Actuation(Row):
+class Actuation(OracleEffect):
     """Strain and curvature of the unloaded rod."""
 
     curvature: Value
@@ -167,7 +167,7 @@ class Actuation(Row):
 
 
 @dataclass(frozen=True)
-class Damping(Row):
+class Damping(OracleEffect):
     """Stress by strain rate, D^1/2 S^-1 D^1/2 of it, D = diag(tau)."""
 
     tau: Array
@@ -175,7 +175,7 @@ class Damping(Row):
 
 
 @dataclass(frozen=True)
-class Load(Row):
+class Load(OracleEffect):
     """A law of the motion: force -k (r - to) - c |v|^2 v + push R e_y, moment -d w + twist x (R e_z)."""
 
     k: float

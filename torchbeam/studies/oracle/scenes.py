@@ -50,14 +50,14 @@ def beam(case: Case, elements: int) -> tb.Beam:
                   order=2 if case.order == 2 else 1)
     k, L = rod.curvature, tensor(rod.length)
     if not k.any():
-        made = tb.Beam.straight(L, elements, own, **placed)
+        straight = tb.Beam.straight(L, elements, own, **placed)
     elif not k[1:].any():
-        made = tb.Beam.straight(L, elements, own, twist=tensor(k[0] * rod.length), **placed)
+        straight = tb.Beam.straight(L, elements, own, twist=tensor(k[0] * rod.length), **placed)
     elif not k[:2].any() and k[2] > 0:
-        made = tb.Beam.arc(tensor(1 / k[2]), tensor(k[2] * rod.length), elements, own, **placed)
+        straight = tb.Beam.arc(tensor(1 / k[2]), tensor(k[2] * rod.length), elements, own, **placed)
     else:
-        made = tb.Beam.curve(L, elements, own, tensor(k), **placed)
-    return made.linked() if case.order == "linked" else made
+        straight = tb.Beam.curve(L, elements, own, tensor(k), **placed)
+    return straight.linked() if case.order == "linked" else straight
 
 
 def _value(value: Value | None, rod: Any, along: bool = False) -> Any:
@@ -126,24 +126,24 @@ def scene(case: Case, elements: int) -> tb.Scene:
 
 def static(case: Case, elements: int) -> tuple[Any, dict[str, Array]]:
     """The equilibrium of a mesh, its state and numbers of it: at the nodes of the quarters, and the reactions."""
-    made = scene(case, elements)
-    state = tb.equilibrium(made)
+    own_scene = scene(case, elements)
+    state = tb.equilibrium(own_scene)
     at = [node(x, elements, case) for x in (0.25, 0.5, 0.75, 1.0)]
-    return (made, state), {"position": state.position[at].numpy(), "axes": state.axes[at].numpy(),
+    return (own_scene, state), {"position": state.position[at].numpy(), "axes": state.axes[at].numpy(),
                            "reaction": state.reaction.numpy()}
 
 
 def vibrations(case: Case, elements: int, count: int) -> Array:
     """Eigenvalues (count,) of a mesh about its equilibrium."""
-    made = scene(case, elements)
-    return tb.modes(made, tb.equilibrium(made), count).eigenvalue.numpy()
+    own_scene = scene(case, elements)
+    return tb.modes(own_scene, tb.equilibrium(own_scene), count).eigenvalue.numpy()
 
 
 def motion(case: Case, elements: int, span: float, steps: int) -> tuple[Motion, dict[str, Array]]:
     """A motion from equilibrium in so many steps, and its energies as the library has them."""
-    made = scene(case, elements)
+    own_scene = scene(case, elements)
     t = torch.linspace(0, span, steps + 1, dtype=torch.float64)
-    solution = tb.simulate(made, t, initial=tb.equilibrium(made), step=1.01 * span / steps)
+    solution = tb.simulate(own_scene, t, initial=tb.equilibrium(own_scene), step=1.01 * span / steps)
     if int(solution.status):
         raise RuntimeError(str(solution.stats.reason))
     state, energy = solution.state, solution.energy

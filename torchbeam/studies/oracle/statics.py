@@ -75,13 +75,13 @@ def equilibrium(case: Case) -> Equilibrium:
     def conditions(share: float) -> Callable[[Array, Array], Array]:
         def gaps(first: Array, last: Array) -> Array:
             first, last = (unit * y.reshape(-1, 13) for y in (first, last))
-            found = [_end(case, 0.0, share, first[0], -1.0, unit), [dot(first[0, 3:7], first[0, 3:7])[0] - 1],
+            gaps_at_ends = [_end(case, 0.0, share, first[0], -1.0, unit), [dot(first[0, 3:7], first[0, 3:7])[0] - 1],
                      _end(case, 1.0, share, last[-1], 1.0, unit)]
             for x, before, after in zip(breaks[1:-1], last, first[1:], strict=False):
                 p = carried(case, x, before[:3], matrix(before[3:7]), share)
                 jump = np.concatenate((np.zeros(7), *at_node(case, x, p, share)))
-                found.append((after - before + jump) / unit)
-            return np.concatenate(found)
+                gaps_at_ends.append((after - before + jump) / unit)
+            return np.concatenate(gaps_at_ends)
         return gaps
 
     r, R = rod.rest(breaks[:-1, None] + span[:, None] * np.linspace(0, 1, 11))
@@ -95,18 +95,18 @@ def equilibrium(case: Case) -> Equilibrium:
         xi, guess = np.linspace(0, 1, 11), y
         for share in shares:
             last = share == shares[-1]
-            found = solve_bvp(slopes(share), conditions(share), xi, guess, tol=TOLERANCE if last else COARSE, max_nodes=NODES)
-            if not found.success:
+            solution = solve_bvp(slopes(share), conditions(share), xi, guess, tol=TOLERANCE if last else COARSE, max_nodes=NODES)
+            if not solution.success:
                 break
             xi = np.linspace(0, 1, 21)
-            guess = found.sol(xi)
-        if found.success:
+            guess = solution.sol(xi)
+        if solution.success:
             break
     else:
-        raise NotFound(f"no equilibrium under {share:g} of the loads: {found.message}")
+        raise NotFound(f"no equilibrium under {share:g} of the loads: {solution.message}")
 
     def part(k: int, at: Array) -> Array:
-        return unit * found.sol(at)[13 * k:13 * k + 13].T
+        return unit * solution.sol(at)[13 * k:13 * k + 13].T
 
     return Equilibrium(case, part)
 

@@ -34,8 +34,8 @@ def eigenvalues(at: Equilibrium, points: int = POINTS) -> Array:
     companion = np.block([[A, B], [np.eye(n), np.zeros((n, n))]])
     mu = np.linalg.eigvals(companion)
     mu = mu[np.abs(mu) > 1e-12 * np.abs(mu).max()]
-    found = shift + 1 / mu
-    return found[found.imag >= -1e-9 * scale][np.argsort(found.imag[found.imag >= -1e-9 * scale], kind="stable")]
+    eigenvalues = shift + 1 / mu
+    return eigenvalues[eigenvalues.imag >= -1e-9 * scale][np.argsort(eigenvalues.imag[eigenvalues.imag >= -1e-9 * scale], kind="stable")]
 
 
 def _padded(K: Array, moving: Array, D: Array, M: Array, shift: float) -> Array:
@@ -153,9 +153,9 @@ def _columns(function: Callable[[Array], Array], like: Array) -> Array:
 def _diagonal(blocks: Array) -> Array:
     """Block diagonal matrix of (g, a, b)."""
     g, a, b = blocks.shape
-    found = np.zeros((g, a, g, b))
-    found[np.arange(g), :, np.arange(g), :] = blocks
-    return found.reshape(g * a, g * b)
+    matrix = np.zeros((g, a, g, b))
+    matrix[np.arange(g), :, np.arange(g), :] = blocks
+    return matrix.reshape(g * a, g * b)
 
 
 def _conditions(at: Equilibrium, x: float, k: int, parts: int, points: int, matrices: tuple[Array, ...], row: int) -> int:

@@ -110,11 +110,11 @@ def _files(folder: Path) -> int:
 
 def _report(config: Config, result: Any, out: Path) -> None:
     """Summaries as files and as a table."""
-    found = result.summary(config.levels, config.interval, config.thresholds)
+    summary = result.summary(config.levels, config.interval, config.thresholds)
     for kind in ("json", "csv"):
-        write_found(out / f"summary.{kind}", found)
+        write_found(out / f"summary.{kind}", summary)
     print(result)
-    columns, statistics = ("quantity", "y", "estimate", "low", "high"), found["statistics"]
+    columns, statistics = ("quantity", "y", "estimate", "low", "high"), summary["statistics"]
     rows = [[*(row[key] for key in columns[:2]), *("-" if row[key] is None else f"{row[key]:.6g}" for key in columns[2:])]
             for row in statistics[:ROWS]]
     print(table(columns, rows, 2))

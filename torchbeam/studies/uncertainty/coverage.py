@@ -42,7 +42,7 @@ COLUMNS = ("answer", "how", "samples", "covered", "width", "error")
 
 
 @dataclass(frozen=True)
-class Row:
+class AnswerCoverage:
     """Answer, how it was found, evaluations of one repeat; share of intervals that hold the truth; mean width and RMS error,
     over the true value.
     """
@@ -82,12 +82,12 @@ def cases() -> Iterator[Case]:
              "99 % quantile": quantile(0.99), "P = 0.1": 0.1, "P = 0.01": 0.01}
 
     def of(samples: Any) -> dict[str, Any]:
-        found = {"mean": samples.mean_interval(LEVEL), "median": samples.quantile(0.5, LEVEL),
+        intervals = {"mean": samples.mean_interval(LEVEL), "median": samples.quantile(0.5, LEVEL),
                  "95 % quantile": samples.quantile(0.95, LEVEL), "99 % quantile": samples.quantile(0.99, LEVEL),
                  "P = 0.1": samples.exceedance(quantile(0.9), LEVEL), "P = 0.01": samples.exceedance(quantile(0.99), LEVEL)}
         if hasattr(samples, "deviation_interval"):
-            found["deviation"] = samples.deviation_interval(LEVEL)
-        return found
+            intervals["deviation"] = samples.deviation_interval(LEVEL)
+        return intervals
 
     def run(**options: Any) -> Callable[[int], tuple[int, dict[str, Any]]]:
         def one(seed: int) -> tuple[int, dict[str, Any]]:
@@ -119,12 +119,12 @@ def sensitivities() -> Iterator[Case]:
               "total index of P": 1 - a / both}
 
     def indices(seed: int) -> tuple[int, dict[str, Any]]:
-        found = sobol_indices(deflection, LAWS, 1024, seed=seed, chunk=2**16, interval=LEVEL)
+        estimate = sobol_indices(deflection, LAWS, 1024, seed=seed, chunk=2**16, interval=LEVEL)
         rows = {}
         for k, kind in enumerate(("first", "total")):
-            for j, name in enumerate(found.names):
-                rows[f"{kind} index of {name}"] = getattr(found, kind)[j], found.low[k, j], found.high[k, j]
-        return found.evaluations, rows
+            for j, name in enumerate(estimate.names):
+                rows[f"{kind} index of {name}"] = getattr(estimate, kind)[j], estimate.low[k, j], estimate.high[k, j]
+        return estimate.evaluations, rows
 
     q = torch.tensor([0.2], dtype=torch.float64, requires_grad=True)
     c = (P.deviation / P.mean) ** 2
@@ -133,10 +133,10 @@ def sensitivities() -> Iterator[Case]:
     by = [torch.autograd.grad(y, q, retain_graph=True)[0].item() for y in (mean, deviation)]
 
     def derivatives(seed: int) -> tuple[int, dict[str, Any]]:
-        found = moment_derivatives(deflection, lambda q: {"EI": LogNormal(1.0, q[0]), "P": P}, q.detach(), 1024, seed=seed,
+        estimate = moment_derivatives(deflection, lambda q: {"EI": LogNormal(1.0, q[0]), "P": P}, q.detach(), 1024, seed=seed,
                                    chunk=2**16, interval=LEVEL)
-        return 1024, {"d mean/d deviation of EI": [x[0] for x in found.mean_by],
-                      "d deviation/d deviation of EI": [x[0] for x in found.deviation_by]}
+        return 1024, {"d mean/d deviation of EI": [x[0] for x in estimate.mean_by],
+                      "d deviation/d deviation of EI": [x[0] for x in estimate.deviation_by]}
 
     yield Case("16 Sobol sequences", indices, shares)
     yield Case("16 Sobol sequences", derivatives, dict(zip(("d mean/d deviation of EI", "d deviation/d deviation of EI"), by,
@@ -157,26 +157,26 @@ def rare() -> Iterator[Case]:
                                             ("linear", linear, normals, beta)):
                 def one(seed: int, method: str = method, n: int = n, function: Any = function, laws: Any = laws, x: float = x,
                         answer: str = f"{answer}, {name}") -> tuple[int, dict[str, Any]]:
-                    found = rare_event(function, laws, x, n, method=method, seed=seed, chunk=2**16, interval=LEVEL)
-                    return found.evaluations, {answer: (found.probability, found.low, found.high)}
+                    estimate = rare_event(function, laws, x, n, method=method, seed=seed, chunk=2**16, interval=LEVEL)
+                    return estimate.evaluations, {answer: (estimate.probability, estimate.low, estimate.high)}
                 yield Case(f"{method}, n = {n}", one, {f"{answer}, {name}": p})
 
 
-def measured(case: Case, repeats: int) -> list[Row]:
+def measured(case: Case, repeats: int) -> list[AnswerCoverage]:
     """Rows of a case, over seeds 0 to repeats - 1."""
-    found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in case.truth}
+    intervals: dict[str, list[tuple[float, float, float]]] = {name: [] for name in case.truth}
     evaluations = 0
     for seed in range(repeats):
         samples, answers = case.run(seed)
         evaluations += samples
         for name in case.truth:
-            found[name].append(tuple(float(x) for x in answers[name]))  # type: ignore[arg-type]
+            intervals[name].append(tuple(float(x) for x in answers[name]))  # type: ignore[arg-type]
     rows = []
     for name, truth in case.truth.items():
-        inside = sum(low <= truth <= high for _, low, high in found[name]) / repeats
-        width = sum(high - low for _, low, high in found[name]) / repeats / abs(truth)
-        error = math.sqrt(sum((x - truth) ** 2 for x, _, _ in found[name]) / repeats) / abs(truth)
-        rows.append(Row(name, case.how, round(evaluations / repeats), inside, width, error))
+        inside = sum(low <= truth <= high for _, low, high in intervals[name]) / repeats
+        width = sum(high - low for _, low, high in intervals[name]) / repeats / abs(truth)
+        error = math.sqrt(sum((x - truth) ** 2 for x, _, _ in intervals[name]) / repeats) / abs(truth)
+        rows.append(AnswerCoverage(name, case.how, round(evaluations / repeats), inside, width, error))
     return rows
 
 

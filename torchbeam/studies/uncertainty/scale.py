@@ -58,7 +58,7 @@ OTHERS = (
 
 
 @dataclass(frozen=True)
-class Row:
+class ScaleRun:
     """Seconds and CPU microseconds a sample of a run; peak memory, MB, of this process over what it had before, and bytes that
     a sample took in the folder (nan: not measured).
     """
@@ -101,7 +101,7 @@ def rollout(EI: Tensor, P: Tensor) -> tuple[Tensor, Tensor]:
 FUNCTIONS: dict[str, Callable[..., Any]] = {"static": static, "rollout": rollout}
 
 
-def run(what: str, kind: str, samples: int, chunk: int, processes: int) -> Row:
+def run(what: str, kind: str, samples: int, chunk: int, processes: int) -> ScaleRun:
     """One row: kind is "kept" (in memory), "folder" or "stream"."""
     samples = samples // 16 * 16
     out = Path(tempfile.mkdtemp(prefix="torchbeam-scale-")) if kind == "folder" else None
@@ -115,37 +115,37 @@ def run(what: str, kind: str, samples: int, chunk: int, processes: int) -> Row:
             taken = peak_memory()
             begun, cpu = time.perf_counter(), time.process_time()
             if kind == "stream":
-                found: Any = monte_carlo_stream(FUNCTIONS[what], LAWS, samples, chunk=chunk, **options)
+                result: Any = monte_carlo_stream(FUNCTIONS[what], LAWS, samples, chunk=chunk, **options)
             else:
-                found = monte_carlo(FUNCTIONS[what], LAWS, samples, chunk=chunk, out=out and out / "run", **options)
+                result = monte_carlo(FUNCTIONS[what], LAWS, samples, chunk=chunk, out=out and out / "run", **options)
             seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
         disk = sum(path.stat().st_size for path in (out / "run").iterdir()) / samples if out else float("nan")
     finally:
         if out is not None:
             shutil.rmtree(out)
     alone = (1e6 * cpu / samples, taken()) if pool is None else (float("nan"), float("nan"))
-    return Row(what, kind, processes, chunk, samples, seconds, alone[0], found.failed, alone[1], disk)
+    return ScaleRun(what, kind, processes, chunk, samples, seconds, alone[0], result.failed, alone[1], disk)
 
 
-def rows(quick: bool, cores: int) -> list[Row]:
+def rows(quick: bool, cores: int) -> list[ScaleRun]:
     """All rows; the chunk of the last ones is the fastest of the first."""
-    found: list[Row] = []
+    table_rows: list[ScaleRun] = []
     for what, total in TOTALS.items():
         total = total // QUICK if quick else total
         each = [run(what, "kept", max(total // SHARE, 2 * chunk), chunk, 1) for chunk in CHUNKS[what]]
         best = max(each, key=lambda row: row.samples / row.seconds).chunk
         ends = [run(what, kind, total, best, processes)
                 for kind, processes in (("folder", 1), ("stream", 1), ("folder", cores), ("stream", cores))]
-        found += [*each, *ends]
+        table_rows += [*each, *ends]
         print(*(" ".join(row.cells()) for row in (*each, *ends)), sep="\n", file=sys.stderr)
-    return found
+    return table_rows
 
 
-def other(given: Mapping[str, Any]) -> tuple[Row, str]:
+def other(given: Mapping[str, Any]) -> tuple[ScaleRun, str]:
     """Row of what another program's script measured, and in words: all samples at that rate, and y at the means beside ours."""
     what, samples, one, unknown = given["what"], given["samples"], torch.ones(1, dtype=torch.float64), float("nan")
     off = abs(given["at_means"] / FUNCTIONS[what](one, one)[0].item() - 1)
-    row = Row(what, given["peer"], given["processes"], 1, samples, given["seconds"], unknown, given["failed"], unknown, unknown)
+    row = ScaleRun(what, given["peer"], given["processes"], 1, samples, given["seconds"], unknown, given["failed"], unknown, unknown)
     return row, (f"{row.run}, {what}: {TOTALS[what]:,} samples would take {TOTALS[what] * row.seconds / samples:,.0f} s, "
                  f"extrapolated from {samples:,}; y at the means of the laws differs by {100 * off:.1f} %.")
 
@@ -157,10 +157,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     scripts = () if given.peers is None else peers.measured(given.peers, given.python, "--samples", *["--quick"] * given.quick)
     others = list(map(other, scripts))
     cores = min(os.cpu_count() or 1, 64)
-    found = [*rows(given.quick, max(cores, 2)), *(row for row, _ in others)]
+    table_rows = [*rows(given.quick, max(cores, 2)), *(row for row, _ in others)]
     heading = measured_on(threads=1)
-    text = "\n\n".join((ABOUT.format(elements=ELEMENTS), table(COLUMNS, [row.cells() for row in found], 2),
+    text = "\n\n".join((ABOUT.format(elements=ELEMENTS), table(COLUMNS, [row.cells() for row in table_rows], 2),
                         *([" ".join((OTHERS, *(said for _, said in others)))] if others else []), sentence(heading)))
-    write(out, "scale", text, {**heading, "rows": [asdict(row) for row in found]}, COLUMNS, [row.cells() for row in found])
+    write(out, "scale", text, {**heading, "rows": [asdict(row) for row in table_rows]}, COLUMNS, [row.cells() for row in table_rows])
     print(text)
     print(f"wrote {out}")

@@ -19,8 +19,8 @@ N = 32
 
 
 def euler() -> tuple[Tensor, Tensor]:
-    found = tb.critical_load(lambda P: cantilever(N, tb.TipLoad(force=along(0, -P)), of=planar()), 10.0)
-    return found.factor, torch.tensor(reference("stability_limits")["values"][0]["value"])
+    critical = tb.critical_load(lambda P: cantilever(N, tb.TipLoad(force=along(0, -P)), of=planar()), 10.0)
+    return critical.factor, torch.tensor(reference("stability_limits")["values"][0]["value"])
 
 
 def beck() -> tb.Critical:
@@ -47,10 +47,10 @@ def damped_beck() -> tuple[Tensor, Tensor]:
 
 def sideways() -> tuple[Tensor, Tensor]:
     strip = section(GJ=0.5, EI=(INF, 1.0))
-    found = tb.critical_load(
+    critical = tb.critical_load(
         cantilever(N, tb.TipLoad(force=tb.Input("P", 3)), of=strip), 10.0, inputs={"P": torch.tensor([0.0, 0, 1])}
     )
-    return found.factor, torch.tensor(4.0126 * 0.5**0.5)
+    return critical.factor, torch.tensor(4.0126 * 0.5**0.5)
 
 
 def own_weight() -> tuple[Tensor, Tensor]:

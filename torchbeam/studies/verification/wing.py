@@ -77,8 +77,8 @@ def goland(speed: Tensor, elements: int = N, GJ: float | Tensor = GJ) -> tb.Scen
 @cache
 def flutter() -> tuple[Tensor, Tensor]:
     """Speed m/s and frequency rad/s."""
-    found = tb.critical_load(goland, 170.0, lowest=110.0, points=5, count=4)
-    return found.factor, found.frequency
+    critical = tb.critical_load(goland, 170.0, lowest=110.0, points=5, count=4)
+    return critical.factor, critical.frequency
 
 
 JONES = "Jones's lags for Theodorsen's function: 3e-3 of the speed, 1e-2 of the frequency, by the same equations with either"

@@ -50,8 +50,8 @@ class Brake(LoadEffect):
 
     node, depends, share = -1, frozenset({"velocity"}), 0.5
 
-    def wrench(self, site, t, inputs):
-        return -self.share * drag * site.velocity, None
+    def wrench(self, point, t, inputs):
+        return -self.share * drag * point.velocity, None
 
 
 Brake = dataclass(frozen=True)(Brake)
@@ -192,8 +192,8 @@ def test_what_was_written_to_before_the_gradient_is_refused():
 class HarderBrake(Brake):
     """A class of which functions stand in two classes."""
 
-    def wrench(self, site, t, inputs):
-        return -pull * site.velocity, None
+    def wrench(self, point, t, inputs):
+        return -pull * point.velocity, None
 
 
 HarderBrake, pull = dataclass(frozen=True)(HarderBrake), 0.5
@@ -202,8 +202,8 @@ HarderBrake, pull = dataclass(frozen=True)(HarderBrake), 0.5
 class Listed(Brake):
     """A class that reads what may change unnoticed."""
 
-    def wrench(self, site, t, inputs):
-        return -held[os.getpid() * 0] * site.velocity, None
+    def wrench(self, point, t, inputs):
+        return -held[os.getpid() * 0] * point.velocity, None
 
 
 Listed = dataclass(frozen=True)(Listed)
@@ -222,8 +222,8 @@ class Tether(LoadEffect):
 
     node, depends = -1, frozenset({"position"})
 
-    def wrench(self, site, t, inputs):
-        return torch.stack((0 * site.position[..., 0], 0 * site.position[..., 0], height - site.position[..., 2]), -1), None
+    def wrench(self, point, t, inputs):
+        return torch.stack((0 * point.position[..., 0], 0 * point.position[..., 0], height - point.position[..., 2]), -1), None
 
 
 Tether, height = dataclass(frozen=True)(Tether), 0.01

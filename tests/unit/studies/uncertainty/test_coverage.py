@@ -5,14 +5,14 @@ import json
 import pytest
 
 from torchbeam.studies.uncertainty import coverage
-from torchbeam.studies.uncertainty.coverage import Case, Row, cases, expected, main, measured
+from torchbeam.studies.uncertainty.coverage import AnswerCoverage, Case, cases, expected, main, measured
 
 
 def test_rows():
     """Three intervals of four hold the truth; width and error by hand."""
     intervals = [(10.0, 9.0, 11.0), (10.0, 8.0, 12.0), (12.0, 11.0, 13.0), (10.0, 10.0, 10.0)]
     case = Case("by hand", lambda seed: (seed, {"x": intervals[seed]}), {"x": 10.0})
-    assert measured(case, 4) == [Row("x", "by hand", 2, 0.75, 0.2, 0.1)]
+    assert measured(case, 4) == [AnswerCoverage("x", "by hand", 2, 0.75, 0.2, 0.1)]
     assert measured(case, 4)[0].cells() == ["x", "by hand", "2", "75.0 %", "20 %", "10 %"]
     low, high = expected(200)
     assert 0.90 < low < 0.95 < high < 0.98

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from torchbeam.studies.uncertainty import scale
-from torchbeam.studies.uncertainty.scale import LAWS, Row, main, rollout, run, static
+from torchbeam.studies.uncertainty.scale import LAWS, ScaleRun, main, rollout, run, static
 
 
 def test_functions():
@@ -33,7 +33,7 @@ def test_command(tmp_path, monkeypatch, capsys):
 
     def fake(what, kind, samples, chunk, processes):
         made.append((what, kind, processes, chunk))
-        return Row(what, kind, processes, chunk, samples, 1000.0 / chunk, 1.0, 0, 0.0, 32.0)
+        return ScaleRun(what, kind, processes, chunk, samples, 1000.0 / chunk, 1.0, 0, 0.0, 32.0)
 
     monkeypatch.setattr(scale, "run", fake)
     printed = [dict(peer="other 1.0", what=what, processes=2, samples=n, seconds=2.0, failed=0, at_means=y)

@@ -27,13 +27,13 @@ LINEAR = ("position", "rotation", "velocity", "spin", "reaction", "work", "frame
 def step(solver: StepSolver, model: Model, state: State, dt: Tensor, t: Tensor, inputs: HeldInputs, moving: Tensor, last: bool
          ) -> Made:
     """A step over dt from t on of the model, or of a part of its batch. Without `last`, its parts can follow."""
-    made = None
+    result_of_all = None
     for scheme, own in solver.method.schemes(model, dt):
         who = moving if own is None else moving & own
-        found = _mean(scheme, solver, model, state, dt, t, inputs, who, last)
-        made = found if made is None else Made(found.state.where(who, made.state), torch.where(who, found.status, made.status),
-                                               torch.where(who, found.iterations, made.iterations))
-    return made
+        result = _mean(scheme, solver, model, state, dt, t, inputs, who, last)
+        result_of_all = result if result_of_all is None else Made(result.state.where(who, result_of_all.state), torch.where(who, result.status, result_of_all.status),
+                                               torch.where(who, result.iterations, result_of_all.iterations))
+    return result_of_all
 
 
 def _mean(scheme: Scheme, solver: StepSolver, model: Model, state: State, dt: Tensor, t: Tensor, inputs: HeldInputs,
@@ -44,22 +44,22 @@ def _mean(scheme: Scheme, solver: StepSolver, model: Model, state: State, dt: Te
         shape = broadcast_shapes(solver.compiled.batch, moving.shape, *(x.shape[:-1] for x in given.values()))
         moved = moving.expand(shape)
         given = together([inputs], scheme.instants(solver.method.INSTANT), shape)
-        found = natively(scheme, solver, state, dt, t, given, moved, last)
-        if found is not None:
-            good = moved & (found.status == SUCCESS)
-            after = replace(state, **found.fields, t=torch.where(good, state.t + dt, state.t))
-            return Made(after if concrete(good).all() else after.where(good, state), found.status, found.iterations)
+        result = natively(scheme, solver, state, dt, t, given, moved, last)
+        if result is not None:
+            good = moved & (result.status == SUCCESS)
+            after = replace(state, **result.fields, t=torch.where(good, state.t + dt, state.t))
+            return Made(after if concrete(good).all() else after.where(good, state), result.status, result.iterations)
     first, *others = scheme.compositions
-    made = _composed(first, solver, model, state, dt, t, inputs, moving, last)
+    result_of_first = _composed(first, solver, model, state, dt, t, inputs, moving, last)
     if not others:
-        return made
-    good, ends, status, iterations = moving, [vars(made.state)], made.status, made.iterations
+        return result_of_first
+    good, ends, status, iterations = moving, [vars(result_of_first.state)], result_of_first.status, result_of_first.iterations
     for one in others:
         good = good & (status == SUCCESS)
         other = _composed(one, solver, model, state, dt, t, inputs, good, last)
         ends.append(vars(other.state))
         status, iterations = torch.where(good, other.status, status), iterations + torch.where(good, other.iterations, 0)
-    after = replace(made.state, **_weighted(scheme, model, ends))
+    after = replace(result_of_first.state, **_weighted(scheme, model, ends))
     return Made(after.where(good & (status == SUCCESS), state), status, iterations)
 
 
@@ -81,11 +81,11 @@ def _composed(composition: Composition, solver: StepSolver, model: Model, state:
         return solver.solve(model, state, dt, t + instant * dt, inputs(instant), moving, last)
     now, good, reaction = state, moving, 0.0
     status = iterations = None
-    for share, at in zip(composition.shares, composition.instants(instant), strict=True):
-        now, found, count = solver.solve(model, now, share * dt, t + at * dt, inputs(at), good, last)
-        status = found if status is None else torch.where(good, found, status)
+    for share, at in zip(composition.fractions, composition.instants(instant), strict=True):
+        now, solve_status, count = solver.solve(model, now, share * dt, t + at * dt, inputs(at), good, last)
+        status = solve_status if status is None else torch.where(good, solve_status, status)
         iterations = count if iterations is None else iterations + torch.where(good, count, 0)
-        good = good & (found == SUCCESS)
+        good = good & (solve_status == SUCCESS)
         reaction = reaction + share * now.reaction
         if not concrete(good).any():
             break
@@ -119,23 +119,23 @@ def natively(scheme: Scheme, solver: StepSolver, state: State, dt: Tensor, t: Te
     for k in range(K):
         rows = slice(k * scheme.solves, (k + 1) * scheme.solves)
         given = {name: x[rows] if x.ndim > moving.ndim + 1 else x for name, x in inputs.items()}
-        found = _extrapolated(scheme, solver, state, dt[k], t[k], given, moving, last)
-        if found is None:
+        result = _extrapolated(scheme, solver, state, dt[k], t[k], given, moving, last)
+        if result is None:
             return None
-        state = with_values(state, **found.fields)
-        if not found.well:
-            moving = moving & (found.status == SUCCESS)
-        steps.append(found)
+        state = with_values(state, **result.fields)
+        if not result.well:
+            moving = moving & (result.status == SUCCESS)
+        steps.append(result)
     return _stacked(steps)
 
 
 def _stacked(steps: list[Steps]) -> Steps:
     """Steps one after the other as one of K; a sample that has failed has its status from then on."""
-    fields = {name: torch.stack([one.fields[name] for one in steps]) for name in steps[0].fields}
-    status, well = torch.stack([one.status for one in steps]), all(one.well for one in steps)
+    fields = {name: torch.stack([step.fields[name] for step in steps]) for name in steps[0].fields}
+    status, well = torch.stack([step.status for step in steps]), all(step.well for step in steps)
     for k in range(1, 1 if well else len(steps)):
         status[k] = torch.where(status[k - 1] == SUCCESS, status[k], status[k - 1])
-    return Steps(fields, status, torch.stack([one.iterations for one in steps]), well)
+    return Steps(fields, status, torch.stack([step.iterations for step in steps]), well)
 
 
 def _extrapolated(scheme: Scheme, solver: StepSolver, state: State, dt: Tensor, t: Tensor, inputs: Inputs, moving: Tensor,
@@ -143,17 +143,17 @@ def _extrapolated(scheme: Scheme, solver: StepSolver, state: State, dt: Tensor, 
     """One step by the mean of compositions."""
     ends, status, iterations, good, done = [], None, 0, moving, 0
     for one in scheme.compositions:
-        rows = slice(done, done := done + len(one.shares))
+        rows = slice(done, done := done + len(one.fractions))
         given = {name: x[rows] if x.ndim > moving.ndim + 1 else x for name, x in inputs.items()}
-        found = _in_a_row(one, solver, state, dt, t, given, good, last, None)
-        if found is None:
+        result = _in_a_row(one, solver, state, dt, t, given, good, last, None)
+        if result is None:
             return None
-        ends.append(found)
-        status = found.status if status is None else torch.where(good, found.status, status)
-        iterations = iterations + found.iterations
-        good = good if found.well else good & (found.status == SUCCESS)
-    fields = ends[0].fields | _weighted(scheme, solver.model, [one.fields for one in ends])
-    well = all(one.well for one in ends)
+        ends.append(result)
+        status = result.status if status is None else torch.where(good, result.status, status)
+        iterations = iterations + result.iterations
+        good = good if result.well else good & (result.status == SUCCESS)
+    fields = ends[0].fields | _weighted(scheme, solver.model, [end.fields for end in ends])
+    well = all(end.well for end in ends)
     if not well:
         axes = {name: x.ndim - good.ndim for name, x in fields.items()}
         fields = {name: torch.where(good[(..., *(None,) * axes[name])], x, getattr(state, name)) for name, x in fields.items()}
@@ -163,25 +163,25 @@ def _extrapolated(scheme: Scheme, solver: StepSolver, state: State, dt: Tensor, 
 def _in_a_row(composition: Composition, solver: StepSolver, state: State, dt: Tensor, t: Tensor, inputs: Inputs,
               moving: Tensor, last: bool, K: int | None) -> Steps | None:
     """A step, or K, of a composition, by one call of native code."""
-    n, first = len(composition.shares), 0 if K is None else 1  # first: axes before that of the solves
+    n, first = len(composition.fractions), 0 if K is None else 1  # first: axes before that of the solves
     middle = None
     if solver.compiled.takes_time:
         t, length = torch.broadcast_tensors(t, dt)
         instants = composition.instants(solver.method.INSTANT)
         middle = (t.unsqueeze(first) + _times(instants, length, first)).flatten(0, first)
-    alike = dt.ndim == 0 and K is None and len({*composition.shares}) == 1  # then one length, and one tangent, is that of all
-    length = dt * composition.shares[0] if alike else _times(composition.shares, dt, first).flatten(0, first)
-    found = solver.natively(state, length, middle, inputs, moving, last, (K or 1) * n)
-    if found is None:
+    alike = dt.ndim == 0 and K is None and len({*composition.fractions}) == 1  # then one length, and one tangent, is that of all
+    length = dt * composition.fractions[0] if alike else _times(composition.fractions, dt, first).flatten(0, first)
+    result = solver.natively(state, length, middle, inputs, moving, last, (K or 1) * n)
+    if result is None:
         return None
-    series = {name: x.unflatten(0, (-1, n)) for name, x in found.fields.items()}
+    series = {name: x.unflatten(0, (-1, n)) for name, x in result.fields.items()}
     fields = {name: x[:, -1] for name, x in series.items()}
-    share = dt.new_tensor(composition.shares)
+    share = dt.new_tensor(composition.fractions)
     fields["reaction"] = (share.view(n, *(1,) * (series["reaction"].ndim - 2)) * series["reaction"]).sum(1)
-    status, iterations = found.status.unflatten(0, (-1, n))[:, -1], found.iterations.unflatten(0, (-1, n)).sum(1)
+    status, iterations = result.status.unflatten(0, (-1, n))[:, -1], result.iterations.unflatten(0, (-1, n)).sum(1)
     if K is None:
         fields, status, iterations = {name: x[0] for name, x in fields.items()}, status[0], iterations[0]
-    return Steps(fields, status, iterations, found.well)
+    return Steps(fields, status, iterations, result.well)
 
 
 def _times(values: tuple[float, ...], x: Tensor, first: int) -> Tensor:

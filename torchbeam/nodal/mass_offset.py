@@ -19,24 +19,24 @@ from torch.nn.functional import pad
 from ..core.derivatives import cached
 from ..core.leaves import Tree, leaf
 from ..topology.protocols import Matrix
-from .coordinates.spatial import Space
+from .coordinates.spatial import Spatial
 
 
 @dataclass(frozen=True)
-class NoLever(Tree):
+class NoMassOffset(Tree):
     """Centres of mass that lie in their nodes. Positions and velocities are (..., N+1, p), spins (..., N+1, s), frame a."""
 
     present = False
 
-    def of_nodes(self, space: Space, nodes: slice) -> NoLever:
+    def of_nodes(self, space: Spatial, nodes: slice) -> NoMassOffset:
         """Of some nodes, in their space."""
         return self
 
-    def turned(self, rotation: Tensor) -> NoLever:
+    def turned(self, rotation: Tensor) -> NoMassOffset:
         """In frame a, of levers in section axes."""
         return self
 
-    def mean(self, other: NoLever) -> NoLever:
+    def mean(self, other: NoMassOffset) -> NoMassOffset:
         """Of the levers here and there."""
         return self
 
@@ -70,27 +70,27 @@ class NoLever(Tree):
 
 
 @dataclass(frozen=True)
-class Lever(NoLever):
+class MassOffset(NoMassOffset):
     """Centres of mass off their nodes: x (..., N+1, p) m, frame a, or as they are fixed to sections in their axes."""
 
-    space: Space
-    x: Tensor = leaf(2)
+    space: Spatial
+    offset: Tensor = leaf(2)
 
     present = True
 
-    def of_nodes(self, space: Space, nodes: slice) -> Lever:
-        return Lever(space, self.x[..., nodes, :])
+    def of_nodes(self, space: Spatial, nodes: slice) -> MassOffset:
+        return MassOffset(space, self.offset[..., nodes, :])
 
     @cached
     def A(self) -> Tensor:
         """(..., N+1, p, s)"""
-        return self.space.lever_matrix(self.x)
+        return self.space.lever_matrix(self.offset)
 
-    def turned(self, rotation: Tensor) -> Lever:
-        return Lever(self.space, (self.space.matrix(rotation) @ self.x[..., None])[..., 0])
+    def turned(self, rotation: Tensor) -> MassOffset:
+        return MassOffset(self.space, (self.space.matrix(rotation) @ self.offset[..., None])[..., 0])
 
-    def mean(self, other: Lever) -> Lever:
-        return Lever(self.space, (self.x + other.x) / 2)
+    def mean(self, other: MassOffset) -> MassOffset:
+        return MassOffset(self.space, (self.offset + other.offset) / 2)
 
     def velocity(self, node: Tensor, spin: Callable[[], Tensor]) -> Tensor:
         return node + (self.A @ spin()[..., None])[..., 0]
@@ -99,11 +99,11 @@ class Lever(NoLever):
         if not self.space.turns:
             return node
         turning = self.space.skew(spin())
-        return node + (turning @ (turning @ self.x[..., None]))[..., 0]
+        return node + (turning @ (turning @ self.offset[..., None]))[..., 0]
 
     def acceleration_by(self, by_move: Tensor, by_spin: Callable[[], Tensor]) -> Tensor:
         by = by_spin()
-        return torch.cat((by_move.expand(*by.shape[:-1], self.space.position), by), -1)
+        return torch.cat((by_move.expand(*by.shape[:-1], self.space.dims.position), by), -1)
 
     def wrench(self, force: Tensor, moment: Tensor) -> Tensor:
         return torch.cat((force, moment + (self.A.mT @ force[..., None])[..., 0]), -1)
@@ -115,7 +115,7 @@ class Lever(NoLever):
         return masses.between(with_levers, self.A, moved())
 
     def tangent(self, masses: Matrix, moved: Callable[[], Tensor], wrench: Callable[[], Tensor]) -> Matrix:
-        p, moved = self.space.position, moved()
+        p, moved = self.space.dims.position, moved()
         matrix = self.matrix(masses, lambda: moved)
         if not self.space.turns:
             return matrix

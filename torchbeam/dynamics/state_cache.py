@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from ..nodal.coordinates.planar import Plane
-from ..nodal.coordinates.spatial import Space
+from ..nodal.coordinates.planar import Planar
+from ..nodal.coordinates.spatial import Spatial
 from ..state.state import State
 
 
-class KnownState(NamedTuple):
+class StateCache(NamedTuple):
     """The public state; how often its fields had been written to; itself in the space's coordinates, None = it is; whether it
     is known that no sample of it has failed.
     """
@@ -24,16 +24,16 @@ class KnownState(NamedTuple):
     well: bool
 
     @classmethod
-    def of(cls, state: State, reduced: State, space: Space, well: bool) -> KnownState | None:
+    def of(cls, state: State, reduced: State, space: Spatial, well: bool) -> StateCache | None:
         """From a public state and itself in the coordinates of a space; None where these do not come back from it as they
         were, or it does not tell whether it is written to.
         """
         same = state is reduced
-        kept = same or (isinstance(space, Plane) and space.reversible and not state.position.requires_grad)
-        versions = _versions(state) if kept else None
+        reusable = same or (isinstance(space, Planar) and space.reversible and not state.position.requires_grad)
+        versions = _versions(state) if reusable else None
         return None if versions is None else cls(weakref.ref(state), versions, None if same else reduced, well)
 
-    def if_same(self, state: State) -> KnownState | None:
+    def if_same(self, state: State) -> StateCache | None:
         """This, with `reduced`, if the state is this one, as it was."""
         if self.state() is not state or self.versions != _versions(state):
             return None
